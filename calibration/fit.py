@@ -17,7 +17,7 @@ from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from .fit_result import make_result
 from .gauss_newton import Linear, gauss_newton
-from .least_squares import covariance_of, need_rows, weighted_solve
+from .least_squares import need_rows, uncertainty_of, weighted_solve
 from .rotating import Rotating
 from .rows import UNREACHABLE, usable
 from .run_columns import MANY, RunColumns
@@ -87,7 +87,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
         sigma[:n], sigma[n:] = sx, sy
         base = 1.0 / np.square(sigma)
     solution = weighted_solve(rows, b, base, rcond)
-    covariance, _ = covariance_of(solution, base, None, base is not None)
+    covariance = uncertainty_of(solution, base, None, base is not None).covariance
     r = solution.residual
     return LinearFit(solution.p, covariance, r[:n], r[n:], solution.rank)
 

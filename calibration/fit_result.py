@@ -10,7 +10,7 @@ from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
 from .few_rows import FEW, interval_factor
-from .least_squares import covariance_of, freedom_of, spectrum_of
+from .least_squares import spectrum_of, uncertainty_of
 
 
 @dataclass(frozen=True)
@@ -186,24 +186,24 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     rows_used, sigmas, excluded = used.rows, used.sigmas, used.excluded
     solution, basis, feasible = solved.solution, solved.basis, solved.feasible
     row_weights = solved.row_weights
-    if row_weights is not None:
+    n, lost = len(rows_used), feasible.size - int(np.count_nonzero(feasible))
+    all_feasible = not lost
+    if row_weights is not None and lost:
         row_weights = row_weights * feasible
+    noise = solved.base, row_weights
     if solved.few:  # rows count in full or are lost
-        lost = int(np.sum(~feasible if row_weights is None else row_weights == 0.0))
+        lost = lost if row_weights is None else int(np.count_nonzero(row_weights == 0.0))
         noise = solved.base, None
-    else:
-        lost, noise = int(np.sum(~feasible)), (solved.base, row_weights)
-    covariance, scatter = covariance_of(solution, *noise, sigmas is not None, lost)
-    freedom = (freedom_of(solution, *noise, basis, lost) if sigmas is None
-               else np.full(len(solved.p), np.inf))
-    if basis is not None:
-        covariance = basis @ covariance @ basis.T
-    n = len(rows_used)
+    covariance, scatter, freedom = uncertainty_of(solution, *noise, sigmas is not None, basis, lost)
     r = solution.residual
-    residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
-    residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
-    w[rows_used] = 1.0 if row_weights is None else row_weights
-    if not feasible.all():
+    if n == len(run):
+        residual_x, residual_y = r[:n].copy(), r[n:].copy()
+        w = np.ones(n) if row_weights is None else row_weights
+    else:
+        residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
+        residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
+        w[rows_used] = 1.0 if row_weights is None else row_weights
+    if not all_feasible:
         lost = rows_used[~feasible]
         residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
         excluded = excluded + [

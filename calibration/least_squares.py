@@ -4,6 +4,7 @@ The design has a row a coefficient: x of all stars, then y of all stars. In the 
 it may be `run_columns.RunColumns`. A weight per value may be None: all equal.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +43,20 @@ class Solution(NamedTuple):
     rank: int
 
 
+@functools.cache
+def _lapack():
+    from scipy.linalg import lapack  # slow to import; its calls cost a quarter of numpy.linalg's
+    return lapack
+
+
+def inverse_of(matrix):
+    """As `numpy.linalg.inv` of one small matrix, LinAlgError where it is singular."""
+    factors, order, bad = _lapack().dgetrf(matrix)
+    if bad:
+        raise np.linalg.LinAlgError('singular matrix')
+    return _lapack().dgetri(factors, order)[0]
+
+
 def spectrum_of(rows, weights, normal):
     """Singular values of a design: from its normal matrix where those are accurate, else by QR.
 
@@ -59,8 +74,10 @@ def spectrum_of(rows, weights, normal):
     found = None if isinstance(rows, np.ndarray) else rows.spectrum(normal)
     if found is None:
         scale = np.sqrt(normal.diagonal())
-        scale = np.where(scale > 0.0, scale, 1.0)
-        values, vectors = np.linalg.eigh(normal / (scale[:, None] * scale))
+        scale[scale <= 0.0] = 1.0
+        values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
+        if bad:
+            raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
     else:
         values, vectors, scale = found
     if values[0] > _GRAM_LIMIT * values[-1]:
@@ -130,7 +147,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     """
     x_normal, normal = normal_matrices(rows, weights) if normals is None else normals
     try:
-        inverse = (np.linalg.inv(normal) if isinstance(rows, np.ndarray)
+        inverse = (inverse_of(normal) if isinstance(rows, np.ndarray)
                    else rows.inverse(normal))
         # trace x trace of the scaled matrix and its inverse: never below the condition number
         condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
@@ -158,51 +175,62 @@ def _left(b, p, rows):
     return np.subtract(b, taken, out=taken)
 
 
-def covariance_of(solution, base, row_weights, given, lost=0):
-    """Covariance of the coefficients, and the scatter of each axis.
+class Uncertainty(NamedTuple):
+    """Of `uncertainty_of`."""
+
+    covariance: np.ndarray  # (k, k), of the coefficients
+    scatter: tuple  # standard deviation of x and y, in the unit of the residual, or in sigmas
+    freedom: np.ndarray  # (k,) or with a basis as many as it gives: of each standard error
+
+
+def uncertainty_of(solution, base, row_weights, given, basis=None, lost=0):
+    """Covariance of the coefficients, the scatter of each axis, and how well they are known.
 
     The inverse normal matrix if the sigmas were given; else sandwiched with the measured
     variance of each axis, so that axes of different noise keep their own. The bisquare's loss
     of efficiency is in it. `lost` rows have no weight in `base`.
 
+    Degrees of freedom have the standard errors that the scatter gives. Each axis has its own (the
+    rows less what the coefficients took of them), and a coefficient that both determine one
+    between them: `few_rows.satterthwaite`.
+
+    Parameters
+    ----------
+    solution : Solution
+    base, row_weights : ndarray, shapes (2n,) and (n,), or None
+    given : bool
+        Whether the sigmas were.
+    basis : ndarray, shape (m, k), optional
+        Of m coefficients in which the covariance and the freedom are to be.
+    lost : int
+
     Returns
     -------
-    covariance : ndarray, shape (k, k)
-    scatter : tuple of float
-        Standard deviation of x and y, in the unit of the residual (sigmas if they were given).
+    Uncertainty
     """
-    inverse = solution.inverse
-    inflation, variances, _ = _noises(solution, base, row_weights, lost)
-    scatter = variances[0] ** 0.5, variances[1] ** 0.5
+    inverse, m = solution.inverse, len(solution.p if basis is None else basis)
+    inflation, variances, free = _noises(solution, base, row_weights, lost)
     if given:
-        return inflation * inverse, scatter
-    # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
-    covariance = inverse @ solution.x_normal @ inverse
-    covariance *= inflation * (variances[0] - variances[1])
-    covariance += (inflation * variances[1]) * inverse
-    return covariance, scatter
-
-
-def freedom_of(solution, base, row_weights, basis=None, lost=0):
-    """Degrees of freedom of the standard error of each coefficient, if the scatter gives it.
-
-    Each axis has its own (the rows less what the coefficients took of them), and a coefficient
-    that both determine one between them: `few_rows.satterthwaite`. Parameters as of
-    `covariance_of`.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-    """
-    _, variances, free = _noises(solution, base, row_weights, lost)
-    if len(free) == 1:
-        return np.full(len(solution.p if basis is None else basis), free[0])
-    by_x = solution.inverse @ solution.x_normal @ solution.inverse
-    parts = [by_x * variances[0], (solution.inverse - by_x) * variances[1]]
-    if basis is not None:
-        parts = [basis @ part @ basis.T for part in parts]
-    return satterthwaite(np.stack([np.maximum(part.diagonal(), 0.0) for part in parts], axis=1),
-                         np.array(free))
+        covariance, freedom = inverse, np.full(m, np.inf)
+        if basis is not None:
+            covariance = basis @ covariance @ basis.T
+    else:
+        # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
+        by_x = inverse @ solution.x_normal @ inverse
+        by_y = inverse - by_x
+        by_x *= variances[0]
+        by_y *= variances[1]
+        if basis is not None:
+            by_x, by_y = basis @ by_x @ basis.T, basis @ by_y @ basis.T
+        covariance = by_x + by_y
+        if len(free) == 1:
+            freedom = np.full(m, free[0])
+        else:
+            parts = np.array((by_x.diagonal(), by_y.diagonal()))
+            np.maximum(parts, 0.0, out=parts)
+            freedom = satterthwaite(parts.T, free)
+    covariance = covariance * inflation
+    return Uncertainty(covariance, (variances[0] ** 0.5, variances[1] ** 0.5), freedom)
 
 
 def _noises(solution, base, row_weights, lost):

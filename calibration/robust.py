@@ -8,7 +8,7 @@ from math import exp
 
 import numpy as np
 
-_ONE_PIVOT = 2000  # values from which a pass over them costs less than a second place to sort to
+_SORTED = 200  # values up to which sorting them all is the fastest
 #: 1 / 0.6745: from the median of the absolute residuals to 1 sigma of Gaussian noise
 MAD = 1.4826
 #: where Huber's weights set in (Huber 1964). Of the radial distance it has 95.0 % of the
@@ -45,16 +45,16 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
     if axis in (None, last) and (last == 0 or axis == last) and distance.size:
         # as numpy.median, to the bit, at a third of its time
         half, odd = divmod(distance.shape[-1], 2)
-        if distance.shape[-1] < _ONE_PIVOT:
-            distance.partition((half, -1) if half else 0)
-            last = distance[..., -1]
-        else:  # numpy has a fast way for one place only, and a NaN is the largest
-            distance.partition(half)
-            last = np.maximum.reduce(distance[..., half:], axis=-1)
-        if not np.isnan(last).any():
-            high = distance[..., half]
-            low = high if odd else np.maximum.reduce(distance[..., :half], axis=-1)
-            return MAD * dof_factor * ((low + high) / 2.0)
+        total = float(np.add.reduce(distance, axis=None))
+        if total == total:  # none is NaN
+            if distance.shape[-1] <= _SORTED:
+                distance.sort()
+                low = distance[..., half if odd else half - 1]
+            else:  # numpy has a fast way for one place only
+                distance.partition(half)
+                low = (distance[..., half] if odd
+                       else np.maximum.reduce(distance[..., :half], axis=-1))
+            return MAD * dof_factor * ((low + distance[..., half]) / 2.0)
     return MAD * dof_factor * np.median(distance, axis=axis)
 
 

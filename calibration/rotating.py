@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from msg_tools.units import all_finite
 from pointing_model.geometry import linearised
+from pointing_model.mount_names import CANONICAL
 from pointing_model.rotations import values
 from pointing_model.trig import BLOCK
 
@@ -36,6 +38,14 @@ class Rotating:
         own = mount.names.terms
         #: row -> name and sign of the rotation of an alt-azimuth mount
         self.places = {i: own[name] for i, name in enumerate(terms) if name in own}
+        held = values(turned, mount)
+        #: row -> place of the rotation in `CANONICAL`, its sign, and what of it is held
+        self._rotations = [(i, at, sign, held[at]) for i, (name, sign) in self.places.items()
+                           for at in [CANONICAL.index(name)]]
+        self._held = held
+        #: the zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay
+        self._turning = {i: of for i, of in self.places.items()
+                         if of[0] not in (('IA', 'IE', 'TF') if mount.altaz else ('IA', 'IE'))}
         self.at = None
 
     def residual(self, p, columns):
@@ -43,20 +53,21 @@ class Rotating:
         self.at, self.filled = None, True
         if not self.turned and not p.any():
             return self.observed, None
-        named = dict(self.turned)
-        for i in self.places:
-            named[self.terms[i]] = named.get(self.terms[i], 0.0) + float(p[i])
-        self.at = values(named, self.mount)
-        rest = p.copy()
-        rest[list(self.places)] = 0.0
-        residual = rest @ self.first_order if rest.any() else np.zeros_like(self.observed)
-        np.subtract(self.observed, residual, out=residual)
+        self.at = list(self._held)
+        for i, at, sign, held in self._rotations:
+            self.at[at] = held + sign * float(p[i])
+        residual = self.observed.copy()
+        if len(self.places) < len(p):
+            rest = p.copy()
+            rest[list(self.places)] = 0.0
+            if rest.any():
+                residual -= rest @ self.first_order
         n, self.filled = len(residual) // 2, columns
         for part in self._blocks():
             x, y = self._linearised(part, columns)
             residual[part] -= x
             residual[n + part.start:n + part.stop] -= y
-        if np.isfinite(residual[:n].sum()):
+        if all_finite(residual[:n]):
             return residual, None
         feasible = np.isfinite(residual[:n])
         residual[np.concatenate((~feasible, ~feasible))] = 0.0
@@ -86,13 +97,13 @@ class Rotating:
             trig = trig.every(part)
         x, y, columns = linearised(
             trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), self.at,
-            [name for name, _ in self.places.values()] if fill else (), trig.mount)
+            [name for name, _ in self._turning.values()] if fill else (), trig.mount)
         if trig.side is not None:
             x, y = trig.side * x, trig.side * y
             columns = {name: (trig.side * a, trig.side * b) for name, (a, b) in columns.items()}
         if fill:
             self.moved = True
-            for i, (name, sign) in self.places.items():
+            for i, (name, sign) in self._turning.items():
                 row, there = self.first_order[i], slice(n + part.start, n + part.stop)
                 row[part], row[there] = columns[name] if sign > 0 else (
                     -v for v in columns[name])

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import wrap
+from msg_tools.units import all_finite, wrap
 from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO
@@ -147,18 +147,20 @@ def usable(run, encoder='enc', zero=NO_ZERO):
             sigmas = None
     good = np.ones(len(run), bool)
     for value in columns.values():
-        good &= np.isfinite(value)
+        if not all_finite(value):
+            good &= np.isfinite(value)
     for value in sigmas or ():
         good &= np.isfinite(value) & (value > 0.0)
     excluded = []
-    for row in np.flatnonzero(~good):
+    kept = np.flatnonzero(good)
+    for row in np.flatnonzero(~good) if len(kept) < len(good) else ():
         bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
         reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
         excluded.append({'row': int(row), 'reason': reason})
     keep = good if excluded else slice(None)
     if sigmas is not None:
         sigmas = np.concatenate([s[keep] for s in sigmas])
-    return Usable(np.flatnonzero(good), *(v[keep] for v in columns.values()), sigmas, excluded)
+    return Usable(kept, *(v[keep] for v in columns.values()), sigmas, excluded)
 
 
 def check_mount(mount, others):

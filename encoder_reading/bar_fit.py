@@ -162,10 +162,11 @@ class BarLine:
         -------
         values, slopes : ndarray, shape (k, n, bars)
         """
-        weighted = np.empty((len(curves) + 1, *good.shape), dtype=np.float32)
-        weighted[0] = good
-        np.multiply(curves, good, out=weighted[1:])
-        sums = np.matmul(weighted[:, :, np.newaxis], self._moments)[:, :, 0].transpose(2, 0, 1)
+        # a product a row of the image
+        weighted = np.empty((len(good), len(curves) + 1, good.shape[1]), dtype=np.float32)
+        weighted[:, 0] = good
+        np.multiply(curves, good, out=weighted[:, 1:].transpose(1, 0, 2))
+        sums = np.ascontiguousarray(np.matmul(weighted, self._moments).transpose(2, 1, 0))
         s0, s1, s2, s3, s4 = sums[:, 0]
         t0, t1, t2 = sums[:3, 1:]
         # Cramer's rule

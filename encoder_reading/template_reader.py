@@ -20,6 +20,7 @@ from .disc import windows_of
 from .readings import REJECTED, Readings, checked_frames
 
 _CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
+_STRETCHES = 8192  # of bars at once, which stay in the cache
 _FEWEST = 22  # bars, that tell the direction
 _LARGEST = 1e6  # grey levels in float frames
 
@@ -227,11 +228,18 @@ class TemplateReader:
         # every stretch of the rows, which lie one behind the other, without a copy
         stretches = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
                                2 * frames.strides[1:])
-        first = pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)
-        cells = stretches[first.ravel()].astype(np.float32)
-        products = self._template.columns @ cells.T
-        unlike = self._template.unexplained(cells, products[11:])
-        return products[:11].reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)
+        first = (pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)).ravel()
+        seen = np.empty((11, first.size), dtype=np.float32)
+        unlike = np.empty(first.size, dtype=np.float32)
+        room = np.empty((min(first.size, _STRETCHES), length), dtype=np.float32)
+        for begin in range(0, first.size, _STRETCHES):
+            part = slice(begin, begin + _STRETCHES)
+            cells = room[: len(first[part])]
+            cells[:] = stretches[first[part]]
+            products = self._template.columns @ cells.T
+            seen[:, part] = products[:11]
+            unlike[part] = self._template.unexplained(cells, products[11:])
+        return seen.reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)
 
 
 def _usable(frames):

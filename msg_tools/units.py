@@ -22,6 +22,12 @@ def wrap(angle):
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def all_finite(values):
+    """Whether every value of an array of floats is finite; of few in a third of numpy's time."""
+    square = float(np.vdot(values, values))
+    return square - square == 0.0 or bool(np.isfinite(values).all())
+
+
 def covered(angles):
     """The arc that angles cover: all of the circle but the largest gap between two of them.
 

@@ -356,26 +356,30 @@ def _rows_around(mjd):
 
     None where the tables begin and end. For four rows faster than `_rows`.
     """
-    header, end, limit = _tables()
-    if not _C04_FIRST < mjd <= limit - 2:
+    if not _C04_FIRST < mjd <= _tables()[2] - 2:
         return None
+    rows = [_row(day) for day in range(mjd - 1, mjd + 3)]
+    return rows[1][0], np.array([row[1:] for row in rows])
+
+
+@lru_cache(maxsize=1600)  # of four nights that follow each other three are the same
+def _row(day):
+    """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
+    header, end, _ = _tables()
     _leap_seconds()
-    tai_utc = _tai_utc(np.arange(mjd - 1.0, mjd + 3.0), 0.0).tolist()
-    rows = []
-    for day, dat in zip(range(mjd - 1, mjd + 3), tai_utc):
-        path, columns, width, begin = (
-            (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
-             header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
-            (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
-        line = _mapped(path)[begin : begin + width]
-        try:
-            of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
-        except ValueError as error:
-            raise _damaged(error) from None
-        if of_day != day:
-            raise _misplaced(day, day)
-        rows.append((dut1 - dat, xp * ARCSEC, yp * ARCSEC))
-    return tai_utc[1], np.array(rows)
+    tai_utc = float(_tai_utc(float(day), 0.0))
+    path, columns, width, begin = (
+        (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
+         header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
+        (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
+    line = _mapped(path)[begin : begin + width]
+    try:
+        of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
+    except ValueError as error:
+        raise _damaged(error) from None
+    if of_day != day:
+        raise _misplaced(day, day)
+    return tai_utc, dut1 - tai_utc, xp * ARCSEC, yp * ARCSEC
 
 
 @lru_cache(maxsize=2)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, all_finite, wrap
 
 from . import geometry as rotation
 from .context import Context
@@ -74,10 +74,10 @@ class PointingModel:
         if covariance.shape != (k, k):
             raise ValueError(
                 f'covariance of shape {covariance.shape} for {k} terms; it must be ({k}, {k})')
-        if not np.isfinite(covariance).all():
+        if not all_finite(covariance):
             raise ValueError('pointing model with a covariance that is not finite; fit it again')
         values = _as_written(list(self.terms.values()), ARCSEC)
-        if not np.isfinite(values).all():
+        if not all_finite(values):
             bad = [name for name, v in zip(self.terms, values) if not np.isfinite(v)]
             raise ValueError(f'pointing model with {", ".join(bad)} not finite; fit it again')
         object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, all_finite
 
 
 class Rms(NamedTuple):
@@ -46,10 +46,12 @@ def rms_arcsec(x, y):
     Rms
         arcsec.
     """
-    good = np.isfinite(x) & np.isfinite(y)
-    n = int(np.count_nonzero(good))
+    if not (all_finite(x) and all_finite(y)):
+        good = np.isfinite(x) & np.isfinite(y)
+        x, y = x[good], y[good]
+    n = len(x)
     if n == 0:
         return Rms(np.nan, np.nan, np.nan, 0)
-    xx = float(np.mean(np.square(x[good]))) / ARCSEC**2
-    yy = float(np.mean(np.square(y[good]))) / ARCSEC**2
+    xx = float(np.dot(x, x)) / n / ARCSEC**2
+    yy = float(np.dot(y, y)) / n / ARCSEC**2
     return Rms(xx**0.5, yy**0.5, (xx + yy) ** 0.5, n)

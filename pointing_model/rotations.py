@@ -70,25 +70,29 @@ def small_angle(sine, cosine):
     if square.size and not (np.maximum.reduce(square, axis=None) < _SMALL * _SMALL
                             and np.minimum.reduce(cosine, axis=None) > 0.0):
         far = ~((square < _SMALL * _SMALL) & (cosine > 0.0))
-        angle = np.where(far, np.arctan2(sine, cosine), angle)
+        angle[far] = np.arctan2(sine[far], cosine[far])
     return angle
 
 
 def turned(place, wx, wy):
     """Rotate a vector by the horizontal rotation vector (wx, wy, 0) (Rodrigues)."""
-    angle = hypot(wx, wy)
-    if angle == 0.0:
+    if wx == wy == 0.0:
         return place
     x, y, z = place
+    return tuple(a * x + b * y + c * z for a, b, c in _turning(wx, wy))
+
+
+def _turning(wx, wy):
+    """The rotation of `turned`, its rows."""
+    angle = hypot(wx, wy)
+    if angle == 0.0:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     sine = sin(angle) / angle
     versine = 2.0 * (sin(angle / 2.0) / angle) ** 2  # (1 - cos) / angle^2 without cancellation
-    along = (versine * wx) * x + (versine * wy) * y
-    cosine = cos(angle)
-    return (
-        cosine * x + (sine * wy) * z + wx * along,
-        cosine * y - (sine * wx) * z + wy * along,
-        cosine * z + (sine * wx) * y - (sine * wy) * x,
-    )
+    cosine, both = cos(angle), versine * wx * wy
+    return ((cosine + versine * wx * wx, both, sine * wy),
+            (both, cosine + versine * wy * wy, -sine * wx),
+            (-sine * wy, sine * wx, cosine))
 
 
 def _dot(place, zenith):
@@ -159,12 +163,17 @@ def to_axes(sines, coefficients, mount, side):
     """
     _, _, ca, npae, an, aw, tf = coefficients
     sin_a, cos_a, sin_el, cos_el = sines
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     place = cos_el * sin_a, cos_el * cos_a, sin_el
     if tf and not mount.altaz:
         place = _lifted(place, tf, mount.zenith)
-    ux, uy, uz = turned(place, an, aw)
-    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
-    sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
+    if np.ndim(sin_el) == 0:
+        ux, uy, uz = turned(place, an, aw)
+        sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
+    else:  # a call of numpy costs as much as tens of stars: all that is linear in one product
+        ux, uy, sin_e = _linear(_turning(an, aw), place)
+        sin_e += sin_c * sin_n
+        sin_e *= 1.0 / (cos_c * cos_n)
     vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
     horizontal = ux * ux + uy * uy
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -173,12 +182,20 @@ def to_axes(sines, coefficients, mount, side):
         if not mount.altaz:
             vy = vy * side
         cos_e = vy / cos_c
-        d_el = small_angle(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
         across, along = ux * vy - uy * vx, ux * vx + uy * vy
         scale = 1.0 / horizontal
-        d_az = small_angle((across * cos_a - along * sin_a) * scale,
-                           (across * sin_a + along * cos_a) * scale)
+        sines = ((across * cos_a - along * sin_a) * scale, sin_e * cos_el - cos_e * sin_el)
+        cosines = ((across * sin_a + along * cos_a) * scale, cos_e * cos_el + sin_e * sin_el)
+        d_az, d_el = (small_angle(np.array(sines), np.array(cosines)) if np.ndim(sin_el)
+                      else map(small_angle, sines, cosines))
     return d_az, d_el, Way(ux, uy, horizontal, vx, vy, sin_e, cos_e)
+
+
+def _linear(matrix, values):
+    """A matrix, shape (m, k), times k arrays of one shape."""
+    values = np.array(values)
+    out = np.array(matrix) @ values.reshape(len(values), -1)
+    return out if values.ndim == 2 else out.reshape(len(out), *values.shape[1:])
 
 
 def derivatives(sines, coefficients, way, names, mount, tangent=None):
@@ -201,40 +218,45 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
     """
     _, _, ca, npae, an, aw, _ = coefficients
     cos_el = sines[3]
+    out = {}
+    for name in names:
+        if name in ('IA', 'IE', 'TF'):
+            out[name] = ((cos_el, 0.0) if name == 'IA' else (0.0, 1.0) if name == 'IE' else
+                         (0.0, cos_el) if mount.altaz else tangent())
     ux, uy, horizontal, vx, vy, sin_e, cos_e = way
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
-    if {'CA', 'NPAE', 'AN', 'AW'} & set(names):
-        uz = sin_e * (cos_c * cos_n) - sin_c * sin_n
-        to_x = cos_el / horizontal
-        by_vx = -to_x * (vx * vx / vy + vy)
-        per_e = 1.0 / cos_e
-
-    def square(d_sin_e, d_vx):
-        return d_vx * by_vx, d_sin_e * per_e
-
-    def tilt(wx, wy):
+    high, skew, low = cos_c * cos_n, -cos_c * sin_n, sin_c * sin_n
+    # what sin e, vx, ux and uy change by, each in parts of ux, uy, sin e and 1
+    by_e, by_vx, by_ux, by_uy = [], [], [], []
+    tilts = [tilt for tilt in (('AN', 1.0, 0.0), ('AW', 0.0, 1.0)) if tilt[0] in names]
+    for _, wx, wy in tilts:
         # right Jacobian of the rotation to first order: w + (w x tilt) / 2 about the zenith
         wz = 0.5 * (an * wy - aw * wx)
-        dux, duy, duz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-        d_sin_e = duz * (1.0 / (cos_c * cos_n))
-        d_x = to_x * (dux * (uy + ux * vx / vy) + duy * (uy * vx / vy - ux))
-        return d_x + (-cos_c * sin_n) * d_sin_e * by_vx, d_sin_e * per_e
-
-    def collimation():
-        d = (sin_c * cos_n / (cos_c * cos_n)) * sin_e + sin_n / cos_n
-        return square(d, sin_c * sin_n * sin_e - cos_c * cos_n - cos_c * sin_n * d)
-
-    def skew():
-        d = (sin_n / cos_n) * sin_e + sin_c / cos_c
-        return square(d, (-cos_c * cos_n) * sin_e + sin_c * sin_n - cos_c * sin_n * d)
-
-    columns = {
-        'IA': lambda: (cos_el, 0.0), 'IE': lambda: (0.0, 1.0),
-        'TF': lambda: (0.0, cos_el) if mount.altaz else tangent(),
-        'CA': collimation, 'NPAE': skew,
-        'AN': lambda: tilt(1.0, 0.0), 'AW': lambda: tilt(0.0, 1.0),
-    }
-    return {name: columns[name]() for name in names}
+        by_e.append((-wy / high, wx / high, 0.0, 0.0))
+        by_vx.append((-wy * skew / high, wx * skew / high, 0.0, 0.0))
+        by_ux.append((0.0, -wz, wy * high, -wy * low))  # of uz = high sin e - low
+        by_uy.append((wz, 0.0, -wx * high, wx * low))
+    squares = [of for of in (('CA', sin_c / cos_c, sin_n / cos_n, low, -high),
+                             ('NPAE', sin_n / cos_n, sin_c / cos_c, -high, low)) if of[0] in names]
+    for _, per_sine, more, vx_per_sine, vx_more in squares:
+        by_e.append((0.0, 0.0, per_sine, more))
+        by_vx.append((0.0, 0.0, vx_per_sine + skew * per_sine, vx_more + skew * more))
+    if not by_e:
+        return out
+    of = _linear(by_e + by_vx + by_ux + by_uy, (ux, uy, sin_e, np.ones_like(ux)))
+    m, k = len(by_e), len(tilts)
+    y, x = of[:m], of[m:2 * m]
+    to_x, slope = cos_el / horizontal, vx / vy
+    x *= -to_x * (vx * slope + vy)
+    if k:
+        across, along = of[2 * m:2 * m + k], of[2 * m + k:]
+        across *= to_x * (uy + ux * slope)
+        along *= to_x * (uy * slope - ux)
+        across += along
+        x[:k] += across
+    y *= 1.0 / cos_e
+    out.update((name, (x[i], y[i])) for i, (name, *_) in enumerate(tilts + squares))
+    return out
 
 
 def to_sky(sines, coefficients, mount):
@@ -305,6 +327,6 @@ def in_turn(angle):
     """`wrap` where something is out of it."""
     if angle.ndim == 0:
         return angle if -np.pi <= angle < np.pi else wrap(angle)
-    if angle.size and not (angle.max() < np.pi and angle.min() >= -np.pi):
-        return wrap(angle)
-    return angle
+    if (angle.ndim == 1 and np.dot(angle, angle) < np.pi * np.pi) or not angle.size:
+        return angle  # as the sum of the squares is
+    return angle if angle.max() < np.pi and angle.min() >= -np.pi else wrap(angle)

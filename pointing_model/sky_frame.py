@@ -28,6 +28,9 @@ _FIELDS = _ASTROM.itemsize // 8
 #: the first of its numbers that the site gives, and the angle among those
 _OF_SITE = _ASTROM.fields['along'][1] // 8
 _TURN = _ASTROM.fields['eral'][1] // 8 - _OF_SITE
+_PMT, _EB, _EH, _EM, _V, _BPN = (
+    slice(at // 8, (at + field.itemsize) // 8)
+    for field, at in (_ASTROM.fields[name][:2] for name in ('pmt', 'eb', 'eh', 'em', 'v', 'bpn')))
 _LIGHT = erfa.CMPS / erfa.DAU  # AU/s
 # how fast the Earth falls, c/s: towards the Sun at 1 AU, towards the Moon
 _BY_SUN = (0.01720209895 / erfa.DAYSEC) ** 2 / _LIGHT
@@ -35,8 +38,8 @@ _BY_MOON = 3.32e-5 / erfa.CMPS
 _OBLIQUITY = erfa.ufunc.obl06(erfa.DJ00, 0.0)
 _SIN_OBLIQUITY, _COS_OBLIQUITY = math.sin(_OBLIQUITY), math.cos(_OBLIQUITY)
 #: rad/s, and rad/s a century, of the pole in x, and in y (IERS Conventions 2010, eq. 5.16)
-_PRECESSION = np.array([2004.191898, -0.8595658, -44.8145494]) * (
-    ARCSEC / (erfa.DAYSEC * erfa.DJC))
+_PRECESSION = [arcsec * ARCSEC / (erfa.DAYSEC * erfa.DJC)
+               for arcsec in (2004.191898, -0.8595658, -44.8145494)]
 
 
 def frame(time, site):
@@ -104,10 +107,11 @@ def _cell(number, site):
     sp, angle, xp, yp = turning
     ends = erfa.ufunc.apio(sp, angle, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0)
     one, other = ends.view(float).reshape(2, -1)[:, _OF_SITE:]
-    change = other - one
-    change[_TURN] = wrap(change[_TURN])
-    middle[_OF_SITE:] = one + 0.5 * change
-    grows[_OF_SITE:] = change / _APART
+    change = np.subtract(other, one, out=grows[_OF_SITE:])
+    change[_TURN] = wrap(float(change[_TURN]))
+    np.multiply(change, 0.5, out=middle[_OF_SITE:])
+    middle[_OF_SITE:] += one
+    change *= 1.0 / _APART
     return middle, grows, (number + 0.5) * GRID
 
 
@@ -117,32 +121,40 @@ def _geocentre(number):
     day, tt, ut1, xp, yp = clock_and_pole((number + 0.5) * GRID, _APART)
     astrom, _ = erfa.ufunc.apci13(day, tt)
     century = (day - erfa.DJ00 + tt) / erfa.DJC
-    grows = np.zeros((), _ASTROM)
-    grows['pmt'] = 1.0 / (erfa.DAYSEC * erfa.DJY)
-    velocity, from_sun, distance = astrom['v'] * _LIGHT, astrom['eh'], astrom['em']
-    away = velocity @ from_sun
-    grows['eb'], grows['em'] = velocity, away
-    grows['eh'] = (velocity - away * from_sun) / distance
-    grows['v'] = _fall(from_sun, distance, century)
+    middle = np.frombuffer(astrom)
+    # few numbers: plain floats are faster than arrays
+    numbers = middle.tolist()
+    velocity = [v * _LIGHT for v in numbers[_V]]
+    from_sun, (distance,) = numbers[_EH], numbers[_EM]
+    away = sum(v * e for v, e in zip(velocity, from_sun))
+    grows = np.zeros(_FIELDS)
+    grows[_PMT] = 1.0 / (erfa.DAYSEC * erfa.DJY)
+    grows[_EB], grows[_EM] = velocity, away
+    grows[_EH] = [(v - away * e) / distance for v, e in zip(velocity, from_sun)]
+    grows[_V] = _fall(from_sun, distance, century)
     # the origin does not rotate about the pole: its path is all the turn that there is
     x, y = _path_of_pole(day, tt, century)
-    grows['bpn'] = np.array([(0.0, 0.0, -x), (0.0, 0.0, -y), (x, y, 0.0)]) @ astrom['bpn']
-    return (np.frombuffer(astrom), np.frombuffer(grows),
-            (erfa.ufunc.sp00(day, tt), erfa.ufunc.era00(day, ut1), xp, yp))
+    bpn = numbers[_BPN]
+    first, second, third = bpn[:3], bpn[3:6], bpn[6:]
+    grows[_BPN] = [*(-x * v for v in third), *(-y * v for v in third),
+                   *(x * v + y * w for v, w in zip(first, second))]
+    return middle, grows, (erfa.ufunc.sp00(day, tt), erfa.ufunc.era00(day, ut1), xp, yp)
 
 
 def _fall(from_sun, distance, century):
     """Acceleration of the Earth by the Sun, and by the Moon at its mean longitude, c/s."""
-    moon = float(erfa.ufunc.faf03(century) + erfa.ufunc.faom03(century))
-    toward = np.array([math.cos(moon), _COS_OBLIQUITY * math.sin(moon),
-                       _SIN_OBLIQUITY * math.sin(moon)])
-    return toward * _BY_MOON - from_sun * (_BY_SUN / distance**2)
+    moon = float(erfa.ufunc.faf03(century)) + float(erfa.ufunc.faom03(century))
+    along = math.sin(moon)
+    toward = math.cos(moon), _COS_OBLIQUITY * along, _SIN_OBLIQUITY * along
+    by_sun = _BY_SUN / distance**2
+    return [t * _BY_MOON - e * by_sun for t, e in zip(toward, from_sun)]
 
 
 def _path_of_pole(day, tt, century):
     """Motion of the celestial pole in x and y, rad/s: precession, and nutation IAU 2000B."""
     half = 0.5 * _APART / erfa.DAYSEC
-    longitude, obliquity = erfa.ufunc.nut00b(day, np.array([tt - half, tt + half]))
+    longitude, obliquity = (both.tolist() for both in erfa.ufunc.nut00b(
+        day, np.array((tt - half, tt + half))))
     return ((longitude[1] - longitude[0]) * _SIN_OBLIQUITY / _APART
             + _PRECESSION[0] + _PRECESSION[1] * century,
             (obliquity[1] - obliquity[0]) / _APART + _PRECESSION[2] * century)

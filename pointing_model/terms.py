@@ -7,13 +7,14 @@ elevation). Terms of the axes have the same columns in every mount, under its ow
 gravity and refraction lift toward the zenith, wherever that is for the axes.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .mounts import ALTAZ, KINDS, OF_MOUNT, sides
-from .trig import sincos
+from .trig import BLOCK, sincos
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -40,8 +41,11 @@ class Trig:
             az, el, self.side = sides(az, el)
             mount = mount.with_errors(OF_MOUNT)
         self.az, self.el, self.mount = az, el, mount
-        self.sin_az, self.cos_az = sincos(az)
-        self.sin_el, self.cos_el = sincos(el)
+        if np.ndim(az) == np.ndim(el) == 1 and len(az) == len(el) <= BLOCK // 2:  # in one go
+            (self.sin_az, self.sin_el), (self.cos_az, self.cos_el) = sincos(np.array((az, el)))
+        else:
+            self.sin_az, self.cos_az = sincos(az)
+            self.sin_el, self.cos_el = sincos(el)
         self._zenith = self if mount.altaz else None
 
     def every(self, part):
@@ -236,7 +240,12 @@ def known_terms(names, mount=ALTAZ):
     ValueError
         A name is unknown or given twice.
     """
-    names, known = tuple(names), terms_of(mount)
+    return list(_known_terms(tuple(names), mount))
+
+
+@functools.lru_cache(256)  # a fit asks thrice, a model whenever it is made
+def _known_terms(names, mount):
+    known = terms_of(mount)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ValueError(
@@ -245,7 +254,7 @@ def known_terms(names, mount=ALTAZ):
             + f'; choose from {", ".join(known)}')
     if len(set(names)) < len(names):
         raise ValueError(f'a pointing term is named twice in {", ".join(names)}; name it once')
-    return [known[name] for name in names]
+    return tuple(known[name] for name in names)
 
 
 def stacked_design(names, az, el, mount=ALTAZ, trig=None):

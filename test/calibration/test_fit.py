@@ -367,8 +367,7 @@ def test_values_that_are_held_have_no_variance():
     fit = fit_terms(make_run(np.random.default_rng(33)), ('IA', 'IE'), held=held('CA', 'AN'))
     assert list(fit.model.terms) == ['CA', 'AN', 'IA', 'IE']
     assert not fit.model.covariance[:2].any()
-    np.testing.assert_array_equal(fit.model.covariance[2:, 2:].round(30),
-                                  fit.covariance.round(30))
+    np.testing.assert_allclose(fit.model.covariance[2:, 2:], fit.covariance, rtol=1e-15)
     assert fit.model.provenance['held'] == 'CA, AN'
     assert 'held' not in fit_terms(make_run(np.random.default_rng(33))).model.provenance
 

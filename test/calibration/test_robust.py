@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from calibration import robust
-from calibration.gauss_newton import _Rounds
+from calibration import robust, robust_rounds
 from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
+from calibration.robust_rounds import Rounds
 
 U = np.linspace(0.0, 12.0, 120_001)
 DENSITY = U * np.exp(-0.5 * U**2)  # of the radial distance at Gaussian noise
@@ -73,13 +73,34 @@ def test_steps_with_the_matrix_of_another_place_do_not_run_away():
     rows, noise = rng.normal(size=(3, 80)), 1e-6
     b = np.array([1e-3, -2e-3, 5e-4]) @ rows + noise * rng.normal(size=80)
     far = 1e9 * np.linalg.inv(rows @ rows.T)
-    rounds = _Rounds(rows, b, None, 1e-12, far)
+    rounds = Rounds(rows, b, None, 1e-12, far)
     scales = rounds.find_noise(3)
     assert scales == pytest.approx([noise, noise], rel=0.3)
     np.testing.assert_allclose(rounds.p, [1e-3, -2e-3, 5e-4], rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize('n', [1, 2, 7, 1999, 2000, 2001])
+@pytest.mark.parametrize('given', [False, True])
+def test_newtons_rounds_end_where_the_plain_ones_do(monkeypatch, given):
+    rng = np.random.default_rng(4)
+    rows, noise = rng.normal(size=(3, 80)), 1e-6 * np.repeat([1.0, 2.0], 40)
+    b = np.array([1e-3, -2e-3, 5e-4]) @ rows + noise * rng.normal(size=80)
+    b[:4] += 30e-6
+    base = 1.0 / np.square(noise) if given else None
+    found, steps = [], []
+    by_newton = Rounds.by_newton
+    monkeypatch.setattr(Rounds, 'by_newton', lambda *args: steps.append(1) or by_newton(*args))
+    for most in (0, 400):
+        monkeypatch.setattr(robust_rounds, '_NEWTON', most)
+        rounds = Rounds(rows, b, base, 1e-12)
+        weights = rounds.bisquare(rounds.find_noise(3))
+        found.append(np.concatenate((rounds.p * 1e6, weights)))
+        assert bool(steps) == bool(most)
+    assert (weights[:4] == 0.0).all() and (weights[4:] > 0.0).sum() >= 35
+    assert len(steps) <= 5
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize('n', [1, 2, 7, 199, 200, 201, 1000, 1001])
 def test_the_median_is_numpys_to_the_bit(n):
     values = np.random.default_rng(6).standard_normal((2, n))
     expected = 1.4826 * np.median(np.abs(values), axis=1)

@@ -1,0 +1,278 @@
+"""The rounds of the weights of a fit: the noise by its residuals, then the bisquare at that noise.
+
+A round costs two products of the design with a vector: it goes on with the normal matrix that is
+there. Of few rows, where weights follow residuals so closely that such rounds converge slowly, the
+change of the weights is in the matrix (Newton's method).
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .least_squares import inverse_of, weighted_solve
+from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
+
+TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
+#: of the change in a round, that of the next: from it on the normal matrix is formed again
+_SLOW = 0.2
+#: of the noise: a change of residuals that changes no weight by more
+_LITTLE = 1e-6
+#: of the noise: a change of residuals that ends the search for it
+_SETTLED = 0.01
+#: as that, of a linearisation that will be left
+_ROUGHLY = 0.1
+#: rows up to which Newton's matrix costs less than the rounds that it saves
+_NEWTON = 400
+#: of the noise: a step by it that is longer is none; one that is shorter leaves it as it is
+_LONG, _SHORT = 0.5, 1e-3
+
+
+class Weigher:
+    """Robust weights of rows by their residuals, at the noise `scales` of each axis.
+
+    Parameters
+    ----------
+    base : ndarray, shape (2n,), or None
+        Weights by the given sigmas; then the scales are in sigmas.
+    n : int
+    """
+
+    def __init__(self, base, n):
+        self.base, self.n = base, n
+        self.root = None if base is None else np.sqrt(base)
+        self.floor = TOLERANCE if base is None else 1e-9
+
+    def squares(self, residual):
+        """Of both axes, in sigmas where they were given; shape (2, n)."""
+        squares = np.square(residual)
+        if self.base is not None:
+            squares *= self.base
+        return squares.reshape(2, self.n)
+
+    def noise(self, residual, dof_factor):
+        """Of each axis, from the medians."""
+        standard = residual if self.root is None else residual * self.root
+        both = sigma_of(standard.reshape(2, self.n), dof_factor, axis=1)
+        return [max(one, self.floor) for one in both.tolist()]
+
+    def huber(self, residual, scales):
+        """Weights, shape (n,)."""
+        u = self.distance(residual, scales)
+        np.sqrt(u, out=u)
+        np.maximum(u, HUBER, out=u)
+        return np.divide(HUBER, u, out=u)
+
+    @staticmethod
+    def huber_longer(weights):
+        """By what a step at a fixed normal matrix is too short, with Huber's weights."""
+        total = float(np.add.reduce(weights))
+        return total / (0.5 * (total + np.count_nonzero(weights == 1.0)))
+
+    def bisquare(self, residual, scales):
+        """Weights and their roots, shape (n,) each."""
+        return self.bisquare_of(self.squares(residual), scales)
+
+    @staticmethod
+    def bisquare_of(squares, scales):
+        """As `bisquare`, of the `squares` of the residual."""
+        kept = np.dot([(-1.0 / BISQUARE**2) / scale**2 for scale in scales], squares)
+        kept += 1.0
+        np.maximum(kept, 0.0, out=kept)
+        return np.square(kept), kept
+
+    @staticmethod
+    def bisquare_longer(kept, formed):
+        """As `huber_longer`, with a matrix that was formed at weights of the sum `formed`."""
+        total = float(np.dot(kept, kept))
+        slope = 3.0 * total - 2.0 * float(np.add.reduce(kept))
+        return min(total / slope, 1.9) * formed / total if slope > 0.0 else 1.0
+
+    def distance(self, residual, scales):
+        """Square of the radial distance in standard deviations, shape (n,)."""
+        return np.dot([1.0 / scale**2 for scale in scales], self.squares(residual))
+
+    def least(self, scales):
+        """The smaller noise of a residual, radians."""
+        return min(scales) if self.root is None else min(scales) / float(self.root.max())
+
+    def both(self, weights):
+        """For x and y of all rows, with the given sigmas."""
+        out = np.concatenate((weights, weights))
+        if self.base is not None:
+            out *= self.base
+        return out
+
+
+class Rounds:
+    """Robust least squares of one linearisation.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, 2n), or RunColumns
+    b : ndarray, shape (2n,)
+    base : ndarray, shape (2n,), or None
+    rcond : float
+    inverse : ndarray, shape (k, k), or None
+        About that of the normal matrix: the rounds begin where b is, and not at plain least
+        squares.
+    before : Rounds, optional
+        Of an earlier linearisation at the same noise: its matrices are those of the weights.
+    normals : tuple of ndarray, optional
+        Of the design without robust weights, where they are known: a rough beginning.
+    plain : ndarray, shape (k,), optional
+        Plain least squares, where it is known but for the second order.
+    """
+
+    def __init__(self, rows, b, base, rcond, inverse=None, before=None, normals=None,
+                 plain=None):
+        self.rows, self.b, self.base, self.rcond = rows, b, base, rcond
+        self.weigher = Weigher(base, len(b) // 2)
+        self.solution, self.p, self.residual = None, np.zeros(len(rows)), b
+        #: sum of the weights that the matrix was formed with
+        self.total = float(len(b) // 2)
+        self.unweighted = before is None
+        self.inverse, self.newton = inverse, None
+        if before is not None:
+            self.solution, self.newton, self.total = before.solution, before.newton, before.total
+            self.inverse = self.solution.inverse
+        self.begun = self.inverse is not None
+        if not self.begun and plain is not None:
+            self.residual = b - plain @ rows
+        elif not self.begun:
+            self.solve(None, normals)
+            self.plain = self.p
+            self.begun = normals is not None
+
+    def solve(self, weights, normals=None):
+        """Exactly, with these weights of the rows (None: 1); how far it moves a residual."""
+        before = self.residual
+        self.solution = weighted_solve(
+            self.rows, self.b, self.base if weights is None else self.weigher.both(weights),
+            self.rcond, normals)
+        self.p, self.residual = self.solution.p, self.solution.residual
+        self.inverse = self.solution.inverse
+        if weights is not None:
+            self.total, self.unweighted = float(np.add.reduce(weights)), False
+        return self.residual - before
+
+    def force(self, weights):
+        """What the weighted residuals pull the coefficients by, shape (k,)."""
+        weighted = (self.residual.reshape(2, -1) * weights).reshape(-1)
+        if self.base is not None:
+            weighted *= self.base
+        return self.rows @ weighted
+
+    def step(self, weights, longer):
+        """One with the normal matrix that is there; how far it moves a residual at most."""
+        return self.go(longer * (self.inverse @ self.force(weights)))
+
+    def go(self, step, most=np.inf):
+        """Change the coefficients unless a residual moves by more than `most`; how far it does."""
+        moved = step @ self.rows
+        far = largest(moved)
+        if far <= most:
+            self.p = self.p + step
+            self.residual = np.subtract(self.residual, moved, out=moved)
+        return far
+
+    def by_newton(self, weights, kept, scales, form):
+        """As `step`, by the matrix with the change of the weights; None where it leads nowhere.
+
+        `form`: at these weights, not as it was formed before.
+        """
+        rows, n = self.rows, len(weights)
+        if form:
+            pull = rows * self.residual
+            if self.base is not None:
+                pull *= self.base
+            x, y = pull[:, :n], pull[:, n:]
+            change = x * scales[0]**-2 + y * scales[1]**-2
+            change *= (4.0 / BISQUARE**2) * kept
+            matrix = (rows * self.weigher.both(weights)) @ rows.T - (x + y) @ change.T
+            try:
+                self.newton = inverse_of(matrix)
+            except np.linalg.LinAlgError:
+                return None
+        force = self.force(weights)
+        step = self.newton @ force
+        most = _LONG * self.weigher.least(scales)
+        moved = self.go(step, most) if force @ step >= 0.0 else np.inf
+        return moved if moved <= most else None
+
+    def far(self, weights):
+        """Whether steps with the normal matrix that is there could go too far."""
+        return float(np.add.reduce(weights)) < 0.5 * self.total
+
+    def find_noise(self, rank, rough=False):
+        """Huber's weights, with the noise by the medians; then that of what the bisquare keeps.
+
+        `rough`: only the weights.
+        """
+        weigher, n = self.weigher, len(self.b) // 2
+        dof_factor = (2 * n / max(2 * n - rank, 1)) ** 0.5
+        exactly, last = not self.begun, np.inf
+        for _ in range(30):
+            scales = weigher.noise(self.residual, dof_factor)
+            weights = weigher.huber(self.residual, scales)
+            if exactly or self.unweighted and self.far(weights):
+                moved = float(weigher.distance(self.solve(weights), scales).max()) ** 0.5
+            else:
+                longer = weigher.huber_longer(weights)
+                if self.unweighted:
+                    longer *= self.total / float(np.add.reduce(weights))
+                moved = self.step(weights, longer) / weigher.least(scales)
+                exactly, last = moved > 0.5 * last, moved
+            if moved < (_ROUGHLY if rough else _SETTLED):
+                break
+        if rough:
+            return None
+        scales = weigher.noise(self.residual, dof_factor)
+        # the median is wasteful: take the bisquare's own variance of what it keeps
+        squares = weigher.squares(self.residual)
+        for _ in range(3):
+            weights, kept = weigher.bisquare_of(squares, scales)
+            total = max(float(np.dot(kept, kept)), 1e-9) * BISQUARE_VARIANCE
+            scales = [max(dof_factor * (square / total) ** 0.5, scale / 1.5)
+                      for square, scale in zip((squares @ weights).tolist(), scales)]
+        return scales
+
+    def bisquare(self, scales):
+        """Down to the minimum at this noise; the weights there, shape (n,)."""
+        weigher, least = self.weigher, self.weigher.least(scales)
+        last, way = np.inf, 0.0
+        little = _LITTLE * least if self.solution is not None else 0.0
+        weights, kept = weigher.bisquare(self.residual, scales)
+        if self.far(weights):
+            self.solve(weights)
+            weights, kept = weigher.bisquare(self.residual, scales)
+        newton = len(weights) <= _NEWTON and isinstance(self.rows, np.ndarray)
+        for _ in range(100):
+            moved, form = None, self.newton is None or _SHORT * least < last < np.inf
+            if newton:
+                moved = self.by_newton(weights, kept, scales, form)
+                newton = moved is not None
+            if moved is None:
+                moved = self.step(weights, weigher.bisquare_longer(kept, self.total))
+            way += moved
+            weights, kept = weigher.bisquare(self.residual, scales)
+            less = moved / last  # what the next would be of this; square, by a matrix of its own
+            less = max(less * less if form else less, 1e-5) if newton else max(less, 1e-3)
+            if less * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
+                last = moved
+                continue
+            if moved <= _SLOW * last and way < little:  # the matrix is as good as that of before
+                self.solution = self.solution._replace(p=self.p, residual=self.residual)
+                break
+            newton = newton and moved <= _SLOW * last
+            last, moved = np.inf, largest(self.solve(weights))
+            if moved < TOLERANCE:
+                break
+            weights, kept = weigher.bisquare(self.residual, scales)
+        return weights
+
+
+def largest(values):
+    """The largest absolute value."""
+    if len(values) < 20_000:  # one pass of numpy costs more than the values
+        return float(np.maximum.reduce(np.abs(values)))
+    return max(float(values.max()), -float(values.min()))
