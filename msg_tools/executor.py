@@ -26,9 +26,11 @@ the base class, the kind of callback that a subscription has, and the wait set i
 """
 
 import inspect
+import time
 from collections import deque
 from contextlib import ExitStack
 from functools import partial
+from operator import itemgetter
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import (
@@ -47,6 +49,10 @@ from rclpy.waitable import NumberOfEntities
 
 #: messages that one subscription may take before the others get their turn
 _TAKES = 16
+#: the same of an executor that gathers
+_GATHERED = 1000
+#: entities of which a wait costs more than some messages: those of several nodes
+_MANY = 60
 #: attribute of a service, its `asked_again.Answers`
 ANSWERS = 'answers_asked_again'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
@@ -62,14 +68,18 @@ class NodeExecutor(Executor):
     ----------
     context : rclpy.context.Context, optional
         A private context (tests).
+    gather : float
+        Seconds from one wake-up to the next, at least: what comes meanwhile is taken at once, and
+        over all topics in the order in which it came.
     """
 
-    def __init__(self, *, context=None):
+    def __init__(self, *, context=None, gather=0.0):
+        self._gather, self._woke = gather, 0.0
         self._changed = True
         self._held = ExitStack()
         self._entities = {}
         self._waitables = []
-        self._busy = frozenset()
+        self._busy, self._many = frozenset(), False
         self._wait_set = None
         self._waiting = deque()
         self._wakers = ()
@@ -131,7 +141,10 @@ class NodeExecutor(Executor):
             timeout_sec = 0.0
         if self._changed:
             self._rebuild()
+        if self._gather:
+            time.sleep(max(self._woke + self._gather - time.monotonic(), 0.0))
         self._wait(timeout_sec_to_nsec(timeout_sec))
+        self._woke = time.monotonic()
         if not self._wakers:
             return
         if not self.context.ok():
@@ -179,6 +192,7 @@ class NodeExecutor(Executor):
             extra += waitable.get_num_entities()
             self._waitables.append(waitable)
         count = {kind: len(entities) for kind, entities in self._entities.items()}
+        self._many = sum(count.values()) > _MANY
         with self.context.handle:
             self._wait_set = rclpy_implementation.WaitSet(
                 count['subscription'] + extra.num_subscriptions,
@@ -208,9 +222,14 @@ class NodeExecutor(Executor):
             self._call_timer(timer)
         busy = self._busy
         self._busy = frozenset(ready['subscription'])
+        if self._gather:
+            self._take_in_order(ready['subscription'])
+            ready['subscription'] = ()
         for subscription in ready['subscription']:
-            # asking in vain costs as much as a message: only where they come thick and fast
-            self._take_messages(subscription, _TAKES if subscription in busy else 1)
+            # asking in vain costs as much as a message: only where they come thick and fast, or
+            # where it costs less than to wait once more for all that is there
+            self._take_messages(
+                subscription, _TAKES if self._many or subscription in busy else 1)
         for guard in ready['guard_condition']:
             if guard.callback is not None:
                 self._run(guard.callback)
@@ -261,6 +280,17 @@ class NodeExecutor(Executor):
         self._run(timer.callback)
 
     def _take_messages(self, subscription, most):
+        for call, args, _ in self._taken(subscription, most):
+            call(*args)
+
+    def _take_in_order(self, subscriptions):
+        taken = [message for subscription in subscriptions
+                 for message in self._taken(subscription, _GATHERED)]
+        for call, args, _ in sorted(taken, key=itemgetter(2)):
+            call(*args)
+
+    def _taken(self, subscription, most):
+        """Of each message its callback, the arguments of that, and when it was received, ns."""
         kind, raw = subscription.msg_type, subscription.raw
         bare = subscription._callback_type is Subscription.CallbackType.MessageOnly
         callback = subscription.callback
@@ -274,10 +304,7 @@ class NodeExecutor(Executor):
                 return  # destroyed by a callback before this one
             if taken is None:
                 return
-            if bare:
-                callback(taken[0])
-            else:
-                callback(*taken)
+            yield callback, taken[:1] if bare else taken, taken[1]['received_timestamp']
 
     def _run(self, call, *args):
         if not inspect.iscoroutinefunction(call):
