@@ -70,12 +70,19 @@ def run_node(request):
         _redirect(request['log'])
         os.environ.clear()
         os.environ.update(request['environment'])
+        # told to end while it imports, it does so without a word
+        before = {number: signal.signal(number, lambda *_: os._exit(0))
+                  for number in (signal.SIGINT, signal.SIGTERM)}
         prepare(request['modules'])
+        for number, handler in before.items():
+            signal.signal(number, handler)
         sys.argv = [request['module'], *request['arguments']]
         import_module(request['module']).main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:  # before it could say what it does then
+        code = 0
     except Exception:
         import traceback
         traceback.print_exc()
