@@ -42,6 +42,8 @@ if [ "$(cat "$venv/.installed" 2>/dev/null || true)" != "$wanted" ]; then
     say "installing telescope_mount[$extras] into $venv ..."
     "$venv/bin/python" -m pip install -q --disable-pip-version-check \
         -c constraints.txt -e ".[$extras]"
+    # as pip does with what it copies: else the first command does it, or each that may not write
+    "$venv/bin/python" -m compileall -q -x '/(\.|test/|benchmarks/)' . || :
     printf '%s\n' "$wanted" > "$venv/.installed"
     case $extras in *ros*) next='night --out night' ;; *) next=--help ;; esac
     say "done; next: $venv/bin/telescope-mount $next"

@@ -51,7 +51,7 @@ def nodes():
     """Process id -> name, of this one and of the nodes that it started."""
     out = {os.getpid(): 'command line'}
     for child, name in children_of(os.getpid()).items():
-        if 'fork_server' in Path(f'/proc/{child}/cmdline').read_text():
+        if name == 'fork_server':
             out |= {child: 'fork_server'} | children_of(child)
         else:
             out[child] = name

@@ -50,8 +50,7 @@ class AbsoluteEncoder:
 
     def zeros(self, stamps):
         """Shift of the reading by its power-on at `stamps` (ns, shape (n,)), rad."""
-        numbers, place = np.unique(self.power_ons(stamps), return_inverse=True)
-        return np.array([self._zero.at_power_on(int(n)) for n in numbers])[place]
+        return np.array([self._zero.at_power_on(n) for n in self.power_ons(stamps).tolist()])
 
     def _shown(self, stamps, angles, rates, temperature, head):
         """Disc angle at the middle of the row of a head."""

@@ -13,6 +13,7 @@ from .defocus import Defocus
 
 _FINE = 64  # entries of the bar's profile a pixel
 _CHUNK = 64  # frames rendered at once, to bound the memory
+_PIECE = 2**13  # steps of the track tabulated at once: they stay in the processor's cache
 
 
 class Profile:
@@ -126,8 +127,8 @@ class LinearCCD:
         # a missing bar is one without width
         profile = Profile((*half_widths(p.design, n), 0.0), p.blur, reach)
         grey = np.empty(self._last)
-        for i in range(0, len(grey), 2**18):
-            pixel = np.arange(i, min(i + 2**18, len(grey))) / self._steps
+        for i in range(0, len(grey), _PIECE):
+            pixel = np.arange(i, min(i + _PIECE, len(grey))) / self._steps
             bar = np.rint(pixel / p.bar_pitch).astype(np.int64)
             distance = pixel - bar * p.bar_pitch
             light = np.zeros(len(pixel))

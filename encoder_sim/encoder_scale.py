@@ -77,9 +77,15 @@ class ZeroDrift:
 
     def __init__(self, params, seed, device):
         self._params, self._seed, self._device = params, seed, device
+        self._drawn = {}
 
     def at_power_on(self, power_on):
         """Shift of the reading since this power-on (1, 2, ...), rad."""
+        if power_on not in self._drawn:  # each sample asks for it
+            self._drawn[power_on] = self._at_power_on(power_on)
+        return self._drawn[power_on]
+
+    def _at_power_on(self, power_on):
         p = self._params
         if p.zero_drifts:
             return p.zero_drifts[min(power_on, len(p.zero_drifts)) - 1]

@@ -15,6 +15,8 @@ _STEP = np.uint64(0x9E3779B97F4A7C15)
 _MULTIPLY_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MULTIPLY_2 = np.uint64(0x94D049BB133111EB)
 _SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
+_ALL = 2**64 - 1
+_FEW = 8  # numbers of one key up to which Python's integers are quicker
 
 
 @lru_cache(maxsize=1024)
@@ -38,6 +40,20 @@ def _mix(z):
     return z
 
 
+def _mixed(z):
+    """The same of one number, a Python integer."""
+    z = ((z ^ z >> 30) * 0xBF58476D1CE4E5B9) & _ALL
+    z = ((z ^ z >> 27) * 0x94D049BB133111EB) & _ALL
+    return z ^ z >> 31
+
+
+def _few_bits(seed, device, purpose, key, n):
+    """`bits` of one key; for a few numbers a tenth of the time that arrays take."""
+    state = _mixed((key * 0x9E3779B97F4A7C15 + int(_stream(seed, device, purpose))) & _ALL)
+    return np.array([[_mixed((state + i * 0x9E3779B97F4A7C15) & _ALL) for i in range(1, n + 1)]],
+                    dtype=np.uint64)
+
+
 def bits(seed, device, purpose, keys, n):
     """Random bits, 64 in each number.
 
@@ -52,7 +68,10 @@ def bits(seed, device, purpose, keys, n):
     -------
     ndarray of uint64, shape (number of keys, n)
     """
-    keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
+    keys = np.asarray(keys, dtype=np.int64)
+    if keys.size == 1 and n <= _FEW:
+        return _few_bits(seed, device, purpose, keys.item(), n)
+    keys = np.atleast_1d(keys).ravel().view(np.uint64)
     state = _mix(keys * _STEP + _stream(seed, device, purpose))
     return _mix(state[:, np.newaxis] + _counters(n))
 

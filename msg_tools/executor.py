@@ -26,9 +26,11 @@ the base class, the kind of callback that a subscription has, and the wait set i
 """
 
 import inspect
+import time
 from collections import deque
 from contextlib import ExitStack
 from functools import partial
+from operator import itemgetter
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import (
@@ -47,9 +49,17 @@ from rclpy.waitable import NumberOfEntities
 
 #: messages that one subscription may take before the others get their turn
 _TAKES = 16
+#: the same of an executor that gathers
+_GATHERED = 1000
+#: entities of which a wait costs more than some messages: those of several nodes
+_MANY = 60
 #: attribute of a service, its `asked_again.Answers`
 ANSWERS = 'answers_asked_again'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
+#: those that are waited for each time. Of several nodes the services are the most, each with those
+#: of its parameters, and hardly ever asked: they are looked at once in so many s while messages
+#: come, and after so many ns in which none came
+_OFTEN, _SELDOM, _SHORT = _KINDS[:-1], 0.02, 5_000_000
 
 
 class NodeExecutor(Executor):
@@ -62,14 +72,18 @@ class NodeExecutor(Executor):
     ----------
     context : rclpy.context.Context, optional
         A private context (tests).
+    gather : float
+        Seconds from one wake-up to the next, at least: what comes meanwhile is taken at once, and
+        over all topics in the order in which it came.
     """
 
-    def __init__(self, *, context=None):
+    def __init__(self, *, context=None, gather=0.0):
+        self._gather, self._woke, self._looked = gather, 0.0, 0.0
         self._changed = True
         self._held = ExitStack()
         self._entities = {}
         self._waitables = []
-        self._busy = frozenset()
+        self._busy, self._many = frozenset(), False
         self._wait_set = None
         self._waiting = deque()
         self._wakers = ()
@@ -131,12 +145,15 @@ class NodeExecutor(Executor):
             timeout_sec = 0.0
         if self._changed:
             self._rebuild()
-        self._wait(timeout_sec_to_nsec(timeout_sec))
+        if self._gather:
+            time.sleep(max(self._woke + self._gather - time.monotonic(), 0.0))
+        ready = self._wait(timeout_sec_to_nsec(timeout_sec))
+        self._woke = time.monotonic()
         if not self._wakers:
             return
         if not self.context.ok():
             raise ExternalShutdownException()
-        self._run_ready()
+        self._run_ready(*ready)
 
     def spin_once_until_future_complete(self, future, timeout_sec=None):
         """As `spin_once`; returns as well when `future` is done."""
@@ -179,6 +196,7 @@ class NodeExecutor(Executor):
             extra += waitable.get_num_entities()
             self._waitables.append(waitable)
         count = {kind: len(entities) for kind, entities in self._entities.items()}
+        self._many = sum(count.values()) > _MANY
         with self.context.handle:
             self._wait_set = rclpy_implementation.WaitSet(
                 count['subscription'] + extra.num_subscriptions,
@@ -187,30 +205,44 @@ class NodeExecutor(Executor):
                 count['service'] + extra.num_services, extra.num_events, self.context.handle)
 
     def _wait(self, timeout_ns):
+        """Wait; what is ready of each kind, and of the waitables."""
+        if self._many and time.monotonic() - self._looked < _SELDOM:
+            ready = self._wait_for(_OFTEN, (), min(timeout_ns, _SHORT) if timeout_ns >= 0
+                                   else _SHORT)
+            if any(ready.values()):
+                return ready, ()
+        ready = self._wait_for(_KINDS, self._waitables, timeout_ns)
+        self._looked = time.monotonic()
+        return ready, [w for w in self._waitables if w.is_ready(self._wait_set)]
+
+    def _wait_for(self, kinds, waitables, timeout_ns):
         wait_set = self._wait_set
         wait_set.clear_entities()
-        for kind in _KINDS:
+        for kind in kinds:
             add = getattr(wait_set, f'add_{kind}')
             for entity in self._entities[kind].values():
                 add(entity.handle)
-        for waitable in self._waitables:
+        for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
         with self.context.handle:
             wait_set.wait(timeout_ns)
+        return {kind: [self._entities[kind][pointer]
+                       for pointer in wait_set.get_ready_entities(kind)
+                       if pointer in self._entities[kind]] for kind in _KINDS}
 
-    def _run_ready(self):
-        wait_set = self._wait_set
-        ready = {kind: [self._entities[kind][pointer]
-                        for pointer in wait_set.get_ready_entities(kind)
-                        if pointer in self._entities[kind]] for kind in _KINDS}
-        waitables = [w for w in self._waitables if w.is_ready(wait_set)]
+    def _run_ready(self, ready, waitables):
         for timer in ready['timer']:
             self._call_timer(timer)
         busy = self._busy
         self._busy = frozenset(ready['subscription'])
+        if self._gather:
+            self._take_in_order(ready['subscription'])
+            ready['subscription'] = ()
         for subscription in ready['subscription']:
-            # asking in vain costs as much as a message: only where they come thick and fast
-            self._take_messages(subscription, _TAKES if subscription in busy else 1)
+            # asking in vain costs as much as a message: only where they come thick and fast, or
+            # where it costs less than to wait once more for all that is there
+            self._take_messages(
+                subscription, _TAKES if self._many or subscription in busy else 1)
         for guard in ready['guard_condition']:
             if guard.callback is not None:
                 self._run(guard.callback)
@@ -261,6 +293,17 @@ class NodeExecutor(Executor):
         self._run(timer.callback)
 
     def _take_messages(self, subscription, most):
+        for call, args, _ in self._taken(subscription, most):
+            call(*args)
+
+    def _take_in_order(self, subscriptions):
+        taken = [message for subscription in subscriptions
+                 for message in self._taken(subscription, _GATHERED)]
+        for call, args, _ in sorted(taken, key=itemgetter(2)):
+            call(*args)
+
+    def _taken(self, subscription, most):
+        """Of each message its callback, the arguments of that, and when it was received, ns."""
         kind, raw = subscription.msg_type, subscription.raw
         bare = subscription._callback_type is Subscription.CallbackType.MessageOnly
         callback = subscription.callback
@@ -274,10 +317,7 @@ class NodeExecutor(Executor):
                 return  # destroyed by a callback before this one
             if taken is None:
                 return
-            if bare:
-                callback(taken[0])
-            else:
-                callback(*taken)
+            yield callback, taken[:1] if bare else taken, taken[1]['received_timestamp']
 
     def _run(self, call, *args):
         if not inspect.iscoroutinefunction(call):

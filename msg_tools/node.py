@@ -80,6 +80,9 @@ class MountNode(ParameterNode):
         A parameter is unknown, of the wrong type or out of range.
     """
 
+    #: s for which what comes may wait for more, see `NodeExecutor`
+    GATHER = 0.0
+
     def __init__(self, name, params=(), *, hardware_id='', context=None, overrides=None,
                  namespace=NAMESPACE):
         super().__init__(name, params, context=context, overrides=overrides, namespace=namespace)

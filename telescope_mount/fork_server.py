@@ -1,9 +1,10 @@
-"""A process that has imported everything, and forks one node after the other.
+"""A process that has imported what all nodes need, and forks one node after the other.
 
 Eight interpreters that each import numpy, rclpy and the messages take longer than a short night.
 Requests come on the connection whose file descriptor is its argument, a dict each: module,
-arguments, name, environment, file for the output, and further modules to import before. It answers
-``{'started': pid}``, later ``{'ended': pid, 'code': code}``.
+arguments, name, environment, file for the output, and all modules to import. It answers
+``{'started': pid}``, later ``{'ended': pid, 'code': code}``. A command that has not used ROS yet
+forks it from itself, else it is a program.
 """
 
 import ctypes
@@ -12,7 +13,7 @@ import inspect
 import os
 import signal
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection, wait
 
@@ -20,6 +21,20 @@ from multiprocessing.connection import Connection, wait
 _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
 
 
+@contextmanager
+def _kept():
+    """Within, what is made stays: no collector looks through it, now or in a node, where it would
+    copy the pages of what all share.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+@_kept()
 def preload():
     """Import what all nodes need; nothing that opens a file, a socket or a thread."""
     import rclpy
@@ -33,14 +48,13 @@ def preload():
     inspect.getframeinfo(inspect.currentframe())
 
 
+@_kept()
 def prepare(modules):
-    """Import what a node needs: the next one of its kind begins at once."""
+    """Import what nodes need."""
     for module in modules:
         # one that cannot be imported says so itself, when it is started
         with suppress(ImportError):
             import_module(module)
-    gc.collect()
-    gc.freeze()  # a node's collector would copy the pages of what all share
 
 
 def run_node(request):
@@ -53,17 +67,22 @@ def run_node(request):
         if os.getppid() != request['parent']:
             sys.exit(-signal.SIGTERM)  # it died before that
         libc.prctl(_SET_NAME, request['name'].encode()[:15])
-        log = os.open(request['log'], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        null = os.open(os.devnull, os.O_RDONLY)
-        for number, source in enumerate((null, log, log)):
-            os.dup2(source, number)
+        _redirect(request['log'])
         os.environ.clear()
         os.environ.update(request['environment'])
+        # told to end while it imports, it does so without a word
+        before = {number: signal.signal(number, lambda *_: os._exit(0))
+                  for number in (signal.SIGINT, signal.SIGTERM)}
+        prepare(request['modules'])
+        for number, handler in before.items():
+            signal.signal(number, handler)
         sys.argv = [request['module'], *request['arguments']]
         import_module(request['module']).main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:  # before it could say what it does then
+        code = 0
     except Exception:
         import traceback
         traceback.print_exc()
@@ -74,13 +93,42 @@ def run_node(request):
 
 
 def main():
+    """Serve, as a program."""
+    serve(Connection(int(sys.argv[1])))
+
+
+def serve_forked(connection, others, log):
+    """Serve, as a fork of a command; `others` is its end, `log` the file for what is wrong."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    others.close()
+    os.setsid()
+    _redirect(log)
+    # not the command's own: a thread of it may have been writing to them
+    sys.stdin = os.fdopen(0, encoding='utf-8', closefd=False)
+    sys.stdout, sys.stderr = (os.fdopen(
+        number, 'w', encoding='utf-8', errors='backslashreplace', buffering=1, closefd=False)
+        for number in (1, 2))
+    serve(connection)
+
+
+def _redirect(log):
+    """Both outputs into a file, and no input."""
+    log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    null = os.open(os.devnull, os.O_RDONLY)
+    for number, source in enumerate((null, log, log)):
+        os.dup2(source, number)
+
+
+def serve(connection):
     """Serve until the other end of the connection is closed."""
-    ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
+    libc = ctypes.CDLL(None)
+    libc.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
+    libc.prctl(_SET_NAME, b'fork_server')
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     preload()
-    connection = Connection(int(sys.argv[1]))
     fork_server = os.getpid()
     nodes = {}  # read end of a pipe whose other end closes with the node -> pid
+    seen = set()
     while True:
         for source in wait([connection, *nodes]):
             if source is not connection:
@@ -92,7 +140,11 @@ def main():
                 request = connection.recv()
             except EOFError:
                 return
-            prepare([request['module'], *request.get('also', ())])
+            # many at once others will need, too; the second of its kind begins at once. Else a
+            # node imports its own, beside those that come after it
+            if len(request['modules']) > 1 or seen.issuperset(request['modules']):
+                prepare(request['modules'])
+            seen.update(request['modules'])
             alive, end = os.pipe()
             pid = os.fork()
             if pid == 0:

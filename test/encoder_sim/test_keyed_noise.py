@@ -52,6 +52,9 @@ def test_bits():
     words = bits(3, 'a', 'b', keys, 30)
     assert words.dtype == np.uint64 and words.shape == (400, 30)
     assert np.array_equal(bits(3, 'a', 'b', keys[7], 30)[0], words[7])
+    # few numbers of one key are made in another way
+    for some in (keys[7], -keys[7], np.int64(-1), 0):
+        assert np.array_equal(bits(3, 'a', 'b', some, 3), bits(3, 'a', 'b', some, 30)[:, :3])
     each = words[..., np.newaxis] >> np.arange(64, dtype=np.uint64) & np.uint64(1)
     assert np.abs(each.mean(axis=(0, 1)) - 0.5).max() < 0.02
     # the numbers of `uniform` are their upper 53 bits

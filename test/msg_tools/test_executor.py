@@ -226,6 +226,39 @@ def test_a_flood_on_one_topic_does_not_silence_another(graph, node):
     assert got.count('flood') < 1000
 
 
+def test_what_is_gathered_comes_in_its_order_over_all_topics(graph, node):
+    from msg_tools.executor import NodeExecutor
+    got = []
+    pubs = [graph.tester.create_publisher(String, name, 1000) for name in ('first', 'second')]
+    for name in ('second', 'first'):
+        node.create_subscription(String, name, lambda message: got.append(message.data), 1000)
+    matched(graph, node, *pubs)
+    graph.executor.remove_node(node)
+    gathering = NodeExecutor(context=graph.context, gather=0.005)
+    gathering.add_node(node)
+    for number in range(200):
+        pubs[number % 3 == 0].publish(String(data=str(number)))
+    graph.wait_for(lambda: gathering.spin_once(0.01) or len(got) >= 200)
+    assert got == [str(number) for number in range(200)]
+    gathering.shutdown()
+
+
+@pytest.mark.parametrize('busy', (True, False))
+def test_services_of_many_nodes_answer_whether_messages_come_or_not(
+        graph, node, busy, monkeypatch):
+    monkeypatch.setattr('msg_tools.executor._MANY', 0)
+    node.create_service(Trigger, 'seldom', lambda _, response: response)
+    if busy:
+        pub = graph.tester.create_publisher(String, 'text', 10)
+        node.create_subscription(String, 'text', pub.publish, 10)
+        matched(graph, node, pub)
+        pub.publish(String())
+    client = graph.tester.create_client(Trigger, 'seldom')
+    graph.wait_for(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    graph.wait_for(future.done)
+
+
 def test_it_leaves_nothing_behind(ros_domain):
     import gc
     import os

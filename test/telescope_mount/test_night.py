@@ -153,8 +153,7 @@ def children_of(pid):
 
 def nodes_of(pid):
     """Process id -> name (15 letters of it), of the nodes of a command line."""
-    fork_server, = [child for child in children_of(pid) if 'fork_server' in Path(
-        f'/proc/{child}/cmdline').read_text()]
+    fork_server, = [child for child, name in children_of(pid).items() if name == 'fork_server']
     return children_of(fork_server)
 
 

@@ -3,6 +3,8 @@
 import os
 import signal
 import subprocess
+import sys
+import time
 
 import pytest
 
@@ -124,3 +126,49 @@ def test_nodes_that_cannot_be_started_are_told(own, tmp_path):
     fork_server._log.write_text('error: no rclpy here\n')
     with pytest.raises(RuntimeError, match='nodes cannot be started: no rclpy here'):
         own.start(spec('camera'))
+
+
+#: of a command that has not used ROS yet
+COMMAND = """
+import sys
+from telescope_mount.graph import NODES, NodeSpec
+from telescope_mount.processes import Processes
+nodes = Processes(sys.argv[1], int(sys.argv[2]))
+nodes.start(NodeSpec('camera', NODES['camera'], {}))
+print(nodes.running['camera'].pid, nodes._fork_server._process.pid, flush=True)
+if sys.stdin.readline():
+    print(nodes.stop()['camera'])
+"""
+
+
+@pytest.mark.parametrize('killed', (True, False))
+def test_a_command_forks_its_nodes_from_itself_and_none_outlives_it(
+        ros_domain, tmp_path, killed):
+    with subprocess.Popen([sys.executable, '-c', COMMAND, tmp_path / 'nodes', str(ros_domain)],
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as command:
+        pids = list(map(int, command.stdout.readline().split()))
+        for pid, name in zip(pids, ('camera', 'fork_server')):
+            # Python names it as the program that it was forked from
+            wait_for(lambda pid=pid, name=name: text_of(pid, 'comm').strip() == name)
+            assert 'nodes' in text_of(pid, 'cmdline')
+        if killed:
+            command.kill()
+        else:
+            assert command.communicate('\n')[0] == '0\n'  # perhaps while it imports
+    wait_for(lambda: not any(text_of(pid, 'comm') for pid in pids))
+
+
+def text_of(pid, name):
+    try:
+        with open(f'/proc/{pid}/{name}') as file:
+            return file.read()
+    except OSError:
+        return ''
+
+
+def wait_for(true):
+    for _ in range(6000):
+        if true():
+            return
+        time.sleep(0.01)
+    raise AssertionError('waited in vain')
