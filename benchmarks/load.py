@@ -206,7 +206,8 @@ def at_rate(rate, seconds):
                     'this reader': sum(counter.gaps for counter in counters)}
         watcher.node.create_subscription(
             topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, note, topics.DIAGNOSTICS.qos)
-        specs = real_graph(bag=f'{folder}/bag', absolute_encoder=True)
+        specs = real_graph(bag=f'{folder}/bag', absolute_encoder=True,
+                           sky={'latitude_deg': 34.3, 'longitude_deg': 109.0})
         try:
             for spec in specs:
                 nodes.start(spec)

@@ -15,10 +15,10 @@ from msg_tools.running import run_node
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
-from .guard.keeper import ERROR, WARN, Keeper
+from .guard.keeper import ERROR, STILL, WARN, Keeper
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.settings import Settings
-from .guard.sun import Sun
+from .guard.sun import Sun, sun_place
 from .observing.allowed_sky import rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
@@ -71,6 +71,8 @@ PARAMS = (
     Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
           check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
 )
+#: without which a real mount is not led about
+_PLACE = ('latitude_deg', 'longitude_deg')
 #: steady seconds between looks at it all
 LOOK = 0.05
 #: s in which a node of a graph finds the others
@@ -122,7 +124,7 @@ class MountGuard(ManagedNode):
         self._status_pub = self.publisher(topics.GUARD_STATUS)
         self.subscribe(topics.INCREMENTAL, self._on_reading)
         self.subscribe(topics.REQUEST, self._on_request)
-        self.serve('abort', lambda: self._do('aborted', self._keeper.abort))
+        self.serve('abort', self._on_abort)
         self.serve('pause', lambda: self._do('paused', self._keeper.pause))
         self.serve('resume', lambda: self._do('resumed', self._keeper.resume), once=True)
         self.serve('park', self._on_park, once=True)
@@ -140,6 +142,11 @@ class MountGuard(ManagedNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+        if values['renew_s'] and values['sun_distance_deg'] and not all(
+                name in self._parameter_overrides for name in _PLACE):
+            raise ValueError('no site, so nobody knows where the Sun is: set latitude_deg and '
+                             'longitude_deg (in a parameter file under /**: for all nodes), or '
+                             'sun_distance_deg: 0.0')
         if values['goto'] and not values['renew_s']:
             raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
                              '0.5')
@@ -276,6 +283,13 @@ class MountGuard(ManagedNode):
         if self._resting and self._keeper.state == 'paused':
             self._do('', self._keeper.resume)
         self._resting = False
+        site = _site(self)
+        if not self._whole and self._limits.sun:  # by which a wrong site or clock is seen
+            az, el = sun_place(self._now() * 1e-9, site)
+            self.get_logger().info(
+                f'at latitude {site.latitude / DEG:.4f}, longitude {site.longitude / DEG:.4f} deg '
+                f'the Sun is at azimuth {az / DEG:.1f}, elevation {el / DEG:.1f} deg now: it is '
+                f'kept {self._limits.sun / DEG:g} deg away from')
 
     def deactivated(self):
         """Stop the mount, and follow nothing."""
@@ -303,6 +317,15 @@ class MountGuard(ManagedNode):
             return False, str(err)
         self._look()
         return True, done
+
+    def _on_abort(self):
+        """Stop what this guard sends; say so where the axes move all the same."""
+        resting = self._keeper.state in ('idle', 'stopped', 'paused', 'parked')
+        done, text = self._do('aborted', self._keeper.abort)
+        if done and resting and not (self._whole or self._keeper.readings.stand(STILL)):
+            text += (': the axes move, or say no place, and not by this guard; what a driver does '
+                     'by itself (home) ends by the driver alone')
+        return done, text
 
     def _on_park(self):
         if self._park is None:

@@ -122,7 +122,10 @@ def come_to_rest(watcher, plan, note):
         if not _spin(watcher, over, TOLD):
             note('waiting until the mount stands; Ctrl-C ends at once')
             _spin(watcher, over, STOPPED)
-        if not (rest.stands or rest.unknown):
+        if rest.unknown:
+            note('where the axes are is not known: a driver that homes the mount goes on until it '
+                 'has done so; look at the mount')
+        elif not rest.stands:
             note('whether the mount stands is not known: look at it; ' + (
                 'its encoders say nothing' if over() else f'it has moved for {STOPPED:g} s'))
     finally:

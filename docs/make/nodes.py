@@ -91,8 +91,9 @@ WAYS = {
     'star_observer': ({'autostart': False, 'absolute_encoder': True, 'inclinometer': True},),
     'mcap_replay': ({'bag': str(ROOT / 'test' / 'data' / 'sample_log'), 'start_paused': True},),
     'run_player': ({'file': str(ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv')},),
+    'mount_guard': ({'autostart': False, 'latitude_deg': 34.3, 'longitude_deg': 109.0},),
     **{name: ({'autostart': False},) for name in (
-        'mount_guard', 'indi_mount', 'indi_sky', 'alpaca_mount', 'alpaca_sky')},
+        'indi_mount', 'indi_sky', 'alpaca_mount', 'alpaca_sky')},
 }
 _OWN = re.compile(r'/(?:describe|get|list|set)_[a-z_]*parameter|get_type_description|'
                   r'(?:change|get)_(?:available_)?(?:state|transition)')

@@ -224,5 +224,5 @@ class Surroundings:
             least = self.limits.horizon.over(az) / DEG
             return (f'comes below the horizon of {least:.1f} deg at {where}: choose a higher '
                     'target')
-        return (f'comes within {self.limits.sun / DEG:g} deg of the Sun at {where}: choose '
-                'another target or wait')
+        return (f'comes within {self.limits.sun / DEG:g} deg of the Sun where it passes {where}: '
+                'choose another target or wait')

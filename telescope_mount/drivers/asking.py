@@ -39,7 +39,7 @@ class Asking:
             raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
                              'it first')
         self._node, self._executor, self._mount, self._spin = node, executor, mount, spin
-        self._request, self.told, self._guard = None, {}, None
+        self._request, self.told, self._said, self._guard = None, {}, '', None
         self._pub = node.create_publisher(topics.REQUEST.message, topics.REQUEST.name,
                                           topics.REQUEST.qos)
         node.create_subscription(topics.GUARD_STATUS.message, topics.GUARD_STATUS.name,
@@ -56,6 +56,7 @@ class Asking:
 
     def _on_status(self, message):
         self.told = {row.key: row.value for row in message.values}
+        self._said = message.message
 
     def _renew(self):
         if self._request is not None:
@@ -76,8 +77,8 @@ class Asking:
                 'stopped', 'aborted', 'paused', 'parked', 'parking')
         self._spin(seconds, lambda: stopped() or until())
         if stopped():
-            raise ValueError(f'not nudged: the guard says {self.told["state"]}: '
-                             f'{self.told["reason"] or "call its service resume"}')
+            raise ValueError('the guard stopped it: ' + (
+                self.told['reason'] if self.told.get('refused') == stamp else self._said))
 
     def close(self):
         """Nothing is wanted any more: the mount stops."""

@@ -16,7 +16,7 @@ from pointing_model.sky_params import SKY_PARAMS
 from ..graph_client import GraphClient
 from .asking import Asking
 from .judgement import judge
-from .nudge import judge_nudge
+from .nudge import judge_nudge, went_elsewhere
 from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
 from .star import bright_star, place_of, standing
 
@@ -176,7 +176,8 @@ class Listener:
             target = bright_star(self._mount, site, self._now(), home,
                                  AllowedSky.of_rows(asking.told, site))
             place = place_of(target, self._mount, site, home)
-            told = [Finding(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag')]
+            told = [Finding(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '
+                            f'{site.latitude / DEG:.4f}, {site.longitude / DEG:.4f} deg')]
             self._lead(place, np.zeros(2), 0.0, SLEW)
             home = self._here()
         # away from horizon and zenith, or from either pole
@@ -203,10 +204,14 @@ class Listener:
             times, rates = np.append(0.0, times), np.vstack([rates[:1], rates])
             angles = np.vstack([self._here(), angles])
         asking, stamps = self._asking, self._streams[topics.INCREMENTAL.name].stamps
+        here = self._here()
         asking.ask(round(begin * 1e9), times, angles, rates)
-        asking.obeyed(ramp)
-        asking.obeyed(patience, lambda: np.abs(
-            self._here() - place(stamps[-1:])[0] - offset).max() < NEAR)
+        try:
+            asking.obeyed(ramp)
+            asking.obeyed(patience, lambda: np.abs(
+                self._here() - place(stamps[-1:])[0] - offset).max() < NEAR)
+        except ValueError as err:
+            raise ValueError(f'{err}{went_elsewhere(here, self._here(), self._mount)}') from None
 
     def _here(self):
         values = self._streams[topics.INCREMENTAL.name].values
@@ -255,6 +260,6 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
             heard, rests, told = listener.nudge(step, star)
         except ValueError as err:
             return [*findings, Finding(WRONG, 'nudge', str(err))]
-        return [*findings, *told, *judge_nudge(heard, rests)]
+        return [*findings, *told, *judge_nudge(heard, rests, star)]
     finally:
         listener.close()

@@ -10,9 +10,11 @@ from .samples import NOTE, OK, WRONG, Finding
 TURNED, SCALED = 2.0 * DEG, 0.05
 #: how far a nudge may end from its demand, rad
 FOLLOWED = 30.0 * ARCSEC
+#: a mount that was stopped farther from its begin went somewhere, rad
+FAR = 0.2 * DEG
 
 
-def judge_nudge(heard, rests):
+def judge_nudge(heard, rests, star=False):
     """What small moves of each axis show.
 
     Parameters
@@ -21,6 +23,8 @@ def judge_nudge(heard, rests):
         Of the time of the moves.
     rests : list of Rest
         Five: at the begin, with the first axis moved, back, with the second one moved, back.
+    star : bool
+        A bright star must be in the field.
 
     Returns
     -------
@@ -58,11 +62,11 @@ def judge_nudge(heard, rests):
         out.append(Finding(OK, 'command', f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
                    if text is None else Finding(WRONG, 'command', text))
     if followed:
-        _nudged_camera(out, heard, rests)
+        _nudged_camera(out, heard, rests, star)
     return out
 
 
-def _nudged_camera(out, heard, rests):
+def _nudged_camera(out, heard, rests, star):
     """Sign, rotation and scale from how the star moved, beside its own drift."""
     of = heard.camera.topic
     stamps, values, _ = heard.camera.arrays()
@@ -75,8 +79,12 @@ def _nudged_camera(out, heard, rests):
         rows += [(1.0, stamp - start, *away) for stamp in stamps[inside]]
         seen += list(values[inside])
         if not inside.any():
-            out.append(Finding(NOTE, of, 'no star in the field at each step: camera not judged; '
-                               'point at a bright star first'))
+            out.append(Finding(
+                WRONG, of, 'not the star that must be in the field: is the site right, and the '
+                'clock, does the mount point to within the field, are the axes exchanged in both '
+                'drivers, does the camera answer?') if star else Finding(
+                NOTE, of, 'no star in the field at each step: camera not judged; point at a '
+                'bright star first (--star)'))
             return
     rows, seen = np.array(rows), np.array(seen)
     if len(rows) < 6:
@@ -118,3 +126,27 @@ def _nudged_camera(out, heard, rests):
     out.append(Finding(level, of, f'scale {scale:.4g}, 1 would be right' * (level == WRONG)
                        + f'scale right to {abs(scale - 1.0):.1%}' * (level == OK)
                        + f': {guess}' * bool(guess)))
+
+
+def went_elsewhere(before, after, mount):
+    """Where axes went that were stopped while they were nudged, '' where they hardly moved.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (2,)
+        rad; `after` None where it is not known.
+    mount : Mount
+
+    Returns
+    -------
+    str
+    """
+    if after is None or np.abs(after - before).max() < FAR:
+        return ''
+    first, second = mount.names.axes
+    moved, exchanged = after - before, before[::-1] - before
+    text = (f' (it had moved {first} by {moved[0] / DEG:+.1f}, {second} by '
+            f'{moved[1] / DEG:+.1f} deg')
+    if moved @ exchanged > 0.9 * np.linalg.norm(moved) * np.linalg.norm(exchanged):
+        text += ': toward where it is with the axes exchanged; look at what follows command'
+    return text + ')'

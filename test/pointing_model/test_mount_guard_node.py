@@ -1,20 +1,23 @@
 """The guard between a commander and a mount that the test plays."""
 
 import numpy as np
+import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
+from msg_tools.params import BadInput
 from msg_tools.units import DEG
 from pointing_model.mount_guard_node import MountGuard
 
 TIMES = np.array([0.0, 20.0, 40.0])
+PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0}
 
 
 class Played:
     """A mount whose encoders read where it was told to be, and a commander."""
 
     def __init__(self, graph):
-        self.graph, self.reads, self.request = graph, True, None
+        self.graph, self.reads, self.request, self.rate = graph, True, None, 0.0
         self.here = np.array([20.0, 50.0]) * DEG
         self.commands = graph.listen(topics.COMMAND)
         self.status = graph.listen(topics.GUARD_STATUS)
@@ -31,7 +34,7 @@ class Played:
             stamp, times, angles, _ = convert.read_trajectory(self.commands[-1])
             self.here = np.array([np.interp((now - stamp) * 1e-9, times, a) for a in angles.T])
         if self.reads:
-            self.readings.publish(convert.joint_state(now, self.here, [0.0, 0.0]))
+            self.readings.publish(convert.joint_state(now, self.here, [self.rate, 0.0]))
         if self.request is not None:
             self.requests.publish(self.request)
 
@@ -50,7 +53,7 @@ class Played:
 
 
 def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph):
-    guard = graph.add(MountGuard, renew_s=0.1)
+    guard = graph.add(MountGuard, **PLACE, renew_s=0.1)
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
@@ -76,7 +79,7 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
 
 
 def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
-    guard = graph.add(MountGuard, renew_s=0.1, park_deg='22,51')
+    guard = graph.add(MountGuard, **PLACE, renew_s=0.1, park_deg='22,51')
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
@@ -116,7 +119,7 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
 
 
 def test_a_guard_that_is_not_active_says_so_when_it_is_asked_and_not_at_each_start(graph):
-    guard = graph.add(MountGuard, renew_s=0.1, autostart=False)
+    guard = graph.add(MountGuard, **PLACE, renew_s=0.1, autostart=False)
     mount = Played(graph)
     graph.connect()
     assert guard.starting is False and mount.status == []
@@ -124,3 +127,22 @@ def test_a_guard_that_is_not_active_says_so_when_it_is_asked_and_not_at_each_sta
     mount.ask(24.0, 52.0)
     mount.until('inactive', 'mount_guard is unconfigured: configure and activate it')
     assert 'activation' in guard.waiting_for()
+
+
+def test_who_aborts_hears_that_the_axes_move_by_themselves(graph):
+    graph.add(MountGuard, **PLACE, renew_s=0.1)
+    mount = Played(graph)
+    graph.connect()
+    mount.until('idle', 'no request')
+    assert graph.call('abort').message == 'aborted'
+    mount.rate = 3.0 * DEG  # homing
+
+    def said():
+        return graph.call('resume').success and 'not by this guard' in graph.call('abort').message
+    graph.wait_for(said)
+
+
+def test_nobody_leads_a_real_mount_past_a_sun_that_may_be_anywhere(graph):
+    with pytest.raises(BadInput, match='no site, so nobody knows where the Sun is'):
+        graph.add(MountGuard, renew_s=0.1)
+    graph.add(MountGuard, renew_s=0.1, sun_distance_deg=0.0)

@@ -172,3 +172,11 @@ def test_a_second_ctrl_c_ends_it_at_once(monkeypatch):
     graph.spin = spin
     with pytest.raises(KeyboardInterrupt):
         graph.end()
+
+
+def test_homing_is_said_to_go_on(monkeypatch):
+    graph = Graph(monkeypatch, 'idle')
+    graph.angle = float('nan')
+    assert graph.end() < 0.5
+    assert [text.split(':')[0] for text in graph.told] == ['where the axes are is not known']
+    assert 'a driver that homes the mount goes on' in graph.told[0]

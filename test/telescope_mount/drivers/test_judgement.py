@@ -8,7 +8,7 @@ import pytest
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, parse_mount
 from telescope_mount.drivers.judgement import judge
-from telescope_mount.drivers.nudge import judge_nudge
+from telescope_mount.drivers.nudge import judge_nudge, went_elsewhere
 from telescope_mount.drivers.samples import OK, WRONG, Endpoint, Heard, Rest, Stream
 
 NOW = 1_795_000_000.0
@@ -247,7 +247,7 @@ HOME = np.array([3.0, 0.7])
 
 
 def nudged(mount=lambda demand: demand, camera=lambda m: m, drift=(11.0, -6.0), seed=1,
-           star=True):
+           star=True, wanted=False):
     """Five rests; the star goes on with the sky while the mount stands."""
     rng = np.random.default_rng(seed)
     demands = [HOME + np.array(step) for step in (
@@ -266,7 +266,7 @@ def nudged(mount=lambda demand: demand, camera=lambda m: m, drift=(11.0, -6.0), 
                 np.array(drift) * ARCSEC * (begin + t - NOW)) + rng.normal(0, ARCSEC, 2)
             out.camera.take(begin + t, begin + t, camera(miss) if star else (np.nan, np.nan))
         rests.append(Rest(begin, begin + 6.0, demand))
-    return judge_nudge(out, rests)
+    return judge_nudge(out, rests, wanted)
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -304,3 +304,17 @@ def test_what_a_nudge_shows(changes, words):
 def test_without_a_star_a_nudge_says_nothing_of_the_camera():
     found = nudged(star=False)
     assert wrong(found) == [] and 'camera not judged' in found[-1].text
+
+
+def test_a_star_that_was_slewed_to_must_be_seen():
+    text = only(nudged(star=False, wanted=True))
+    assert 'not the star that must be in the field: is the site right' in text
+    assert wrong(nudged(wanted=True)) == []
+
+
+def test_where_a_mount_went_that_was_stopped_while_it_was_nudged():
+    begin = np.array([40.0, 60.0]) * DEG
+    assert went_elsewhere(begin, begin + 0.05 * DEG, ALTAZ) == ''
+    toward = went_elsewhere(begin, begin + np.array([4.0, -3.9]) * DEG, ALTAZ)
+    assert 'azimuth by +4.0, elevation by -3.9 deg: toward where it is with the axes exch' in toward
+    assert 'exchanged' not in went_elsewhere(begin, begin + np.array([3.0, 0.0]) * DEG, ALTAZ)
