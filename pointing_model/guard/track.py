@@ -143,22 +143,47 @@ class Cubic:
                 np.concatenate([fine.reshape(-1, 2), angles[-1:]]), bent)
 
     @cached_property
+    def _ends(self):
+        times, angles, rates = self.knots
+        steps, lows, highs = [b - a for a, b in zip(times, times[1:])], [], []
+        for places, speeds in zip(angles, rates):
+            low, high = min(places), max(places)
+            for h, p0, p1, v0, v1 in zip(steps, places, places[1:], speeds, speeds[1:]):
+                third, step = h / 3.0, p1 - p0
+                a, b = p0 + third * v0, p1 - third * v1
+                if low <= a <= high and low <= b <= high:
+                    continue
+                # where its rate is 0: v0 + 2 first s + bend s^2
+                first = 3.0 * step / h - 2.0 * v0 - v1
+                bend = v1 - v0 - 2.0 * first
+                root = first * first - v0 * bend
+                if root < 0.0:
+                    continue
+                q = -first - math.copysign(math.sqrt(root), first)
+                for s in (q / bend if bend else 0.0, v0 / q if q else 0.0):
+                    if 0.0 < s < 1.0:
+                        at = p0 + s * s * (3.0 - 2.0 * s) * step + h * s * (1.0 - s) * (
+                            (1.0 - s) * v0 - s * v1)
+                        low, high = min(low, at), max(high, at)
+            lows.append(low)
+            highs.append(high)
+        return lows, highs
+
+    @property
     def low(self):
         """See above."""
-        _, places, bent = self._fine
-        return (_smallest(places) - bent).tolist()
+        return self._ends[0]
 
-    @cached_property
+    @property
     def high(self):
         """See above."""
-        _, places, bent = self._fine
-        return (_largest(places) + bent).tolist()
+        return self._ends[1]
 
     def turned(self, first, second=0):
         """The same, with whole turns added to the axes."""
         turns = first * 2.0 * math.pi, second * 2.0 * math.pi
         out = copy.copy(self)
-        for name in ('knots', '_fine', 'low', 'high'):
+        for name in ('knots', '_fine', '_ends'):
             out.__dict__.pop(name, None)
         out.angles = self.angles + turns
         hull = tuple([a + b for a, b in zip(ends, turns)] for ends in self.hull)
