@@ -103,7 +103,7 @@ class MountGuard(ManagedNode):
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             value('sun_distance_deg') * DEG, value('slew_timing'))
-        self._sky = rows_of(limits)
+        self._sky = rows_of(limits) | {param.name: value(param.name) for param in SKY_PARAMS[:3]}
         blocked = limits.blocked_pole
         if blocked:
             self.get_logger().warning(
@@ -145,8 +145,8 @@ class MountGuard(ManagedNode):
         if values['renew_s'] and values['sun_distance_deg'] and not all(
                 name in self._parameter_overrides for name in _PLACE):
             raise ValueError('no site, so nobody knows where the Sun is: set latitude_deg and '
-                             'longitude_deg (in a parameter file under /**: for all nodes), or '
-                             'sun_distance_deg: 0.0')
+                             'longitude_deg (in a parameter file under /**: for all nodes; or '
+                             '--latitude and --longitude), or sun_distance_deg: 0.0')
         if values['goto'] and not values['renew_s']:
             raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
                              '0.5')

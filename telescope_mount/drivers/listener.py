@@ -172,7 +172,7 @@ class Listener:
             raise ValueError('not nudged: the encoder gives no number; call home first')
         home, place, told = self._here(), standing(self._here()), []
         if star:
-            site = _site(self._guard)
+            site = _site(asking.told)
             target = bright_star(self._mount, site, self._now(), home,
                                  AllowedSky.of_rows(asking.told, site))
             place = place_of(target, self._mount, site, home)
@@ -224,10 +224,12 @@ class Listener:
         self._graph.close()
 
 
-def _site(parameters):
-    """Of a guard's parameters."""
-    latitude, longitude, height = (parameters.get(param.name, param.default)
-                                   for param in SKY_PARAMS[:3])
+def _site(rows):
+    """Of a guard's status."""
+    missing = [param.name for param in SKY_PARAMS[:3] if param.name not in rows]
+    if missing:
+        raise ValueError(f'not nudged: the guard does not tell its {missing[0]}: start it anew')
+    latitude, longitude, height = (float(rows[param.name]) for param in SKY_PARAMS[:3])
     return Site(latitude * DEG, longitude * DEG, height)
 
 
