@@ -24,6 +24,8 @@ STALL = 60.0
 THINKING = 1800.0
 #: wall seconds after which a wait is told
 SAID_AFTER = 1.5
+#: s that a mount may take to be homed before that is said to hold the night up
+HOMES_IN = 30.0
 #: in the folder of a real mount's night: where its plan stands
 STATE = 'plan_state.jsonl'
 
@@ -302,7 +304,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                 raise NightFailed(status.message)
             done = at.observations + at.lost
             # how many stars a step `track` takes nobody knows
-            progress(at.step or 'connecting the nodes', done, max(total, done))
+            progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else ''),
+                     done, max(total, done))
             if at.state == 'done':
                 if said:
                     say('')
@@ -312,7 +315,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
             if text != waits[0]:
                 waits = text, time.monotonic()
             # what is over within moments nobody need read
-            if say is not None and text != said and time.monotonic() - waits[1] > SAID_AFTER:
+            patience = HOMES_IN if 'it homes the mount' in text else SAID_AFTER
+            if say is not None and text != said and time.monotonic() - waits[1] > patience:
                 said = text
                 say(text)
                 if not hinted and 'a publisher of' in text:
