@@ -109,8 +109,9 @@ def _make(name):
 
 @pytest.mark.parametrize('name', [*NIGHT, 'frame_reader', 'mount_display'])
 def test_a_node_lives_and_publishes_nothing_that_cannot_be(graph, tmp_path, name):
-    folder = {'folder': str(tmp_path / 'bag')} if name == 'mcap_logger' else {}
-    node = graph.add(_make(name), **folder)
+    given = {'mcap_logger': {'folder': str(tmp_path / 'bag')},
+             'mount_guard': {'latitude_deg': 34.3, 'longitude_deg': 109.0}}.get(name, {})
+    node = graph.add(_make(name), **given)
     commands, models, zeros = (graph.listen(topic) for topic in (
         topics.COMMAND, topics.MODEL, topics.ZERO))
     rng, heard = np.random.default_rng(20), 0
