@@ -422,8 +422,8 @@ class StarObserver(MountNode):
         found.sort(key=lambda issue: issue[0], reverse=True)
         found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         told, off = self._sequencer.clocks
-        if off:
-            found.append((DiagnosticStatus.WARN, told))
+        wrong = told if off else '', self._allowed.elsewhere if self._allowed else ''
+        found += [(DiagnosticStatus.WARN, text) for text in wrong if text]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
         return found

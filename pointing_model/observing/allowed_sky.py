@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import DEG
+from msg_tools.units import DEG, wrap
 
 from ..guard.limits import Horizon, parse_horizon, parse_pair
 from ..guard.sun import Sun
@@ -16,6 +16,9 @@ NEAR, NEAR_SUN = 1.5 * DEG, 2.0 * DEG
 #: rows of `guard/status`
 LEAST, HORIZON, SUN = 'least_elevation_deg', 'horizon', 'sun_distance_deg'
 TRAVEL = 'first_travel_deg', 'second_travel_deg'
+PLACE = 'latitude_deg', 'longitude_deg'
+#: sites that differ by less are one, deg
+APART = 0.01
 _TURN = 2.0 * np.pi
 
 
@@ -38,6 +41,15 @@ def rows_of(limits):
             SUN: f'{limits.sun / DEG:.10g}', **travel}
 
 
+def _elsewhere(rows, site):
+    ours = site.latitude / DEG, site.longitude / DEG
+    theirs = tuple(float(rows.get(name, own)) for name, own in zip(PLACE, ours))
+    if abs(ours[0] - theirs[0]) < APART and abs(wrap((ours[1] - theirs[1]) * DEG)) < APART * DEG:
+        return ''
+    return (f'the guard takes the mount to be at {theirs[0]:.4f}, {theirs[1]:.4f} deg, not at '
+            f'{ours[0]:.4f}, {ours[1]:.4f}: give both one site (under /**: in the parameter file)')
+
+
 class AllowedSky(NamedTuple):
     """The sky that a guard allows.
 
@@ -49,12 +61,15 @@ class AllowedSky(NamedTuple):
     sun : guard.sun.Sun
     travel : tuple of (float, float)
         Ends of both axes, rad; empty where an older guard does not tell.
+    elsewhere : str
+        Why that may be another sky: the guard goes by another site; '' where it does not.
     """
 
     horizon: Horizon
     distance: float
     sun: Sun
     travel: tuple = ()
+    elsewhere: str = ''
 
     @classmethod
     def of_rows(cls, rows, site):
@@ -64,7 +79,7 @@ class AllowedSky(NamedTuple):
         return cls(Horizon(float(rows[LEAST]) * DEG, parse_horizon(rows[HORIZON])),
                    float(rows[SUN]) * DEG, Sun(site),
                    tuple(tuple(end * DEG for end in parse_pair(rows[name]))
-                         for name in TRAVEL if name in rows))
+                         for name in TRAVEL if name in rows), _elsewhere(rows, site))
 
     def __call__(self, time, az, el):
         """Whether places of the horizon system are allowed.

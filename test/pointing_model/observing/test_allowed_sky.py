@@ -3,6 +3,8 @@
 import sys
 from pathlib import Path
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -153,3 +155,10 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
     assert bench.run() == ('done', 'plan finished')
     progress = bench.plan.progress
     assert (len(bench.rows), progress.refused, progress.lost) == (4, 2, 2)
+
+
+def test_a_guard_of_another_site_is_told():
+    rows = rows_of(Limits()) | {'latitude_deg': '34.3', 'longitude_deg': '109.0'}
+    assert AllowedSky.of_rows(rows, DEFAULT_SITE).elsewhere == ''
+    other = AllowedSky.of_rows(rows, replace(DEFAULT_SITE, longitude=-70.7 * DEG)).elsewhere
+    assert other.startswith('the guard takes the mount to be at 34.3000, 109.0000 deg, not at 34.3')
