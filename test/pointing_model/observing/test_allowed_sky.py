@@ -1,9 +1,8 @@
 """What the guard allows, known where stars are chosen."""
 
 import sys
-from pathlib import Path
-
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
