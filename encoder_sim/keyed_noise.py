@@ -11,9 +11,8 @@ from functools import lru_cache
 
 import numpy as np
 
-_STEP = np.uint64(0x9E3779B97F4A7C15)
-_MULTIPLY_1 = np.uint64(0xBF58476D1CE4E5B9)
-_MULTIPLY_2 = np.uint64(0x94D049BB133111EB)
+_NUMBERS = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
+_STEP, _MULTIPLY_1, _MULTIPLY_2 = map(np.uint64, _NUMBERS)
 _SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
 _ALL = 2**64 - 1
 _FEW = 8  # numbers of one key up to which Python's integers are quicker
@@ -42,15 +41,17 @@ def _mix(z):
 
 def _mixed(z):
     """The same of one number, a Python integer."""
-    z = ((z ^ z >> 30) * 0xBF58476D1CE4E5B9) & _ALL
-    z = ((z ^ z >> 27) * 0x94D049BB133111EB) & _ALL
+    _, first, second = _NUMBERS
+    z = ((z ^ z >> 30) * first) & _ALL
+    z = ((z ^ z >> 27) * second) & _ALL
     return z ^ z >> 31
 
 
 def _few_bits(seed, device, purpose, key, n):
     """`bits` of one key; for a few numbers a tenth of the time that arrays take."""
-    state = _mixed((key * 0x9E3779B97F4A7C15 + int(_stream(seed, device, purpose))) & _ALL)
-    return np.array([[_mixed((state + i * 0x9E3779B97F4A7C15) & _ALL) for i in range(1, n + 1)]],
+    step = _NUMBERS[0]
+    state = _mixed((key * step + int(_stream(seed, device, purpose))) & _ALL)
+    return np.array([[_mixed((state + i * step) & _ALL) for i in range(1, n + 1)]],
                     dtype=np.uint64)
 
 

@@ -362,7 +362,7 @@ def _rows_around(mjd):
     return rows[1][0], np.array([row[1:] for row in rows])
 
 
-@lru_cache(maxsize=1600)  # of four nights that follow each other three are the same
+@lru_cache(maxsize=1600)  # the next night asks for three of these four days again
 def _row(day):
     """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
     header, end, _ = _tables()

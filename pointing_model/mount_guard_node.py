@@ -3,6 +3,7 @@
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
@@ -19,7 +20,7 @@ from .guard.keeper import ERROR, STILL, WARN, Keeper
 from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
 from .guard.settings import Settings
 from .guard.sun import Sun, sun_place
-from .observing.allowed_sky import rows_of
+from .observing.allowed_sky import PLACE, rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .observing.pointing import Track
 from .sky import Site
@@ -34,7 +35,8 @@ def _travel(name, which):
 
 PARAMS = (
     AUTOSTART, KIND_OF_MOUNT,
-    *SKY_PARAMS[:3],
+    # a mount stays where it is, and the Sun is computed for that
+    *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),
     Param('first_rate_deg_s', 4.0, 'largest speed of the first axis [deg/s]', 1e-3, 360.0,
@@ -71,8 +73,6 @@ PARAMS = (
     Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
           check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
 )
-#: without which a real mount is not led about
-_PLACE = ('latitude_deg', 'longitude_deg')
 #: steady seconds between looks at it all
 LOOK = 0.05
 #: s in which a node of a graph finds the others
@@ -143,7 +143,7 @@ class MountGuard(ManagedNode):
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
         if values['renew_s'] and values['sun_distance_deg'] and not all(
-                name in self._parameter_overrides for name in _PLACE):
+                name in self._parameter_overrides for name in PLACE):
             raise ValueError('no site, so nobody knows where the Sun is: set latitude_deg and '
                              'longitude_deg (in a parameter file under /**: for all nodes; or '
                              '--latitude and --longitude), or sun_distance_deg: 0.0')

@@ -45,18 +45,27 @@ class Cubic:
 
     @cached_property
     def knots(self):
-        """Times, and of each axis angles and rates, as lists: one number is had sooner."""
+        """Times (s), and of each axis angles and rates (rad, rad/s), as lists: soon had."""
         return self.times.tolist(), self.angles.T.tolist(), self.rates.T.tolist()
 
     @cached_property
-    def _bounds(self):
-        # of a dozen knots lists are had in half the time of arrays, of thirty in the same
+    def _pieces(self):
+        """Of each axis its angles, its rates, and the pieces between two knots.
+
+        Of a piece its length (s), and the angles and rates at both ends. Of a dozen knots lists
+        are had in half the time of arrays, of thirty in the same.
+        """
         times, angles, rates = self.knots
         steps = [b - a for a, b in zip(times, times[1:])]
+        return [(places, speeds, list(zip(steps, places, places[1:], speeds, speeds[1:])))
+                for places, speeds in zip(angles, rates)]
+
+    @cached_property
+    def _bounds(self):
         most_rate, peak_acceleration, lows, highs = [], [], [], []
-        for places, speeds in zip(angles, rates):
+        for places, speeds, pieces in self._pieces:
             low, high, fast, bent = min(places), max(places), max(max(speeds), -min(speeds)), 0.0
-            for h, p0, p1, v0, v1 in zip(steps, places, places[1:], speeds, speeds[1:]):
+            for h, p0, p1, v0, v1 in pieces:
                 # a polynomial lies between its Bezier numbers: of a rate v0, middle, v1
                 middle = 3.0 * (p1 - p0) / h - v0 - v1
                 first, last, third = abs(middle - v0) / h, abs(v1 - middle) / h, h / 3.0
@@ -100,11 +109,10 @@ class Cubic:
     @cached_property
     def _between(self):
         """Of each axis the rates where they turn round between two knots, else that of one."""
-        times, angles, rates = self.knots
-        steps, out = [b - a for a, b in zip(times, times[1:])], []
-        for places, speeds in zip(angles, rates):
+        out = []
+        for _, _, pieces in self._pieces:
             out.append(turns := [])
-            for h, p0, p1, v0, v1 in zip(steps, places, places[1:], speeds, speeds[1:]):
+            for h, p0, p1, v0, v1 in pieces:
                 first = 3.0 * (p1 - p0) / h - 2.0 * v0 - v1
                 change = 2.0 * first + v0 - v1
                 at = min(max(first / change, 0.0), 1.0) if change else 0.0
@@ -144,11 +152,10 @@ class Cubic:
 
     @cached_property
     def _ends(self):
-        times, angles, rates = self.knots
-        steps, lows, highs = [b - a for a, b in zip(times, times[1:])], [], []
-        for places, speeds in zip(angles, rates):
+        lows, highs = [], []
+        for places, _, pieces in self._pieces:
             low, high = min(places), max(places)
-            for h, p0, p1, v0, v1 in zip(steps, places, places[1:], speeds, speeds[1:]):
+            for h, p0, p1, v0, v1 in pieces:
                 third, step = h / 3.0, p1 - p0
                 a, b = p0 + third * v0, p1 - third * v1
                 if low <= a <= high and low <= b <= high:
@@ -183,7 +190,7 @@ class Cubic:
         """The same, with whole turns added to the axes."""
         turns = first * 2.0 * math.pi, second * 2.0 * math.pi
         out = copy.copy(self)
-        for name in ('knots', '_fine', '_ends'):
+        for name in ('knots', '_pieces', '_fine', '_ends'):
             out.__dict__.pop(name, None)
         out.angles = self.angles + turns
         hull = tuple([a + b for a, b in zip(ends, turns)] for ends in self.hull)
@@ -254,10 +261,6 @@ class Cubic:
         """
         return [(low - v * v / (2.0 * a), high + v * v / (2.0 * a))
                 for low, high, v, a in zip(*self.hull, self.most_rate, slow)]
-
-    def points(self):
-        """`Boxes` of no size: some of its angles, the knots among them."""
-        return points(self._fine[1].T, self._fine[0])
 
     def boxes(self, slow=None):
         """`Boxes` of all of it, and of where the axes come to rest if they are stopped on it.

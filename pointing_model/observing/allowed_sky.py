@@ -16,6 +16,7 @@ NEAR, NEAR_SUN = 1.5 * DEG, 2.0 * DEG
 #: rows of `guard/status`
 LEAST, HORIZON, SUN = 'least_elevation_deg', 'horizon', 'sun_distance_deg'
 TRAVEL = 'first_travel_deg', 'second_travel_deg'
+#: without which nobody knows where the Sun is
 PLACE = 'latitude_deg', 'longitude_deg'
 #: sites that differ by less are one, deg
 APART = 0.01

@@ -146,3 +146,9 @@ def test_nobody_leads_a_real_mount_past_a_sun_that_may_be_anywhere(graph):
     with pytest.raises(BadInput, match='no site, so nobody knows where the Sun is'):
         graph.add(MountGuard, renew_s=0.1)
     graph.add(MountGuard, renew_s=0.1, sun_distance_deg=0.0)
+
+
+def test_the_site_of_a_guard_stays(graph):
+    done, reason = graph.set_parameter(graph.add(MountGuard, **PLACE, renew_s=0.1),
+                                       latitude_deg=10.0)
+    assert not done and 'latitude_deg' in reason
