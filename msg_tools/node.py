@@ -15,6 +15,7 @@ from .executor import ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
+from .quick_joints import JOINT_STATE, JointReader
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports
 from .rivals import INSTANCE, earlier_rival, new_instance
 from .topics import CLOCK, DIAGNOSTICS
@@ -85,6 +86,7 @@ class MountNode(ParameterNode):
 
     def __init__(self, name, params=(), *, hardware_id='', context=None, overrides=None,
                  namespace=NAMESPACE):
+        self._full_names = {}
         super().__init__(name, params, context=context, overrides=overrides, namespace=namespace)
         self._publishers_of = {}
         self._subscriptions_of = {}
@@ -104,6 +106,13 @@ class MountNode(ParameterNode):
         self.every(RIVALS, self._look_for_rivals)
 
     # --- topics -----------------------------------------------------------------------------
+
+    def resolve_topic_name(self, topic, *, only_expand=False):
+        """As rclpy's, which parses all rules of remapping each time; they stay as they are."""
+        key = topic, only_expand
+        if key not in self._full_names:
+            self._full_names[key] = super().resolve_topic_name(topic, only_expand=only_expand)
+        return self._full_names[key]
 
     def publisher(self, topic):
         """A publisher on `topic`, counted, with QoS overrides by parameter."""
@@ -130,17 +139,18 @@ class MountNode(ParameterNode):
         `callback(message)` raises ValueError for a bad message.
         """
         counter = Counter(topic.latched)
+        read = JointReader().read if topic.type == JOINT_STATE else None
 
         def guarded(message, info):
             counter.received(info)
             try:
-                callback(message)
+                callback(read(message) if read else message)
             except (ValueError, ArithmeticError, RecursionError) as err:
                 # of JSON an infinite number, or a thousand brackets, are no ValueError
                 self.reject(topic.name, str(err))
 
         sub = self.create_subscription(
-            topic.message, topic.name, guarded, copy.copy(topic.qos),
+            topic.message, topic.name, guarded, copy.copy(topic.qos), raw=read is not None,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         counter.sequence.present = sub.get_publisher_count
@@ -241,10 +251,11 @@ class MountNode(ParameterNode):
 
     def waiting_for(self):
         """What this node still needs before it can work, as a list of str."""
+        required = self.required()
         out = [f'a subscriber of {name}' for name, (pub, _) in self._publishers_of.items()
-               if name in self.required() and pub.get_subscription_count() == 0]
+               if name in required and pub.get_subscription_count() == 0]
         return out + [f'a publisher of {name}' for name, subs in self._subscriptions_of.items()
-                      if name in self.required() and subs[0][0].get_publisher_count() == 0]
+                      if name in required and subs[0][0].get_publisher_count() == 0]
 
     def incompatible(self):
         """Endpoints that the graph knows and this node is not matched with, as a list of str.

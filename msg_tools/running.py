@@ -78,7 +78,7 @@ def run_nodes(makers, args=None):
         for make in makers:
             nodes.append(make())
             nodes[-1].check_overrides()
-        executor = NodeExecutor(gather=max(node.GATHER for node in nodes))
+        executor = NodeExecutor(gather=min(node.GATHER for node in nodes))
         for node in nodes:
             executor.add_node(node)
         while not told and rclpy.ok():

@@ -94,6 +94,9 @@ class MountGuard(ManagedNode):
     What is judged and sent stands in `guard.keeper`, which knows no ROS.
     """
 
+    # readings at 1 kHz are taken a few at once; a command waits no longer than that
+    GATHER = 0.002
+
     def __init__(self, **kwargs):
         super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
         self._mount, value = mount_of(self), self.value

@@ -4,6 +4,8 @@ The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoev
 outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
 """
 
+import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +23,8 @@ from .plan import POWER_CYCLES, parse_plan
 
 #: said of a plan that was finished by an observer before
 OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
+#: as the parameter `looks`: a thousand readings a second ask for it
+LOOKS = 0.02
 #: steps that need no exposure of their own, and make what is in force
 MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
 
@@ -56,6 +60,8 @@ class Sequencer:
     table : Table
     memory : NightFile, optional
         Keeps the night beyond the end of the process.
+    looks : float
+        Wall s between two looks at whether the graph is there.
 
     Attributes
     ----------
@@ -65,7 +71,7 @@ class Sequencer:
         Whether a plan has ever got beyond waiting for the graph.
     """
 
-    def __init__(self, outbox, instruments, in_force, table, memory=None):
+    def __init__(self, outbox, instruments, in_force, table, memory=None, looks=LOOKS):
         self._out, self._instruments, self._in_force = outbox, instruments, in_force
         self._table, self._memory = table, memory or NoFile()
         self._night = NightSteps(outbox, instruments, in_force, table, self.advance,
@@ -76,6 +82,7 @@ class Sequencer:
         self._lacks = ''  # what the graph lacks before a plan can begin, in words
         self._watch = FaultWatch(outbox, instruments, self._night.exposer)
         self.begun = False
+        self._looks, self._looked = looks, -math.inf
         self._plan, self._left = '', None
         self._before = None  # rows of the night before this plan, None where nobody knows
         self._calibration_is_new = False
@@ -300,10 +307,19 @@ class Sequencer:
         """How many of the last rows are of a step of this plan."""
         return min(self._table.trailing(block), len(self._table) - (self._before or 0))
 
+    def _connected(self):
+        """Whether the graph lacks nothing, looked at now and then."""
+        now = time.monotonic()
+        if now - self._looked < self._looks:
+            return False
+        self._looked = now
+        return not self._out.waiting_for()
+
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
         self._night.set_state('waiting', 'the graph')
-        yield lambda: not self._out.waiting_for()
+        self._looked = -math.inf
+        yield self._connected
         yield lambda: self._out.now() > 0
         if self._left is None or self._before is None:
             self._night.evening = self._out.now()

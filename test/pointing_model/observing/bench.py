@@ -72,7 +72,8 @@ class Bench:
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
         self.in_force, self.table = InForce(mount=kind), Table(kind)
-        self.plan = Sequencer(self, self.instruments, self.in_force, self.table, memory)
+        self.plan = Sequencer(
+            self, self.instruments, self.in_force, self.table, memory, looks=0.0)
         if homed:
             self.read(self.stamp, self.position)
         if plan:

@@ -43,7 +43,8 @@ class Played(Bench):
         super().__init__(plan, homed=False, **settings)
         self.order, self.jumps, self.alone = order, dict(jumps), alone
         self.instruments = Instruments(1, wall=lambda: self.wall, now=lambda: self.stamp)
-        self.plan = Sequencer(self, self.instruments, self.in_force, self.table)
+        self.plan = Sequencer(
+            self, self.instruments, self.in_force, self.table, looks=0.0)
         self.read(self.stamp, self.position)
         self.plan.start(plan)
         self.seen = lambda number: True
