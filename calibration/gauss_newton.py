@@ -50,6 +50,7 @@ class Solved(NamedTuple):
     few: bool  # whether they are, so that rows are rejected by a test and not weighed
     feasible: np.ndarray
     iterations: int
+    huber: np.ndarray | None  # coefficients where the noise was found; None of some directions
 
 
 class Linear:
@@ -122,9 +123,10 @@ def gauss_newton(start, sigmas, robust, rcond):
     rank = spectrum.rank(rcond)
     few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
-    p, inverse = np.zeros(k), None
+    p, huber, inverse, begun = np.zeros(k), None, None, False
     if n >= _MANY and basis is None and (robust or not start.linear):
-        p, inverse = _of_some(start, sigmas, robust, rcond), np.linalg.inv(normals[1])
+        p, huber = _of_some(start, sigmas, robust, rcond)
+        begun, inverse = robust and huber is not None, np.linalg.inv(normals[1])
     solution = scales = rounds = row_weights = rows = known = None
     plain, settled, near = None, False, False
     for iteration in range(1, 31):
@@ -161,10 +163,16 @@ def gauss_newton(start, sigmas, robust, rcond):
                             normals if rough and rows is first_order and not start.moved else None,
                             plain)
             if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
-                scales = rounds.find_noise(rank, rough)
+                if begun and iteration == 1:
+                    scales = rounds.noise_at(huber - p, rank)
+                else:
+                    scales = rounds.find_noise(rank, rough)
+                    huber = p + rounds.p if basis is None else None
             if rough:  # the linearisation can be seconds of arc off
                 settled, plain = False, rounds.plain - rounds.p
                 solution = rounds.solution._replace(p=rounds.p, residual=rounds.residual)
+            elif begun and iteration == 1 and not start.linear:
+                solution, settled, rounds = rounds.approach(scales), False, None
             else:
                 row_weights = rounds.bisquare(scales)
                 solution, inverse, plain = rounds.solution, None, None
@@ -181,18 +189,19 @@ def gauss_newton(start, sigmas, robust, rcond):
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
     return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few,
-                  np.ones(n, bool) if known is None else known, iteration)
+                  np.ones(n, bool) if known is None else known, iteration, huber)
 
 
 def _of_some(start, sigmas, robust, rcond):
-    """Coefficients of a part of many rows: where to begin."""
+    """Coefficients of a part of many rows, where to begin; and those where its noise was found."""
     n = start.first_order.shape[1] // 2
     step = n // max(_FIRST, n // _PART)
     try:
-        return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
-                            robust, rcond).p
+        solved = gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
+                              robust, rcond)
     except ValueError:
-        return np.zeros(len(start.first_order))
+        return np.zeros(len(start.first_order)), None
+    return solved.p, solved.huber
 
 
 def _same(mask, other):

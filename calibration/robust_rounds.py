@@ -9,7 +9,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .least_squares import inverse_of, weighted_solve
+from .least_squares import Solution, inverse_of, weighted_solve
 from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
 
 TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
@@ -224,17 +224,32 @@ class Rounds:
                 exactly, last = moved > 0.5 * last, moved
             if moved < (_ROUGHLY if rough else _SETTLED):
                 break
-        if rough:
-            return None
-        scales = weigher.noise(self.residual, dof_factor)
+        return None if rough else self._noise_of(self.residual, dof_factor)
+
+    def noise_at(self, step, rank):
+        """As `find_noise`, where Huber's weights are known to lead to."""
+        n = len(self.b) // 2
+        return self._noise_of(self.residual - step @ self.rows,
+                              (2 * n / max(2 * n - rank, 1)) ** 0.5)
+
+    def _noise_of(self, residual, dof_factor):
+        weigher = self.weigher
+        scales = weigher.noise(residual, dof_factor)
         # the median is wasteful: take the bisquare's own variance of what it keeps
-        squares = weigher.squares(self.residual)
+        squares = weigher.squares(residual)
         for _ in range(3):
             weights, kept = weigher.bisquare_of(squares, scales)
             total = max(float(np.dot(kept, kept)), 1e-9) * BISQUARE_VARIANCE
             scales = [max(dof_factor * (square / total) ** 0.5, scale / 1.5)
                       for square, scale in zip((squares @ weights).tolist(), scales)]
         return scales
+
+    def approach(self, scales):
+        """Two steps of the bisquare; a `Solution` without matrices."""
+        for _ in range(2):
+            weights, kept = self.weigher.bisquare(self.residual, scales)
+            self.step(weights, self.weigher.bisquare_longer(kept, self.total))
+        return Solution(self.p, self.inverse, None, None, self.residual, len(self.p))
 
     def bisquare(self, scales):
         """Down to the minimum at this noise; the weights there, shape (n,)."""

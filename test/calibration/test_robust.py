@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
-from calibration import robust, robust_rounds
+from calibration import gauss_newton, robust, robust_rounds
+from calibration.fit import fit_terms
 from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 from calibration.robust_rounds import Rounds
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+from pointing_model.run import PointingRun
 
 U = np.linspace(0.0, 12.0, 120_001)
 DENSITY = U * np.exp(-0.5 * U**2)  # of the radial distance at Gaussian noise
@@ -109,3 +113,29 @@ def test_the_median_is_numpys_to_the_bit(n):
     values[1, n // 3] = np.nan
     with np.errstate(invalid='ignore'):
         assert np.isnan(sigma_of(values, axis=1)).tolist() == [False, True]
+
+
+@pytest.mark.parametrize('kind', ['clean', 'outliers', 'heavy tails', 'sigmas'])
+def test_many_rows_that_begin_at_a_part_end_where_all_of_them_would(monkeypatch, kind):
+    rng = np.random.default_rng(5)
+    n = 9000
+    az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.3, 0.98, n))
+    noise = rng.normal(size=(2, n)) * ARCSEC
+    if kind == 'outliers':
+        noise[:, rng.random(n) < 0.1] *= 60.0
+    elif kind == 'heavy tails':
+        noise = rng.standard_t(2, size=(2, n)) * ARCSEC
+    truth = PointingModel({'IA': 0.02, 'IE': -0.01, 'CA': 4e-4, 'NPAE': 2e-4, 'AN': 3e-4,
+                           'AW': -2e-4, 'TF': 1e-4})
+    x, y = truth.offsets(az, el)
+    columns = {'az': az, 'el': el, 'az_enc': az + (x + noise[0]) / np.cos(el),
+               'el_enc': el + y + noise[1]}
+    if kind == 'sigmas':
+        columns['sigma_x'], columns['sigma_y'] = rng.uniform(0.5, 2.0, (2, n)) * ARCSEC
+    run = PointingRun(columns)
+    begun = fit_terms(run)
+    monkeypatch.setattr(gauss_newton, '_MANY', 10**9)
+    whole = fit_terms(run)
+    sigma = np.sqrt(np.diag(whole.model.covariance))
+    assert np.abs((begun.coefficients - whole.coefficients) / sigma).max() < 0.01
+    assert np.sqrt(np.diag(begun.model.covariance)) == pytest.approx(sigma, rel=1e-3)
