@@ -87,7 +87,7 @@ def _satellite(count):
 
 def frames(full):
     """Images of the absolute encoder, beside the paper's fit."""
-    return frames_speed.rows(5 if full else 3)
+    return frames_speed.rows(20 if full else 9)
 
 
 # --- logs and files -------------------------------------------------------------------------------

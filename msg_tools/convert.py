@@ -1,5 +1,7 @@
 """ROS messages to arrays and back. Stamps are integer nanoseconds, angles radians."""
 
+from functools import lru_cache
+
 import numpy as np
 
 AXES = ('azimuth', 'elevation')
@@ -51,17 +53,17 @@ def joints_of(names):
     ValueError
         None is.
     """
+    return _joints_of(tuple(names))[0]
+
+
+@lru_cache(maxsize=16)  # each reading has the same
+def _joints_of(names):
+    """As `joints_of`, and where the first and the second axis stand."""
     found = next((pair for pair in JOINTS if set(pair) <= set(names)), None)
     if found is None:
         raise ValueError(f'joint names {list(names)}: need '
                          + ', or '.join(' and '.join(pair) for pair in JOINTS))
-    return found
-
-
-def _places(names):
-    """Where the first and the second axis stand among the names of joints."""
-    names = list(names)
-    return [names.index(axis) for axis in joints_of(names)]
+    return found, [names.index(axis) for axis in found]
 
 
 def read_joints(message):
@@ -79,7 +81,7 @@ def read_joints(message):
     ValueError
         An axis or its position is missing.
     """
-    order = _places(message.name)
+    _, order = _joints_of(tuple(message.name))
     if len(message.position) != len(message.name):
         raise ValueError(f'{len(message.position)} positions for {len(message.name)} joints')
 
@@ -145,7 +147,7 @@ def read_trajectory(message):
         No point, an axis missing, lengths that differ, values not finite, times not increasing.
     """
     names = message.joint_names
-    order = _places(names)
+    _, order = _joints_of(tuple(names))
     if not message.points:
         raise ValueError('trajectory without points')
     for point in message.points:

@@ -138,12 +138,13 @@ class Sequencer:
         if self.busy:
             words = '; '.join([words if self.begun else self._lacks or words,
                                *self._watch.sentences])
-        now = words, self.progress
-        if now != self._told:
-            self._told = now
+        # looked at for each reading: what `progress` is made of, which changes in its place
+        made_of = words, len(self._table), self._instruments.run, self._plan
+        if (made_of, self._night.progress) != self._told:
+            self._told, progress = (made_of, replace(self._night.progress)), self.progress
             if self.begun:
-                self._memory.stands(self.progress, self._night.evening, self._before or 0)
-            self._out.send_status(self.progress, words)
+                self._memory.stands(progress, self._night.evening, self._before or 0)
+            self._out.send_status(progress, words)
 
     @property
     def clocks(self):
