@@ -60,8 +60,7 @@ class StarObserver(MountNode):
     It is the outbox of its `observing.sequencer.Sequencer`.
     """
 
-    # of encoders at 1 kHz a few readings at once cost half of what they do one by one
-    GATHER = 0.002
+    GATHER = 0.002  # of encoders at 1 kHz a few readings at once cost half
 
     def __init__(self, **kwargs):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
@@ -71,7 +70,7 @@ class StarObserver(MountNode):
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
         self._guard_spoke, self._guard_ends = False, ''
-        self._own_way = False
+        self._own_way, self._live = False, not self.value('use_sim_time')
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
@@ -79,7 +78,7 @@ class StarObserver(MountNode):
         self._checks_pub = self.publisher(topics.CHECKS)
         self._instruments = Instruments(self.value('first_run'), now=self.now,
                                         absolute=self.value('absolute_encoder'),
-                                        live=not self.value('use_sim_time'))
+                                        live=self._live)
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)
@@ -309,7 +308,7 @@ class StarObserver(MountNode):
 
     def now(self):
         """ns."""
-        return self.get_clock().now().nanoseconds
+        return time.time_ns() if self._live else self.get_clock().now().nanoseconds
 
     def client(self, verb):
         """Of a service."""

@@ -1,5 +1,6 @@
 """The instruments as the observer knows them: what they said last, and which are silent."""
 
+import math
 import time
 from collections import deque
 
@@ -105,8 +106,10 @@ class Instruments:
     def _rate(self, stamp, angle, told):
         """As told, or else from the reading before; NaN where that is none."""
         rate = np.array(told, dtype=float)
+        if not any(map(math.isnan, told)):
+            return rate
         unknown = np.isnan(rate)
-        if unknown.any() and self.here is not None and stamp > self.stamp:
+        if self.here is not None and stamp > self.stamp:
             own = wrap(np.array(angle) - self.here) / ((stamp - self.stamp) * 1e-9)
             rate[unknown] = own[unknown]
         return rate
