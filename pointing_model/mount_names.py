@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import cached_property
 
 #: the terms of the rotations, by the names that an alt-azimuth mount has for them
 CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
@@ -42,7 +43,7 @@ class Names:
     terms: dict
     sides: tuple
 
-    @property
+    @cached_property
     def keys(self):
         """Of the axes, in names of effects and drivers."""
         return tuple(axis.replace(' ', '_') for axis in self.axes)
