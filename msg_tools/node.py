@@ -136,7 +136,8 @@ class MountNode(ParameterNode):
     def subscribe(self, topic, callback):
         """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
 
-        `callback(message)` raises ValueError for a bad message.
+        `callback(message)` raises ValueError for a bad message. A JointState is a
+        `quick_joints.Joints`, with the same names in it.
         """
         counter = Counter(topic.latched)
         read = JointReader().read if topic.type == JOINT_STATE else None

@@ -9,6 +9,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import ParameterType
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from msg_tools import convert, topics
@@ -162,6 +163,21 @@ def test_a_callback_that_fails_otherwise_is_not_hidden(graph):
     pub.publish(convert.joint_state(1, [1.0, 2.0]))
     with pytest.raises(TypeError, match='a bug'):
         graph.wait_for(lambda: False, 'the bug')
+
+
+@pytest.mark.parametrize('cut', [4, 13, 40, -9])
+def test_bytes_that_are_no_message_are_counted_and_the_node_lives_on(graph, cut):
+    node = graph.add(Sample)
+    pub = graph.publisher(topics.INCREMENTAL)
+    graph.connect()
+    good = serialize_message(convert.joint_state(2, [1.0, 2.0], frame='mount'))
+    for data in (good[:cut], good):
+        pub.publish(bytes(data))
+    graph.wait_for(lambda: node.taken, 'the good message')
+    assert [row[0] for row in node.taken] == [2]
+    status = graph.report('sample', '1 messages refused')
+    row = next(r.value for r in status.values if r.key == 'refused incremental/joint_states')
+    assert row.startswith('1 (last: no JointState: ')
 
 
 def test_gaps_are_counted_by_sequence_number(graph):
