@@ -163,7 +163,7 @@ def gauss_newton(start, sigmas, robust, rcond):
                             normals if rough and rows is first_order and not start.moved else None,
                             plain)
             if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
-                if begun and iteration == 1:
+                if begun:
                     scales = rounds.noise_at(huber - p, rank)
                 else:
                     scales = rounds.find_noise(rank, rough)
@@ -171,8 +171,9 @@ def gauss_newton(start, sigmas, robust, rcond):
             if rough:  # the linearisation can be seconds of arc off
                 settled, plain = False, rounds.plain - rounds.p
                 solution = rounds.solution._replace(p=rounds.p, residual=rounds.residual)
-            elif begun and iteration == 1 and not start.linear:
+            elif begun and not start.linear:
                 solution, settled, rounds = rounds.approach(scales), False, None
+                begun = False
             else:
                 row_weights = rounds.bisquare(scales)
                 solution, inverse, plain = rounds.solution, None, None

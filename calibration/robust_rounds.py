@@ -208,8 +208,7 @@ class Rounds:
 
         `rough`: only the weights.
         """
-        weigher, n = self.weigher, len(self.b) // 2
-        dof_factor = (2 * n / max(2 * n - rank, 1)) ** 0.5
+        weigher, dof_factor = self.weigher, self._dof_factor(rank)
         exactly, last = not self.begun, np.inf
         for _ in range(30):
             scales = weigher.noise(self.residual, dof_factor)
@@ -227,10 +226,11 @@ class Rounds:
         return None if rough else self._noise_of(self.residual, dof_factor)
 
     def noise_at(self, step, rank):
-        """As `find_noise`, where Huber's weights are known to lead to."""
-        n = len(self.b) // 2
-        return self._noise_of(self.residual - step @ self.rows,
-                              (2 * n / max(2 * n - rank, 1)) ** 0.5)
+        """As `find_noise`, where Huber's weights are known to lead: `step` from here."""
+        return self._noise_of(self.residual - step @ self.rows, self._dof_factor(rank))
+
+    def _dof_factor(self, rank):
+        return (len(self.b) / max(len(self.b) - rank, 1)) ** 0.5
 
     def _noise_of(self, residual, dof_factor):
         weigher = self.weigher

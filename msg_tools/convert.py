@@ -63,7 +63,7 @@ def _joints_of(names):
     if found is None:
         raise ValueError(f'joint names {list(names)}: need '
                          + ', or '.join(' and '.join(pair) for pair in JOINTS))
-    return found, [names.index(axis) for axis in found]
+    return found, tuple(names.index(axis) for axis in found)
 
 
 def read_joints(message):

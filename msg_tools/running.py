@@ -78,6 +78,7 @@ def run_nodes(makers, args=None):
         for make in makers:
             nodes.append(make())
             nodes[-1].check_overrides()
+        # what one may wait for, another beside it may not
         executor = NodeExecutor(gather=min(node.GATHER for node in nodes))
         for node in nodes:
             executor.add_node(node)
