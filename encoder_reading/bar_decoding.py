@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -82,7 +83,6 @@ class BarDecoder:
         #: where a place is looked up if not all of the row fits there
         self._lookups = sorted({0, first, n - WINDOW})
         self._packed = _packed(self.narrow)
-        self._near, self._apart = self._nearest()
         middle, reach = template.share
         # a bar that is out of place looks wider or narrower than it is
         self._usual = np.array([1.05, middle, 0.0, 0.0], np.float32)[:, np.newaxis, np.newaxis]
@@ -95,6 +95,7 @@ class BarDecoder:
             evidence[count, : count + 1] = count - np.log2(ways) - np.log2(2.0 * disc.bars)
         self._evidence = evidence
 
+    @cached_property
     def _nearest(self):
         """The places whose windows are most like that of each, the nearest first.
 
@@ -249,8 +250,8 @@ class BarDecoder:
                 bar[better], wrong[better] = there[better], unlike[better]
         least = wrong + self.MIN_MARGIN
         reach = least + wrong + (n - count)  # bits by which a place differs that is no matter
-        clear = self._apart[-1].take(bar) >= reach
-        for near, apart in zip(self._near, self._apart):
+        clear = self._nearest[1][-1].take(bar) >= reach
+        for near, apart in zip(*self._nearest):
             rows = np.flatnonzero(clear & (apart.take(bar) < reach))
             if not len(rows):
                 break

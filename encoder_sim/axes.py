@@ -4,6 +4,8 @@ Index 0 is the first axis (azimuth, hour angle), 1 the second. Time is UTC secon
 time would do.
 """
 
+import math
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,9 +89,10 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
             f'({limits.max_rate / DEG:.3g} deg/s): ask for a slower one'
         )
     beyond = distance - rate * abs(rate) / (2.0 * a)
-    sign = np.sign(beyond) if beyond != 0.0 else np.sign(rate)
+    leading = beyond if beyond != 0.0 else rate
+    sign = float(leading > 0.0) - float(leading < 0.0)
     d, v = sign * distance, sign * rate
-    peak = min(np.sqrt(max(a * d + 0.5 * v * v, 0.0)), top)
+    peak = min(math.sqrt(max(a * d + 0.5 * v * v, 0.0)), top)
     accelerating, braking = abs(peak - v) / a, peak / a
     rest = d - 0.5 * (peak + v) * accelerating - 0.5 * peak * braking
     cruising = max(rest, 0.0) / peak if peak > 0.0 else 0.0
@@ -114,6 +117,7 @@ class Trajectory:
 
     def __init__(self, times, positions, velocities):
         self.times = np.asarray(times, dtype=float)
+        self._times = self.times.tolist()
         self.positions = np.array(positions, dtype=float)
         self.positions[:, 0] = np.unwrap(self.positions[:, 0])
         self.velocities = np.array(velocities, dtype=float)
@@ -146,6 +150,27 @@ class Trajectory:
             + (1.0 - s) * (1.0 - 3.0 * s) * v0
             + s * (3.0 * s - 2.0) * v1
         )
+        return position + (dt - inside) * rate, rate
+
+    def of_axis(self, i, t):
+        """Angle (rad) and rate (rad/s) of axis `i` at one time: to the bit those of `at`.
+
+        Numbers, without the cost of an array each: a catch-up asks for many.
+        """
+        times = self._times
+        if len(times) == 1:
+            rate = float(self.velocities[0, i])
+            return float(self.positions[0, i]) + (t - times[0]) * rate, rate
+        k = min(max(bisect_right(times, t) - 1, 0), len(times) - 2)
+        (p0, p1), (v0, v1) = (
+            values[k : k + 2, i].tolist() for values in (self.positions, self.velocities))
+        h, dt = times[k + 1] - times[k], t - times[k]
+        inside = min(max(dt, 0.0), h)
+        s, step = inside / h, p1 - p0
+        position = (p0 + s * s * (3.0 - 2.0 * s) * step
+                    + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
+        rate = (6.0 * s * (1.0 - s) * step / h + (1.0 - s) * (1.0 - 3.0 * s) * v0
+                + s * (3.0 * s - 2.0) * v1)
         return position + (dt - inside) * rate, rate
 
 
@@ -203,11 +228,12 @@ class Leg:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         angles, rates = self.trajectory.at(t)
         for i, move in enumerate(self.moves):
-            dt = t - self.start
-            position, rate = move.at(dt)
             slewing = t < self.arrival[i]
-            angles[slewing, i] = (self.origin[i] + self.frame_rate[i] * dt + position)[slewing]
-            rates[slewing, i] = (self.frame_rate[i] + rate)[slewing]
+            if slewing.any():
+                dt = t - self.start
+                position, rate = move.at(dt)
+                angles[slewing, i] = (self.origin[i] + self.frame_rate[i] * dt + position)[slewing]
+                rates[slewing, i] = (self.frame_rate[i] + rate)[slewing]
             self._ring(i, t, angles, rates)
         return angles, rates
 
@@ -259,10 +285,11 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
         )
     trajectory = trajectory.shifted(_short_way(angles[0], trajectory, limits[0], words[0]))
     moves, arrival, frame_rate = [], np.empty(2), np.empty(2)
+    start, angles, rates = float(start), [float(v) for v in angles], [float(v) for v in rates]
     for i, limit in enumerate(limits):
         def meeting(duration, i=i, limit=limit):
             """The move, and the target's rate, if they meet after so long."""
-            target, rate = (v[0, i] for v in trajectory.at(start + duration))
+            target, rate = trajectory.of_axis(i, start + duration)
             distance = target - rate * duration - angles[i]
             return plan_move(distance, rates[i] - rate, limit, rate), rate
 
@@ -333,6 +360,7 @@ class MountAxes:
             Leg(time, rest, (nothing, nothing), np.full(2, time), time, self.limits,
                 np.array(angles, dtype=float), np.zeros(2))
         ]
+        self._sides = [np.zeros(2)]  # from which each axis came, of each of them
 
     @property
     def leg(self):
@@ -365,7 +393,11 @@ class MountAxes:
         if start < self._legs[-1].start:
             raise ValueError('command older than the one being carried out: check its stamp')
         leg = self._plan(start, trajectory)
+        # an axis that was not asked to move keeps its side
+        moved = np.abs([move.distance for move in leg.moves]) >= self._hair
+        side = np.where(moved & (leg.approach != 0.0), leg.approach, self._sides[-1])
         self._legs = [*self._legs[1 - _MEMORY :], leg]
+        self._sides = [*self._sides[1 - _MEMORY :], side]
         return leg.settled
 
     def _plan(self, start, trajectory):
@@ -379,8 +411,10 @@ class MountAxes:
     def state(self, t):
         """Angles (m, 2) in rad, the first not wrapped, and rates (m, 2) in rad/s at times `t`."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        angles, rates = np.empty((len(t), 2)), np.empty((len(t), 2))
         number = self._leg_numbers(t)
+        if len(t) and (number == number[0]).all():
+            return self._legs[number[0]].state(t)
+        angles, rates = np.empty((len(t), 2)), np.empty((len(t), 2))
         for k in np.unique(number):
             rows = number == k
             angles[rows], rates[rows] = self._legs[k].state(t[rows])
@@ -389,8 +423,4 @@ class MountAxes:
     def approach(self, t):
         """Sign of the last slew of each axis at times `t`, shape (m, 2): -1, 0, 1."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        signs = np.array([leg.approach * (np.abs([m.distance for m in leg.moves]) >= self._hair)
-                          for leg in self._legs])
-        for i in range(1, len(signs)):  # an axis that was not asked to move keeps its side
-            signs[i] = np.where(signs[i] == 0.0, signs[i - 1], signs[i])
-        return signs[self._leg_numbers(t)]
+        return np.array(self._sides)[self._leg_numbers(t)]

@@ -43,7 +43,8 @@ class IncrementalEncoders(MountedDevice):
         stamp, angles, rates = convert.read_joints(message)[:3]
         self._stamp, angles = stamp, self._couplings.turn(angles)
         # every sample is counted, whether it is published or not
-        seen = [(stamp, angle, rate, self.warmth(stamp)) for angle, rate in zip(angles, rates)]
+        warmth = self.warmth(stamp)
+        seen = [(stamp, angle, rate, warmth) for angle, rate in zip(angles, rates)]
         reading = [float(encoder.feed(*axis)[0]) for encoder, axis in zip(self._encoders, seen)]
         self._note_power_on(stamp)
         homed = bool(np.isfinite(reading).all())

