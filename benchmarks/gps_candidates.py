@@ -14,7 +14,7 @@ from passes import passes
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
-from calibration.satellite_check import PAPER, plot_gps
+from calibration.satellite_check import PAPER
 from calibration.tables import new_table
 from msg_tools.units import DEG
 from pointing_model.satellite import satellite_place
@@ -76,30 +76,38 @@ def _best_row(r):
 def _curves(satellite, result, path):
     """The paper's figures from a time error and a zero offset, with noise."""
     rng = np.random.default_rng(1)
-    curves = {}
-    for key in ('before', 'after'):
+    figure = _figure(8.0)
+    panels = figure.subplots(2, 2)
+    for key, row in zip(('before', 'after'), panels):
         arc = result.best[key]
         moments = arc['start'] + np.arange(0.0, 60.0 * arc['minutes'], 15.0)
         errors = np.array(track_effects(satellite, moments)['rate']) * result.best['size'][0]
         errors += rng.normal(0.0, NOISE, errors.shape)
         if key == 'before':
             errors += [[arc['zero_az_arcsec']], [arc['zero_el_arcsec']]]
-        curves[key] = {'time': moments, 'az_arcsec': errors[0], 'el_arcsec': errors[1]}
+        for axes, values, name in zip(row, errors, ('azimuth', 'elevation')):
+            axes.plot((moments - moments[0]) / 60.0, values, '.-', lw=0.6, ms=3)
+            axes.set(title=f'{name}, {key} the zero', xlabel='min', ylabel='arcsec')
         print(key, datetime.fromtimestamp(arc['start'], timezone.utc).isoformat('T', 'seconds'),
               [f'{e.mean():.2f} ± {e.std(ddof=1):.2f}' for e in errors], PAPER[key])
-    plot_gps(curves, path)
+    figure.savefig(path, dpi=110)
+
+
+def _figure(height):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(9.0, height), layout='constrained')
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def _shapes(satellite, path):
     """What some causes do along the whole pass."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
     one = passes(satellite, satellite.epoch, 24.0)[0]
     moments = np.arange(one.start, one.end, 30.0)
     effects = track_effects(satellite, moments)
     hours = (moments - moments[0]) / 3600.0
-    figure = Figure(figsize=(9.0, 8.0), layout='constrained')
-    FigureCanvasAgg(figure)
+    figure = _figure(8.0)
     place, *panels = figure.subplots(3, 1, sharex=True)
     place.plot(hours, satellite_place(satellite, moments)[1] / DEG)
     place.set_ylabel('elevation [°]')

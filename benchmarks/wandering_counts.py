@@ -32,7 +32,7 @@ from encoder_sim.geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.following import Following
-from pointing_model.observing.sequencer import SECONDS_A_STAR
+from pointing_model.observing.pace import seconds_a_star
 from pointing_model.observing.star_choice import choose_stars
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
@@ -67,7 +67,7 @@ class WanderingNight(Night):
         for block, (count, check) in enumerate(PLAN):
             chosen = [] if check is None else choose_stars(
                 catalogue, now, DEFAULT_SITE, DEFAULT_WEATHER, count, self.seed + block,
-                20.0 * DEG, 85.0 * DEG, 6.0, exclude=seen, duration=count * SECONDS_A_STAR,
+                20.0 * DEG, 85.0 * DEG, 6.0, exclude=seen, duration=count * seconds_a_star(4.0),
                 start=here)
             targets = [StarTarget(catalogue.select([row])) for row in chosen] or [polaris] * count
             for target in targets:

@@ -34,8 +34,8 @@ PARAMS = SKY_PARAMS + (
           'the same moment, as the step clocks measures it: taken off them [s]', -10.0, 10.0),
     Param('clock_rate_arcsec_s', 30.0, 'how fast the axes drift past a star in the step clocks '
           '[arcsec/s]', 1.0, 600.0),
-    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount, to plan how long a track must be '
-          '[deg/s]', 0.01, 90.0),
+    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount: how long a track must be and stars stay '
+          'up, and how far apart they are [deg/s]', 0.01, 90.0),
     Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
           'its message has another unit [deg]', 1e-3, 180.0),
     Param('renew_request_s', 0.2, 'how often the guard is told that the request still holds; 0: '

@@ -22,13 +22,12 @@ from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .exposing import Exposer
 from .holding import Holding
 from .instruments import MOUNT
+from .pace import seconds_a_star, weight_of_slews
 from .plan import POWER_CYCLES
 from .pointing import Standing
 from .star_choice import Limits, choose_stars
 from .zero_choice import ZeroChoice
 
-#: what a star takes, to know that it stays within the limits until its turn, s
-SECONDS_A_STAR = 40.0
 #: the last stars, which `track` does not take again
 LAST_ONES = 10
 #: targets in a row that the guard refuses, after which the plan is given up
@@ -355,8 +354,9 @@ class NightSteps:
             value('magnitude_limit'),
             exclude=[*(self._table.last_stars(LAST_ONES) if again
                        else self._table.stars_since(self.evening)), *self._refused, POLARIS_HIP],
-            duration=0.0 if again else count * SECONDS_A_STAR, start=self._instruments.here,
-            mount=self._out.mount(), limits=self._limits())
+            duration=0.0 if again else count * seconds_a_star(value('slew_rate_deg_s')),
+            start=self._instruments.here, mount=self._out.mount(), limits=self._limits(),
+            slews=weight_of_slews(value('slew_rate_deg_s')))
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _limits(self):
@@ -377,7 +377,7 @@ class NightSteps:
             run=self._instruments.run, evening=self.evening, here=self._instruments.here,
             limits=[self._out.value(name) for name in (
                 'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
-            a_star=SECONDS_A_STAR)
+            a_star=seconds_a_star(self._out.value('slew_rate_deg_s')))
 
     def check_polaris(self):
         """Refuse a plan with Polaris where it does not tell a zero."""

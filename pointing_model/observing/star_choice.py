@@ -85,7 +85,7 @@ ANYWHERE = Limits()
 
 def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
                  min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
-                 start=None, mount=ALTAZ, limits=ANYWHERE):
+                 start=None, mount=ALTAZ, limits=ANYWHERE, slews=1.0):
     """Choose stars all over the sky and put them in observing order.
 
     Parameters
@@ -115,6 +115,8 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
         axes: nearer to the pole the first axis is too fast.
     limits : Limits
         Of its axes.
+    slews : float
+        As of `observing_order`.
 
     Returns
     -------
@@ -161,7 +163,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     chosen = _stratified(az, el, n, min_el, highest, rng)
     first, second = axes_at(mount, az[chosen], el[chosen], limits,
                             stars.hip[bright[good][chosen]])
-    order = observing_order(first, second, rng, start, mount.way)
+    order = observing_order(first, second, rng, start, mount.way, slews)
     return bright[good][chosen[order]]
 
 
@@ -340,7 +342,7 @@ def _fill(chosen, az, el):
         nearness[chosen[k]] = np.inf
 
 
-def observing_order(az, el, rng, start=None, way=ALTAZ.way):
+def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     """Order directions so that slews are short and approaches come from all sides.
 
     Parameters
@@ -352,6 +354,8 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way):
         Where the mount stands before the first, radians.
     way : callable
         ``way(here, there)``: by how much the first axis turns.
+    slews : float
+        What their length counts beside all else; see `pace.weight_of_slews`.
 
     Returns
     -------
@@ -378,7 +382,7 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way):
     from_el = np.append(el, el[0] if start is None else start[1])[:, None]
     move = np.stack([way(from_az, az), el - from_el])
     length = np.abs(move).max(axis=0)
-    length /= length[:n].sum() / (n - 1)
+    length *= slews * (n - 1) / length[:n].sum()
     sign = np.sign(move) / np.sqrt(n)
     if start is None:
         length[n], sign[:, n] = 0.0, 0.0

@@ -1,0 +1,49 @@
+"""What benchmarks import of the project is there: most of them no test runs."""
+
+import ast
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / 'benchmarks'
+OURS = {path.parent.name for path in ROOT.glob('*/__init__.py')}
+NEIGHBOURS = {path.stem for path in FOLDER.glob('*.py')}
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason='benchmarks/ is not here')
+
+
+def imported(path):
+    """(module, name) of each ``from module import name``, wherever it stands."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level == 0:
+            yield from ((node.module, alias.name) for alias in node.names)
+
+
+def defined(path):
+    """Names that stand at the outermost level of a file."""
+    names = set()
+    for node in ast.parse(path.read_text()).body:
+        for part in ast.walk(node):
+            if isinstance(part, (ast.FunctionDef, ast.ClassDef)):
+                names.add(part.name)
+            elif isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
+                names.add(part.id)
+            elif isinstance(part, (ast.Import, ast.ImportFrom)):
+                names.update(alias.asname or alias.name for alias in part.names)
+    return names
+
+
+@pytest.mark.parametrize('path', sorted(FOLDER.glob('*.py')), ids=lambda path: path.stem)
+def test_what_is_imported_is_there(path):
+    for module, name in imported(path):
+        if module in NEIGHBOURS:
+            assert name in defined(FOLDER / f'{module}.py'), f'{module} has no {name}'
+        elif module.split('.')[0] in OURS:
+            try:
+                found = import_module(module)
+            except ModuleNotFoundError as err:  # rclpy, or another package that is not installed
+                assert err.name.split('.')[0] not in OURS, err
+                continue
+            if not hasattr(found, name):
+                import_module(f'{module}.{name}')
