@@ -72,7 +72,7 @@ def render(view, more=''):
         section('Target', targets(data)),
         _effects(view),
         section('What to observe next', page.next_observations(
-            proposals(document), document.get('mount') or 'altaz',
+            proposals(document), view.mount,
             causes_of(document)), page.serves(document), page.no_star(document),
             note='Observations that would best tell causes apart. They are no lower than the rows: '
                  'where the mount may go lower, stars there tell more of what follows the '

@@ -6,7 +6,7 @@ import numpy as np
 
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
-from pointing_model.mounts import KINDS
+from pointing_model.mounts import ALTAZ, KINDS
 
 from ..page.drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
 from ..page.parts import Markup, figure, folded, gains, number, pair, said, table
@@ -289,15 +289,15 @@ def exclusions(excluded, word='row', limit=12):
     return table(['reason', 'count', f'{word}s'], rows)
 
 
-def next_observations(rows, kind='altaz', told=None):
+def next_observations(rows, mount=ALTAZ, told=None):
     """Proposed observations, as tables and on the sky.
 
     Parameters
     ----------
     rows : list of dict
         As `calibration.diagnosis.next_observations.propose` gives them.
-    kind : str
-        Of `pointing_model.mounts.KINDS`: what a motion of its axes is called.
+    mount : Mount
+        Whose kind says what a motion of its axes is called.
     told : dict, optional
         Name of an effect -> its cause in words.
     """
@@ -306,7 +306,7 @@ def next_observations(rows, kind='altaz', told=None):
     groups = {}
     for i, row in enumerate(rows, 1):
         groups.setdefault(tuple(row.get('separates') or ()), []).append((i, row))
-    sky = SkyMap(320, 0.0)
+    kind, sky = mount.kind, SkyMap(320, 0.0, mount)
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])

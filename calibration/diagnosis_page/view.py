@@ -12,7 +12,7 @@ from calibration.diagnosis.summary import correlations, effect_offsets, its_own
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
-from pointing_model.mounts import ALTAZ
+from pointing_model.mounts import ALTAZ, Mount
 
 from ..page.parts import value_and_error
 from ..page.residuals import Residuals
@@ -127,6 +127,7 @@ class View:
     #: of which telescope, when and where; what the angles are through the pole
     about: str = ''
     axes_note: str = ''
+    mount: Mount = ALTAZ
 
     @property
     def residuals(self):
@@ -137,7 +138,8 @@ class View:
             self.axes, self.time, self.groups, noise=None if floor is None else (
                 floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
             before_text='with the terms alone', after_text='with what was found' if self.changed
-            else 'after', turned=self.turned, utc=self.utc, noise_text='all that the model leaves'
+            else 'after', turned=self.turned, utc=self.utc, mount=self.mount,
+            noise_text='all that the model leaves'
             if (self.document.get('wander') or {}).get('slow') else 'noise of the fit')
 
     @property
@@ -209,7 +211,7 @@ def _axes_of(context):
         return {}
     first, second = mount.names.axes
     horizon = ALTAZ.tangents(context.get('azimuth'), context.get('elevation'))
-    return {'axes': (f'{first} × cos {mount.names.letters[1]}', second),
+    return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
             'turned': np.array([[np.sum(own * toward, axis=0) for own in context.tangent()]
                                 for toward in horizon])}
 

@@ -4,6 +4,8 @@ from html import escape
 
 import numpy as np
 
+from pointing_model.mounts import ALTAZ
+
 #: points drawn at most in one panel; the figures beside them are of all rows
 MAX_POINTS = 3000
 #: of a map, where every row is to be found again
@@ -254,6 +256,10 @@ def limit_of(*values):
     return float(max(min(size.max(), 4.0 * np.quantile(size, 0.9)), 1e-3)) * 1.08
 
 
+#: angles of the second and of the first axis that are drawn, deg
+_EACH, _ROUND = np.arange(-60.0, 61.0, 30.0), np.arange(-150.0, 181.0, 30.0)
+
+
 class SkyMap:
     """The sky as a compass lies: zenith in the middle, north up, east to the right.
 
@@ -263,9 +269,11 @@ class SkyMap:
         Of the square drawing.
     lowest : float
         Elevation at the rim, degrees.
+    mount : pointing_model.mounts.Mount
+        Of which another than an alt-azimuth one has its own axes drawn in, in dashes.
     """
 
-    def __init__(self, size, lowest):
+    def __init__(self, size, lowest, mount=ALTAZ):
         self.size, self.centre, self.radius = size, size / 2, size / 2 - 24
         self.lowest = lowest
         self.parts = []
@@ -283,6 +291,33 @@ class SkyMap:
                           f'{_n(c - r)}v{_n(2 * r)}"/>')
         for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
             self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
+        if not mount.altaz:
+            self._axes_of(mount)
+
+    def _axes_of(self, mount):
+        """Lines along which one axis of a mount stands still, each 30 deg; where its pole is."""
+        along, across = np.radians(np.arange(-180.0, 181.0, 3.0)), np.radians(_EACH)
+        lines = [mount.horizon_of(along, angle + 0.0 * along) for angle in across]
+        up = along[np.abs(along) <= 0.5 * np.pi]
+        lines += [mount.horizon_of(angle + 0.0 * up, up) for angle in np.radians(_ROUND)]
+        d = ''
+        for az, el in lines:
+            seen = np.degrees(el) >= self.lowest - 1e-6  # below the rim a line is broken
+            for i, (x, y) in enumerate(zip(*self.place(az, el))):
+                if seen[i]:
+                    d += f'{"L" if i and seen[i - 1] else "M"}{_n(x)} {_n(y)}'
+        self.parts.append(f'<path class="grid axes" d="{d}"/>')
+        one, other = mount.names.letters
+        for first, second, said in (
+                *((0.0, angle, f'{other} {angle:g}°') for angle in _EACH), (0.0, 90.0, 'pole'),
+                (0.0, -90.0, 'pole'),
+                *((angle, 0.0, f'{one} {angle:g}°') for angle in _ROUND if angle)):
+            az, el = mount.horizon_of(*np.radians([first, second]))
+            x, y = self.place(az, el)
+            # those of the elevation stand above the middle
+            if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,
+                                                                y - self.centre) > 12.0:
+                self.parts.append(text(x - 3, y - 3, said, 'axes', anchor='end'))
 
     def place(self, az, el):
         """Drawing coordinates of directions, radians."""

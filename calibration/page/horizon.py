@@ -28,7 +28,7 @@ def on_horizon(run):
 
 
 def of_mount(mount):
-    """What x and y, and the axes, of a mount are called: keywords of `residuals.Residuals`."""
+    """A mount, and what x and y, and its axes, are called: keywords of `residuals.Residuals`."""
     first, second = mount.names.axes
-    return {'axes': (f'{first} × cos {mount.names.letters[1]}', second),
+    return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
             'place_words': (first, second)}

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.diagnosis.summary import histogram
 from pointing_model.effects.base import arcsec
+from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
@@ -61,6 +62,8 @@ class Residuals:
         Whether times are UTC, and not since an arbitrary start.
     noise_text : str
         What `noise` is called: more than noise where something else is in it.
+    mount : pointing_model.mounts.Mount
+        Of the axes.
     """
 
     names: Sequence
@@ -82,6 +85,7 @@ class Residuals:
     place_words: tuple = ('azimuth', 'elevation')
     utc: bool = True
     noise_text: str = 'noise of the fit'
+    mount: Mount = ALTAZ
 
     def __post_init__(self):
         self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)
@@ -199,7 +203,7 @@ def sky_maps(data):
         maps.append(('after', times * scale, f', drawn {times:g} times as large'))
     skies = []
     for when, size, _ in maps:
-        sky = SkyMap(400, lowest)
+        sky = SkyMap(400, lowest, data.mount)
         x, y = data.of(when)[:, drawn]
         names = [f'{data.names[i]}: {number(a, 2, True)}″ {data.axes[0]}, {number(b, 2, True)}″ '
                  f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
@@ -207,6 +211,7 @@ def sky_maps(data):
         skies.append(sky)
     out, margins = [], np.ceil(np.max([sky.beyond for sky in skies], axis=0))
     margins += 3.0 * (margins > 0.0)
+    dashed = f', dashed each 30° of {" and ".join(data.mount.names.axes)}' * (not data.mount.altaz)
     for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
@@ -218,7 +223,7 @@ def sky_maps(data):
             'longer than drawn.' if sky.shortened else ''
         out.append(figure(
             svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margins),
-            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation.{longer}', when))
+            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation{dashed}.{longer}', when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
                         f'before and after on one scale.{some}</p>')

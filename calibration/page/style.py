@@ -56,7 +56,9 @@ li { max-width:90ch; overflow-wrap:anywhere }
 figure { margin:8px 0 14px; break-inside:avoid }
 svg { display:block; width:100%; height:auto; font-family:inherit; break-inside:avoid }
 .frame,.rim { fill:none; stroke:var(--rim) }
-.grid { fill:none; stroke:var(--grid) } .zero { stroke:var(--zero); fill:none }
+.grid { fill:none; stroke:var(--grid) }
+.grid.axes { stroke:var(--rim); stroke-width:.7; stroke-dasharray:2 3 }
+text.axes { font-size:9px; fill:var(--soft) } .zero { stroke:var(--zero); fill:none }
 .tick { font-size:11px; fill:var(--soft) }
 .strong { fill:var(--ink); paint-order:stroke; stroke:var(--card); stroke-width:3px }
 .label { font-size:12px; fill:var(--ink); fill-opacity:.85 }

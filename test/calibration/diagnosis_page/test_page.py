@@ -420,9 +420,39 @@ def test_equatorial_words_on_the_page():
     assert not any((row['driver'] or '').endswith(('_az', '_el')) for row in rows)
 
 
+GERMAN = Mount.equatorial(34.0 * DEG, 'german')
+
+
+def _axes_drawn(sky):
+    """Ends of the lines along which an axis stands still, shape (n, 2), and what is said there."""
+    lines = [part for part in sky.parts if 'class="grid axes"' in part]
+    ends = [np.array(xy.split(), float) for path in lines
+            for xy in re.findall(r'[ML](-?[0-9.]+ -?[0-9.]+)', path)]
+    said = {one[3]: np.array([float(one[1]), float(one[2])]) for part in sky.parts
+            if (one := re.search(r'class="axes".* x="(.*)" y="(.*)">(.*)<', part))}
+    return np.array(ends), said
+
+
+@pytest.mark.parametrize('lowest', [0.0, 30.0])
+def test_a_map_of_an_equatorial_mount_has_its_axes(lowest):
+    sky = SkyMap(400, lowest, GERMAN)
+    ends, said = _axes_drawn(sky)
+    distance = np.hypot(*(ends - sky.centre).T)
+    assert len(ends) > 200 and distance.max() <= sky.radius + 0.1
+    # all hour circles meet at the pole, due north at the elevation of the latitude
+    pole = np.array(sky.place(0.0, 34.0 * DEG))
+    assert np.sum(np.hypot(*(ends - pole).T) < 0.1) == 12
+    assert np.hypot(*(said['pole'] - pole)) < 6.0 and said['δ 30°'][1] < said['δ 0°'][1]
+    assert said['h -30°'][0] > sky.centre > said['h 30°'][0]  # rising in the east
+
+
+def test_a_map_of_an_altazimuth_mount_has_none():
+    assert _axes_drawn(SkyMap(400, 0.0))[0].size == 0
+
+
 def test_next_observations_of_an_equatorial_mount():
     row = {'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1,
            'through_pole': True, 'separates': ['a', 'b']}
-    text = next_observations([row], 'german')
+    text = next_observations([row], GERMAN)
     assert 'through the pole, eastward, toward larger readings' in text
-    assert 'through the pole' not in next_observations([{**row, 'through_pole': False}], 'german')
+    assert 'through the pole' not in next_observations([{**row, 'through_pole': False}], GERMAN)
