@@ -16,6 +16,8 @@ import pytest
 
 from telescope_mount.threads import ONE_THREAD
 
+from . import few_folds
+
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
 
 # hundreds of processes are started: without bytecode each compiles what all others have compiled,
@@ -307,7 +309,7 @@ def cli(ros_domain, tmp_path_factory):
 
     def start(*args):
         return subprocess.Popen(
-            [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
+            [sys.executable, few_folds.__file__, *map(str, args)], cwd=home,
             env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE, text=True,
             # a suite in the background of a script ignores Ctrl-C, and its children would too
@@ -327,36 +329,10 @@ def cli(ros_domain, tmp_path_factory):
 
 @pytest.fixture(scope='session', autouse=True)
 def few_partitions():
-    """Cross-validation over few partitions into few folds, few flips, in this process: a third of
-    the time.
-
-    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Three
-    folds are the fewest that leave most rows in, and 2 partitions the fewest that have a scatter;
-    the rule for more of them has a test of its own. Of a p of 0.01, 499 flips leave 0.004.
-    """
-    from calibration import harmonic_fit
-    from calibration.diagnosis import diagnosis, validation
-    choices = harmonic_fit.cross_validated
+    """Cross-validation over few partitions, here; `cli` has its processes do as much."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(validation, 'PARTITIONS', 2)
-        patch.setattr(validation, 'MOST_PARTITIONS', 3)
-        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', 3)
-        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', 499)
-        patch.setattr(choices, '__defaults__', (*choices.__defaults__[:-1], 3))
+        few_folds.patched(patch.setattr, patch.setitem)
         yield
-
-
-@pytest.fixture(autouse=True)
-def folds_of_a_user(request, monkeypatch):
-    """What `few_partitions` leaves as it is: where processes diagnose, to the bit the same."""
-    if 'cli' in request.fixturenames:
-        from calibration import harmonic_fit
-        from calibration.diagnosis import constants, diagnosis
-        choices = harmonic_fit.cross_validated
-        monkeypatch.setattr(
-            choices, '__defaults__', (*choices.__defaults__[:-1], harmonic_fit.FOLDS))
-        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FOLDS)
-        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', constants.FLIPS)
 
 
 @pytest.fixture
