@@ -55,7 +55,9 @@ def pytest_cmdline_main(config):
 
 def pytest_configure(config):
     """Each process begins its collection at another folder, so that it finds most files compiled
-    by the others: to rewrite the assertions of all takes 5 s."""
+    by the others: to rewrite the assertions of all takes 5 s. What it collects is no garbage."""
+    if WORKER:
+        gc.disable()
     places = [Path(arg) for arg in config.args]
     ignored = config.option.ignore or config.option.ignore_glob  # would not hold for arguments
     if WORKER and not ignored and len(places) == 1 and places[0].is_dir():
@@ -69,6 +71,7 @@ def pytest_configure(config):
 def pytest_collection_finish():
     """What has been collected stays: the garbage collector need not go through it each time."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -333,6 +336,18 @@ def few_partitions():
     with pytest.MonkeyPatch.context() as patch:
         few_folds.patched(patch.setattr, patch.setitem)
         yield
+
+
+@pytest.fixture
+def short_diagnosis(monkeypatch):
+    """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no rivals
+    with companions of their own. A quarter of the time, where a test asks what becomes of the
+    result; how it is found the tests of calibration/diagnosis ask."""
+    from calibration.diagnosis import apart, diagnosis, rechosen, work
+    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
+    monkeypatch.setattr(rechosen, 'MOST_TRIED', 0)
+    for module in (apart, work):
+        monkeypatch.setattr(module, 'smooths', lambda context: [])
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from calibration.diagnosis.diagnosis import diagnose
 from calibration.live_apart import LiveApart
 from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED, Homing
@@ -289,13 +288,8 @@ def stars(n, climb=0.0, checks=0, spread=1.0):
         'check': 1.0 * (np.arange(n) >= n - checks)})
 
 
-@pytest.fixture
-def no_folds(monkeypatch):
-    """Neither the calibration nor who verifies it cross-validates: most of a diagnosis."""
-    monkeypatch.setitem(diagnose.__kwdefaults__, 'cross_validation', False)
-
-
-def test_what_was_taken_back_is_taken_back_again(no_folds):
+@pytest.mark.usefixtures('short_diagnosis', 'nothing_expected')
+def test_what_was_taken_back_is_taken_back_again():
     # the zero climbs until the first judges have looked, and is back when the next do
     k = np.arange(120)
     run = stars(120, 9.0 * np.minimum(k / 79, 1.0) * (k < 95), checks=40)
@@ -311,7 +305,8 @@ def test_what_was_taken_back_is_taken_back_again(no_folds):
     assert differences(rows) == []
 
 
-def test_stars_that_were_asked_for_are_asked_for_again(no_folds):
+@pytest.mark.usefixtures('short_diagnosis', 'nothing_expected')
+def test_stars_that_were_asked_for_are_asked_for_again():
     run = stars(32, spread=0.25)
     # of the line of sight or the azimuth encoder, 4 times a turn: 24 stars do not tell
     run.columns['az_enc'] += 2.0 * ARCSEC * np.sin(4.0 * run['az'] + 1.0) / np.cos(run['el'])
