@@ -4,6 +4,7 @@ Each process of the suite has a ROS domain of its own, each test a private conte
 """
 
 import fcntl
+import functools
 import gc
 import os
 import signal
@@ -335,6 +336,15 @@ def few_partitions():
     """Cross-validation over few partitions, here; `cli` has its processes do as much."""
     with pytest.MonkeyPatch.context() as patch:
         few_folds.patched(patch.setattr, patch.setitem)
+        yield
+
+
+@pytest.fixture(scope='session', autouse=True)
+def one_parser():
+    """The parser of all commands once, as in a process of a user."""
+    from telescope_mount import parsing
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parsing, 'make_parser', functools.cache(parsing.make_parser))
         yield
 
 

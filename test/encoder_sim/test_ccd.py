@@ -31,13 +31,12 @@ def test_light_is_the_sum_of_all_bars(params):
     angle = 200.3 * BAR_ANGLE
     expected = np.full(p.pixels, 250.0 - p.base)
     scale = p.bar_pitch / (math.pi * 79e-3 / 1080)
-    for bar in range(150, 251):
+    for bar in range(175, 226):  # what a row sees, and more
         centre = 0.5 * (p.pixels - 1) + (bar - 200.3) * p.bar_pitch
         half = 0.5 * (0.075e-3 if Disc().bits[bar] else 0.149e-3) * scale
-        for x in range(p.pixels):
-            if abs(x - centre) < 200:
-                step = [math.erf((x - centre + s * half) / math.sqrt(2) / p.blur) for s in (1, -1)]
-                expected[x] -= p.contrast * 0.5 * (step[0] - step[1])
+        for x in range(max(int(centre) - 100, 0), min(int(centre) + 100, p.pixels)):
+            step = [math.erf((x - centre + s * half) / math.sqrt(2) / p.blur) for s in (1, -1)]
+            expected[x] -= p.contrast * 0.5 * (step[0] - step[1])
     assert camera.light(angle)[0] == pytest.approx(expected, abs=0.01)
 
 
@@ -248,4 +247,4 @@ def test_the_track_is_closed(changes):
     angles = np.concatenate([np.linspace(-20.0, 20.0, 60) * BAR_ANGLE, [0.0]])
     before, after = camera.light(angles - 1e-7), camera.light(angles + 1e-7)
     assert np.abs(after - before).max() < 0.05
-    assert camera.light(angles + 2 * np.pi) == pytest.approx(camera.light(angles), abs=1e-3)
+    np.testing.assert_allclose(camera.light(angles + 2 * np.pi), camera.light(angles), atol=1e-3)
