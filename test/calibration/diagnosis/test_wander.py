@@ -117,7 +117,7 @@ def test_an_even_drift_has_a_rate_and_a_share():
 # --- what the diagnosis says of it ---------------------------------------------------------------
 
 
-def nights_that_wander(seed, n=24, size=0.0):
+def nights_that_wander(seed, n=18, size=0.0):
     """Four nights whose elevation zero walks at random; beside that, a backlash."""
     rng = np.random.default_rng(seed)
     return [night(40 + 10 * seed + i, n=n, effect=lambda c: (
