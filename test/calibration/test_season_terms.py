@@ -74,7 +74,7 @@ def test_the_likelihood_is_that_of_the_whole_covariance():
 
 def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
     walks, scatters, chi = [], [], []
-    for trial in range(5):
+    for trial in range(8):
         rng = np.random.default_rng([5, trial])
         nights = season(rng, 60)
         told = told_of(nights)
@@ -89,7 +89,7 @@ def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
     assert np.median(walks, axis=0)[0] == pytest.approx(1.0, abs=0.15)
     assert np.all(np.median(walks, axis=0)[1:] < 0.1)
     assert np.median(scatters, axis=0)[1:] == pytest.approx([3.0, 2.0], rel=0.15)
-    assert 5.6 < np.sum(chi) < 29.3  # 15 on the average; 1.5 % on either side
+    assert 11.5 < np.sum(chi) < 41.4  # 24 on the average; 1.5 % on either side
 
 
 def test_hindsight_agrees_with_the_weighted_mean_of_terms_that_stay():
@@ -102,7 +102,7 @@ def test_hindsight_agrees_with_the_weighted_mean_of_terms_that_stay():
 
 def test_a_season_that_only_wanders_has_no_cause():
     claimed = 0
-    for trial in range(4):
+    for trial in range(6):
         nights = season(np.random.default_rng([11, trial]), 20)
         told = told_of(nights)
         claimed += bool(choose_causes(told, candidates(nights, told.days))[0])

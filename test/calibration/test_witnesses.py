@@ -355,7 +355,7 @@ def test_polaris_alone_will_do():
 
 def test_quiet_nights_are_quiet():
     reports = [check_witnesses(night(1000 + s, (9.0, 4.0)), night(5000 + s, start=-DAY))
-               for s in range(12)]
+               for s in range(15)]
     assert sum(bool(report.alarms) for report in reports) <= 1
     pulls = np.array([[c.absolute / c.absolute_sigma for c in r.changes] for r in reports])
     assert 0.75 < pulls.std() < 1.25 and abs(pulls.mean()) < 0.4
