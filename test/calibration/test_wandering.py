@@ -222,8 +222,8 @@ def test_what_the_blind_stars_have_seen_decides_too():
 
 
 def test_of_many_rows_some_are_enough():
-    path = walk_of(7, 0.4, 1016)
-    rows = night(8, path, stars=1000)
+    path = walk_of(7, 0.4, 616)
+    rows = night(8, path, stars=600)
     follows = followed(rows)
     assert list(follows.axes) == ['el']
     assert follows.axes['el'].step / ARCSEC == pytest.approx(0.4, rel=0.5)
