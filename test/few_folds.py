@@ -15,14 +15,13 @@ import sys
 def patched(setattr, setitem):
     """Put them in the place of those that a user has."""
     from calibration import harmonic_fit, sky_model, solves
-    from calibration.diagnosis import diagnosis, of_terms, validation
+    from calibration.diagnosis import diagnosis, validation
     choices = harmonic_fit.cross_validated
     setattr(validation, 'PARTITIONS', 2)
     setattr(validation, 'MOST_PARTITIONS', 3)
     setitem(diagnosis.diagnose.__kwdefaults__, 'folds', 3)
     setitem(diagnosis.diagnose.__kwdefaults__, 'flips', 299)
     setattr(solves, '_TRIES', 60)
-    setattr(of_terms, 'FOLDS', 3)
     setattr(sky_model, 'FOLDS', 4)
     setattr(choices, '__defaults__', (*choices.__defaults__[:-1], 3))
 
