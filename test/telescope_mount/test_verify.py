@@ -340,6 +340,7 @@ def test_stars_that_were_asked_for_are_asked_for_again():
     assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
     run = stars(100, checks=60)
     session, rows = session_of(run, 80)
@@ -352,6 +353,7 @@ def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
     assert differences(rows) == []
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_reports_of_fits_that_were_refused_are_passed_over():
     def refuse(report):
         reported(rows, report)
