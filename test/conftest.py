@@ -4,6 +4,7 @@ Each process of the suite has a ROS domain of its own, each test a private conte
 """
 
 import fcntl
+import functools
 import gc
 import os
 import signal
@@ -15,6 +16,8 @@ from pathlib import Path
 import pytest
 
 from telescope_mount.threads import ONE_THREAD
+
+from . import few_folds
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
 
@@ -53,7 +56,9 @@ def pytest_cmdline_main(config):
 
 def pytest_configure(config):
     """Each process begins its collection at another folder, so that it finds most files compiled
-    by the others: to rewrite the assertions of all takes 5 s."""
+    by the others: to rewrite the assertions of all takes 5 s. What it collects is no garbage."""
+    if WORKER:
+        gc.disable()
     places = [Path(arg) for arg in config.args]
     ignored = config.option.ignore or config.option.ignore_glob  # would not hold for arguments
     if WORKER and not ignored and len(places) == 1 and places[0].is_dir():
@@ -67,6 +72,7 @@ def pytest_configure(config):
 def pytest_collection_finish():
     """What has been collected stays: the garbage collector need not go through it each time."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -307,7 +313,7 @@ def cli(ros_domain, tmp_path_factory):
 
     def start(*args):
         return subprocess.Popen(
-            [sys.executable, '-m', 'telescope_mount.cli', *map(str, args)], cwd=home,
+            [sys.executable, few_folds.__file__, *map(str, args)], cwd=home,
             env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE, text=True,
             # a suite in the background of a script ignores Ctrl-C, and its children would too
@@ -327,36 +333,31 @@ def cli(ros_domain, tmp_path_factory):
 
 @pytest.fixture(scope='session', autouse=True)
 def few_partitions():
-    """Cross-validation over few partitions into few folds, few flips, in this process: a third of
-    the time.
-
-    What is chosen hardly depends on them, and how sure the figure is `benchmarks/` show. Three
-    folds are the fewest that leave most rows in, and 2 partitions the fewest that have a scatter;
-    the rule for more of them has a test of its own. Of a p of 0.01, 499 flips leave 0.004.
-    """
-    from calibration import harmonic_fit
-    from calibration.diagnosis import diagnosis, validation
-    choices = harmonic_fit.cross_validated
+    """Cross-validation over few partitions, here; `cli` has its processes do as much."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(validation, 'PARTITIONS', 2)
-        patch.setattr(validation, 'MOST_PARTITIONS', 3)
-        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', 3)
-        patch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', 499)
-        patch.setattr(choices, '__defaults__', (*choices.__defaults__[:-1], 3))
+        few_folds.patched(patch.setattr, patch.setitem)
         yield
 
 
-@pytest.fixture(autouse=True)
-def folds_of_a_user(request, monkeypatch):
-    """What `few_partitions` leaves as it is: where processes diagnose, to the bit the same."""
-    if 'cli' in request.fixturenames:
-        from calibration import harmonic_fit
-        from calibration.diagnosis import constants, diagnosis
-        choices = harmonic_fit.cross_validated
-        monkeypatch.setattr(
-            choices, '__defaults__', (*choices.__defaults__[:-1], harmonic_fit.FOLDS))
-        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'folds', constants.FOLDS)
-        monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'flips', constants.FLIPS)
+@pytest.fixture(scope='session', autouse=True)
+def one_parser():
+    """The parser of all commands once, as in a process of a user."""
+    from telescope_mount import parsing
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(parsing, 'make_parser', functools.cache(parsing.make_parser))
+        yield
+
+
+@pytest.fixture
+def short_diagnosis(monkeypatch):
+    """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no rivals
+    with companions of their own. A quarter of the time, where a test asks what becomes of the
+    result; how it is found the tests of calibration/diagnosis ask."""
+    from calibration.diagnosis import apart, diagnosis, rechosen, work
+    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
+    monkeypatch.setattr(rechosen, 'MOST_TRIED', 0)
+    for module in (apart, work):
+        monkeypatch.setattr(module, 'smooths', lambda context: [])
 
 
 @pytest.fixture

@@ -261,7 +261,7 @@ def test_erratum_9_pixels_a_bar_by_their_number_and_by_their_widths():
 
 @pytest.mark.parametrize('scale, most', [(48, 0.018), (60, 0.009)])
 def test_erratum_10_equation_12_is_one_bar_off_where_bars_are_wide(scale, most):
-    (centres, literal, _), _, _ = image_errors(paper_readers(scale), scale, 1500)
+    (centres, literal, _), _, _ = image_errors(paper_readers(scale), scale, 800)
     off = np.abs(literal) > GROSS
     assert 0.0 < np.mean(off) < most
     assert np.abs(literal[off]) == pytest.approx(1200.0, abs=40.0)

@@ -3,6 +3,7 @@
 import copy
 import json
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def effects(time):
 @pytest.fixture(scope='module')
 def results():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('satellite_search.DATES', 8)  # a night in six weeks shows the season too
+        patch.setattr('satellite_search.DATES', 6)  # a night in two months shows the season too
         return {r.name: r for r in candidate_report(GPS)}
 
 
@@ -150,13 +151,18 @@ def test_effect_of_a_mount_is_that_of_the_rotation(time, effects, name):
 # the search
 
 
+@cache
+def tracks_of_a_day():
+    return _tracks(GPS, [GPS.epoch], DEFAULT_SITE, DEFAULT_WEATHER, Assumptions())
+
+
 def _search(tracks, candidate):
     return _Search(tracks, candidate, polaris_effects(DEFAULT_SITE, DEFAULT_WEATHER), PAPER,
                    Assumptions())
 
 
 def test_arc_numbers_are_those_of_the_samples():
-    tracks = _tracks(GPS, [GPS.epoch], DEFAULT_SITE, DEFAULT_WEATHER, Assumptions())
+    tracks = tracks_of_a_day()
     candidate = BY_NAME['time error and CA']
     arcs = _search(tracks, candidate).arcs
     size = np.array([0.2, 7.0])
@@ -173,7 +179,7 @@ def test_arc_numbers_are_those_of_the_samples():
 
 @pytest.mark.parametrize('name', ['time error', 'AW', 'along the orbit'])
 def test_intervals_are_those_of_trying_every_size(name):
-    tracks = _tracks(GPS, [GPS.epoch], DEFAULT_SITE, DEFAULT_WEATHER, Assumptions())
+    tracks = tracks_of_a_day()
     search = _search(tracks, BY_NAME[name])
     sizes = np.linspace(-8.0, 8.0, 999)[:, None] * (0.1 if name != 'AW' else 1.0)
     for intervals, score in ((search.one_after(), search.after_score),
@@ -212,7 +218,7 @@ def test_an_invented_cause_is_found_again(time):
 
 
 def test_sizes_of_two_at_once_give_the_numbers():
-    tracks = _tracks(GPS, [GPS.epoch], DEFAULT_SITE, DEFAULT_WEATHER, Assumptions())
+    tracks = tracks_of_a_day()
     search = _search(tracks, BY_NAME['servo lag'])
     before, after = search.two_before(), search.two_after()
     assert len(before) > 1000 and np.isfinite(search.before_score(before[::7])).any(axis=1).all()
@@ -236,7 +242,7 @@ def test_windows_are_those_of_ten_samples_and_the_zero():
 
 
 def test_one_night_needs_before_to_end_before_after():
-    tracks = _tracks(GPS, [GPS.epoch], DEFAULT_SITE, DEFAULT_WEATHER, Assumptions())
+    tracks = tracks_of_a_day()
     search = _search(tracks, BY_NAME['time error'])
     size = np.array([[0.16]])
     before = np.isfinite(search.before_score(size))[0]

@@ -30,6 +30,7 @@ def test_the_terms_come_back(name):
 
 
 @pytest.mark.parametrize('name', UNDECLARED)
+@pytest.mark.usefixtures('short_diagnosis')
 def test_what_nobody_declared_is_named(name):
     wanted = undeclared(scenario_files(name)[0]['text'])['shows_as']
     result = diagnose(night(load_scenario(name), seed=2), cross_validation=False, seed=2)

@@ -31,6 +31,8 @@ sys.path.append(str(Path(__file__).parent))
 
 from desk import MOUNT, START, Desk, rows
 
+pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
+
 
 def test_a_zero_is_refused_with_a_reason_until_polaris_was_seen(graph):
     desk = Desk(graph)

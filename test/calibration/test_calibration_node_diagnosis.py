@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
-from calibration.diagnosis import diagnosis
 from calibration.session import CalibrationSession
 from msg_tools import topics
 from msg_tools.units import ARCSEC
@@ -26,13 +25,7 @@ sys.path.append(str(Path(__file__).parent))
 
 from desk import START, Desk, rows
 
-pytestmark = pytest.mark.usefixtures('nothing_expected')
-
-
-@pytest.fixture(autouse=True)
-def no_folds(monkeypatch):
-    """Cross-validation takes half of a diagnosis and is no matter of the node."""
-    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
+pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 
 
 def eccentric(run):

@@ -90,6 +90,7 @@ def by_nights(count):
     return parts
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_fits_of_night_after_night_are_that_of_all_at_once():
     parts, slowly, at_once = by_nights(18), CalibrationSession(), CalibrationSession()
     for number, part in enumerate(parts, 1):
@@ -106,6 +107,7 @@ def test_fits_of_night_after_night_are_that_of_all_at_once():
     assert np.shape(report['correlations']) == (CORRELATED, CORRELATED)
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_a_night_that_changes_is_computed_anew():
     parts = by_nights(3)
     own = CalibrationSession()
@@ -122,6 +124,7 @@ def test_a_night_that_changes_is_computed_anew():
         assert now['az_arcsec'] - then['az_arcsec'] == moved
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_checks_are_of_the_harmonics_that_are_published(monkeypatch):
     def fit(own, degree):
         """As if that one predicted best."""

@@ -106,6 +106,7 @@ def test_german_robotic_mount_as_one_model():
     assert fit_terms(run).rms_arcsec().radial == pytest.approx(20.5, abs=0.3)
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_an_effect_of_an_axis_and_one_of_gravity_are_found():
     def disc(a, e):
         return 8.0 * np.sin(2.0 * a) * np.cos(e)
@@ -188,6 +189,7 @@ def test_mistakes_beyond_the_pole_are_named():
         check_columns(mistaken(run, az=h, el=d, az_enc=turned, el_enc=folded))
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_page_and_result_go_by_the_axes_of_the_mount(tmp_path):
     from calibration.diagnosis_page.page import write_report
 

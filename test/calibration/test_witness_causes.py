@@ -17,7 +17,7 @@ APART, SECOND, QUIET, SIZE = 0.06, 0.4, 0.5, 20.0
 WITNESS, GAP = np.hypot(SECOND, QUIET), np.hypot(APART, QUIET * np.sqrt(2.0))
 
 
-def named(jumps, rng, n=4000):
+def named(jumps, rng, n=1500):
     """How often each cause is named, where (incremental, absolute, mount) jump so far."""
     inc, second, mount = (value + usual * rng.normal(size=n)
                           for value, usual in zip(jumps, (QUIET, QUIET, 0.0)))

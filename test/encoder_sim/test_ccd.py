@@ -31,13 +31,12 @@ def test_light_is_the_sum_of_all_bars(params):
     angle = 200.3 * BAR_ANGLE
     expected = np.full(p.pixels, 250.0 - p.base)
     scale = p.bar_pitch / (math.pi * 79e-3 / 1080)
-    for bar in range(150, 251):
+    for bar in range(175, 226):  # what a row sees, and more
         centre = 0.5 * (p.pixels - 1) + (bar - 200.3) * p.bar_pitch
         half = 0.5 * (0.075e-3 if Disc().bits[bar] else 0.149e-3) * scale
-        for x in range(p.pixels):
-            if abs(x - centre) < 200:
-                step = [math.erf((x - centre + s * half) / math.sqrt(2) / p.blur) for s in (1, -1)]
-                expected[x] -= p.contrast * 0.5 * (step[0] - step[1])
+        for x in range(max(int(centre) - 100, 0), min(int(centre) + 100, p.pixels)):
+            step = [math.erf((x - centre + s * half) / math.sqrt(2) / p.blur) for s in (1, -1)]
+            expected[x] -= p.contrast * 0.5 * (step[0] - step[1])
     assert camera.light(angle)[0] == pytest.approx(expected, abs=0.01)
 
 
@@ -153,11 +152,12 @@ def test_dust_before_the_ccd_stays_and_dust_on_the_disc_moves():
     left = ccd(ccd_dust=3, dust_size=60.0).light(angles) / ccd().light(angles)
     assert left[0] == pytest.approx(left[1], abs=1e-5)
     assert left[0].min() < 1e-4 and 170.0 < np.sum(1.0 - left[0]) < 181.0  # two overlap
-    on_disc = ccd(disc_dust=200, dust_size=60.0)
+    on_disc = ccd(disc_dust=80, dust_size=60.0)
     frames = on_disc.light([0.7, 0.7 + BAR_ANGLE])
     assert (frames[0] < 20.0).any()
     assert frames[1, :-48] == pytest.approx(frames[0, 48:], abs=0.05)
-    assert np.mean(on_disc.light(np.linspace(0, 6.28, 60)) < 20.0) == pytest.approx(0.17, abs=0.04)
+    dark = np.mean(on_disc.light(np.linspace(0, 6.28, 60)) < 20.0)
+    assert dark == pytest.approx(0.075, abs=0.02)
 
 
 def test_dust_of_single_frames():
@@ -248,4 +248,4 @@ def test_the_track_is_closed(changes):
     angles = np.concatenate([np.linspace(-20.0, 20.0, 60) * BAR_ANGLE, [0.0]])
     before, after = camera.light(angles - 1e-7), camera.light(angles + 1e-7)
     assert np.abs(after - before).max() < 0.05
-    assert camera.light(angles + 2 * np.pi) == pytest.approx(camera.light(angles), abs=1e-3)
+    np.testing.assert_allclose(camera.light(angles + 2 * np.pi), camera.light(angles), atol=1e-3)

@@ -324,7 +324,7 @@ def test_stars_wander_more_the_lower_they_are_and_neighbours_together(sky):
     az, el, frames = sky
     layers = AirLayers(lean=0.6 * DEG, correlation_time=600.0)
     spread = []
-    for seed in range(20):
+    for seed in range(12):
         wandering, level = (Camera(Scenario(layers=a), seed, start=NIGHT - 3000.0).expose(
             np.full(len(az), NIGHT * 10**9), frames).miss for a in (layers, AirLayers()))
         spread.append(wandering - level)

@@ -270,6 +270,6 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
         read(table(f'time,{HEADER},star,fan', *rows[:23], (*rows[23][:6], '"'), *rows[24:]))
 
 
-def test_a_table_of_a_million_columns_is_refused_at_once(read):
-    with pytest.raises(ValueError, match='1000004 columns, at most 1000 are read'):
-        read(table(HEADER + ''.join(f',c{i}' for i in range(1_000_000)), (0, 45, 0, 45)))
+def test_a_table_of_many_columns_is_refused_at_once(read):
+    with pytest.raises(ValueError, match='100004 columns, at most 1000 are read'):
+        read(table(HEADER + ''.join(f',c{i}' for i in range(100_000)), (0, 45, 0, 45)))

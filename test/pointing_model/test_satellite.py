@@ -228,7 +228,7 @@ def test_shadow_and_sun():
 
 def test_sun_shines_on_the_day_side():
     iss = parse_elements([_with_checksum(line) for line in ISS])
-    time = START + np.arange(0.0, 86400.0, 120.0)
+    time = START + np.arange(0.0, 86400.0, 240.0)
     lit = in_sunlight(iss, time)
     day, night = np.zeros((2, len(time)), bool)
     for latitude, longitude in itertools.product((-45.0, 0.0, 45.0), np.arange(0.0, 360.0, 40.0)):

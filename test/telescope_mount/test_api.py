@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis import diagnosis
 from telescope_mount import apply, diagnose, fit, read_run
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -133,8 +132,9 @@ def test_a_model_is_applied_back_and_forth(notebook, tmp_path):
     assert back == pytest.approx(np.array([[10.0, 200.0], [40.0, 40.0]]), abs=1e-9)
 
 
-def test_a_diagnosis_is_that_of_the_command(notebook, ended, tmp_path):
-    found = notebook['found']
+@pytest.mark.usefixtures('short_diagnosis')
+def test_a_diagnosis_is_that_of_the_command(ended, tmp_path):
+    found = diagnose(MMT)
     code, _, _ = ended('diagnose', str(MMT), '--json', str(tmp_path / 'found.json'))
     assert code == 0
     assert json.loads(json.dumps(found.document)) == json.loads(
@@ -145,9 +145,9 @@ def test_a_diagnosis_is_that_of_the_command(notebook, ended, tmp_path):
     assert found.rms_after_arcsec == pytest.approx(np.sqrt(np.mean(np.sum(kept**2, axis=0))))
 
 
-def test_several_runs_and_a_holdout(notebook, monkeypatch):
+@pytest.mark.usefixtures('short_diagnosis')
+def test_several_runs_and_a_holdout():
     """Of one mount, as paths or as runs; what is held out is judged."""
-    monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
     rows = read_run(MMT)
     odd = np.arange(len(rows)) % 2 == 1
     found = diagnose([rows.select(~odd)], 'index', holdout=rows.select(odd))

@@ -88,11 +88,12 @@ def test_package_data_is_installed(prefix):
     assert not (site / 'test').exists()
 
 
-#: starts executables with what all need imported already: none of the package's own, and each of
+#: starts executables with what most need imported already: none of the package's own, and each of
 #: them in a process of its own
 START = """
 import os, runpy, sys
-import numpy, scipy.optimize, rclpy
+import asyncio, erfa, numpy, scipy.optimize, rclpy.executors, rclpy.node
+import geometry_msgs.msg, rcl_interfaces.srv, sensor_msgs.msg, visualization_msgs.msg
 folder, out, *names = sys.argv[1:]
 for name in names:
     child = os.fork()

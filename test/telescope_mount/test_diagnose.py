@@ -92,6 +92,7 @@ def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
     assert '…' not in out
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_days_in_one_file_are_told_apart(tmp_path, capsys):
     path = night(tmp_path / 'days.csv', 4, n=80)
     run = read_run(path)
@@ -154,6 +155,7 @@ def test_an_outlier_is_named_by_its_line_and_does_not_set_the_headline(tmp_path,
         assert '218.' not in out.replace('RMS with it 218.', '')
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
     run = rewritten(night(tmp_path / 'run.csv', 1, 8.0),
                     lambda i, e: (float('nan') if i % 5 < 2 else e,), ['el_enc_deg'])

@@ -38,7 +38,7 @@ def german_csv(tmp_path_factory):
 
 
 def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypatch):
-    monkeypatch.setitem(choose_to_predict.__kwdefaults__, 'folds', 4)
+    monkeypatch.setitem(choose_to_predict.__kwdefaults__, 'folds', 3)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Chosen to predict', 'HHSH2',
@@ -67,6 +67,7 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypa
     assert set(refused) | {'mount', 'mount_axes'} == set(plain) and refused['readings']
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_diagnose_names_the_axis(ended, german_csv, tmp_path):
     _, out, _ = ended('diagnose', german_csv, '--json', tmp_path / 'found.json')
     assert 'hour angle encoder, 2 per turn' in out

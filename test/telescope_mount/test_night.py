@@ -195,9 +195,9 @@ def test_a_killed_node_ends_the_night_with_one_line_and_a_readable_log(tmp_path)
 
 def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     out = tmp_path / 'night'
-    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 5000)
+    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 1000)
     with child:
-        wait_for_lines(child, 'zero 5000')
+        wait_for_lines(child, 'zero 1000')
         nodes = nodes_of(child.pid)
         assert set(nodes.values()) == PROCESSES
         segments = {name for pid in nodes for name in segments_of(pid)}

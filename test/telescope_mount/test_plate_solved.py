@@ -61,6 +61,7 @@ def test_noise_acts_on_both_alike(night, tmp_path):
     assert np.abs((solved.coefficients - missed.coefficients) / sigma).max() < 0.02
 
 
+@pytest.mark.usefixtures('short_diagnosis')
 def test_fit_and_diagnose_take_the_file(night, tmp_path, ended):
     path = write(tmp_path / 'solved.csv', columns_of(night))
     code, out, err = ended('fit', path)

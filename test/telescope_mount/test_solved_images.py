@@ -1,6 +1,8 @@
 """Runs from FITS images with a WCS, by the keywords that a small YAML maps."""
 
+import shutil
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,10 +53,11 @@ def header_of(ra, dec, begin, az_enc, el_enc, scale=1.2, roll=0.3, parity=-1, **
         'TELESCOP': 'one', 'SITELAT': '+34:18:00.0', **more})
 
 
-@pytest.fixture
-def folder(tmp_path):
+@pytest.fixture(scope='module')
+def images(tmp_path_factory):
     """24 images without pixels that matter, and their YAML."""
     from astropy.io import fits
+    folder = tmp_path_factory.mktemp('images')
     rng = np.random.default_rng(4)
     time = START + np.arange(24) * 600.0
     az, el = rng.uniform(0, 2 * np.pi, 24), rng.uniform(25, 75, 24) * DEG
@@ -62,9 +65,15 @@ def folder(tmp_path):
     az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
     for i in range(24):
         header = header_of(ra[i], dec[i], time[i] - 20.0, az_enc[i], el_enc[i])
-        fits.writeto(tmp_path / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), header)
-    (tmp_path / 'mount.yaml').write_text(YAML)
-    return tmp_path
+        fits.writeto(folder / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), header)
+    (folder / 'mount.yaml').write_text(YAML)
+    return folder
+
+
+@pytest.fixture
+def folder(images, tmp_path):
+    """A copy of them."""
+    return Path(shutil.copytree(images, tmp_path, dirs_exist_ok=True))
 
 
 def change(folder, number, drop=(), **cards):

@@ -12,7 +12,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from calibration.diagnosis.diagnosis import diagnose
 from calibration.live_apart import LiveApart
 from calibration.session import CalibrationSession
 from calibration.witnesses import UNJUDGED, Homing
@@ -65,8 +64,13 @@ def flip(topic, number, offset):
     return change
 
 
-def test_a_night_is_the_same_to_the_bit(night):
-    report = verify_log(night / 'bag')
+@pytest.fixture(scope='module')
+def verified(night):
+    return verify_log(night / 'bag')
+
+
+def test_a_night_is_the_same_to_the_bit(verified):
+    report = verified
     assert report['differences'] == [] and report['unchecked'] == []
     # 8 stars and 4 exposures of Polaris, twice; two zeros and that of the model
     rows = ('enc of observation', 'rate of observation', 'offset')
@@ -91,10 +95,10 @@ def test_a_log_in_which_time_went_back_is_refused_in_one_line(night, tmp_path):
     assert main(['verify', str(bag)]) == 2
 
 
-def test_a_node_that_was_logged_late(night, tmp_path):
+def test_a_node_that_was_logged_late(night, verified, tmp_path):
     late = ('/mount/camera/miss_distance', '/mount/absolute/joint_states')
     bag = rewrite(night / 'bag', tmp_path / 'bag', lambda topic, data: data, late=late)
-    assert verify_log(bag) == verify_log(night / 'bag')
+    assert verify_log(bag) == verified
 
 
 @pytest.mark.parametrize('topic, number, offset, kinds', [
@@ -289,13 +293,8 @@ def stars(n, climb=0.0, checks=0, spread=1.0):
         'check': 1.0 * (np.arange(n) >= n - checks)})
 
 
-@pytest.fixture
-def no_folds(monkeypatch):
-    """Neither the calibration nor who verifies it cross-validates: most of a diagnosis."""
-    monkeypatch.setitem(diagnose.__kwdefaults__, 'cross_validation', False)
-
-
-def test_what_was_taken_back_is_taken_back_again(no_folds):
+@pytest.mark.usefixtures('short_diagnosis', 'nothing_expected')
+def test_what_was_taken_back_is_taken_back_again():
     # the zero climbs until the first judges have looked, and is back when the next do
     k = np.arange(120)
     run = stars(120, 9.0 * np.minimum(k / 79, 1.0) * (k < 95), checks=40)
@@ -311,7 +310,8 @@ def test_what_was_taken_back_is_taken_back_again(no_folds):
     assert differences(rows) == []
 
 
-def test_stars_that_were_asked_for_are_asked_for_again(no_folds):
+@pytest.mark.usefixtures('short_diagnosis', 'nothing_expected')
+def test_stars_that_were_asked_for_are_asked_for_again():
     run = stars(32, spread=0.25)
     # of the line of sight or the azimuth encoder, 4 times a turn: 24 stars do not tell
     run.columns['az_enc'] += 2.0 * ARCSEC * np.sin(4.0 * run['az'] + 1.0) / np.cos(run['el'])
@@ -340,6 +340,7 @@ def test_stars_that_were_asked_for_are_asked_for_again(no_folds):
     assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
     run = stars(100, checks=60)
     session, rows = session_of(run, 80)
@@ -352,6 +353,7 @@ def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
     assert differences(rows) == []
 
 
+@pytest.mark.usefixtures('nothing_expected')
 def test_reports_of_fits_that_were_refused_are_passed_over():
     def refuse(report):
         reported(rows, report)

@@ -15,7 +15,7 @@ from pointing_model.terms import PHYSICAL, stacked_design
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
-FAST = {'flips': 499, 'cross_validation': False}
+FAST = {'flips': 299, 'cross_validation': False}
 
 
 def night(seed, n=60, effect=None, noise=None, terms=TRUTH):

@@ -117,22 +117,22 @@ def test_an_even_drift_has_a_rate_and_a_share():
 # --- what the diagnosis says of it ---------------------------------------------------------------
 
 
-def nights_that_wander(seed, n=30, size=0.0):
-    """Five nights whose elevation zero walks at random; beside that, a backlash."""
+def nights_that_wander(seed, n=18, size=0.0):
+    """Four nights whose elevation zero walks at random; beside that, a backlash."""
     rng = np.random.default_rng(seed)
     return [night(40 + 10 * seed + i, n=n, effect=lambda c: (
         0.5 * size * ARCSEC * c['approach_az'], np.cumsum(rng.normal(size=n)) * ARCSEC))
-        for i in range(5)]
+        for i in range(4)]
 
 
 def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
-    result = diagnose(nights_that_wander(3), flips=299, cross_validation=False)
+    result = diagnose(nights_that_wander(3), **FAST)
     assert result.verdict == 'wanders' and not result.effects
     assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
     _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
     assert not any('looks like noise' in s for s in sentences)
     # what the mount has on all nights stays
-    result = diagnose(nights_that_wander(3, size=8.0), flips=299)
+    result = diagnose(nights_that_wander(3, size=8.0))
     assert any('azimuth_hysteresis' in name for name in names(result))
     assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
 
@@ -209,8 +209,7 @@ def cot(c):
 def test_members_of_a_set_are_no_farther_apart_than_the_rows_say():
     # against the noise from row to row alone two of refraction were 606 and 127 apart
     for seed, rival in ((400, 'refraction_cube'), (406, 'second_flexure')):
-        result = diagnose(night(seed, n=40, effect=cot, noise=walk), flips=499,
-                          cross_validation=False)
+        result = diagnose(night(seed, n=40, effect=cot, noise=walk), **FAST)
         first, last = result.next_observations[0], result.next_observations[-1]
         assert first['separates'] == ['refraction', rival]
         assert first['separation_before'] <= 6.0
@@ -218,7 +217,7 @@ def test_members_of_a_set_are_no_farther_apart_than_the_rows_say():
 
 
 def test_what_wanders_on_one_axis_is_no_cause_of_what_the_other_has():
-    result = diagnose(night(404, n=40, effect=cot, noise=walk), flips=499, cross_validation=False)
+    result = diagnose(night(404, n=40, effect=cot, noise=walk), **FAST)
     assert names(result) == ['refraction']  # beside an azimuth zero that walks
     assert not any(name.startswith('azimuth') for name in result.effects[0].alternatives)
 

@@ -1,6 +1,7 @@
 """Exposures on a mount that swings: they count when it was on its track all the time."""
 
 import sys
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -34,14 +35,22 @@ class SoftMount(Live):
         if self.track is not None:
             self.driven += np.clip(self._at(self.track, self.stamp) - self.driven,
                                    -SPEED * STEP, SPEED * STEP)
+        self.position, self.velocity = self._swing @ [
+            self.position, self.velocity, before, self.driven]
+
+    @cached_property
+    def _swing(self):
+        """Position and velocity a step later: each the sum of so much of both, and of the drive
+        before and after."""
+        position, velocity, before, driven = np.eye(4)
         omega, h = 2.0 * np.pi * self.frequency, STEP / SUB
         for i in range(SUB):
-            drive = before + (self.driven - before) * (i + 1) / SUB
-            rate = (self.driven - before) / STEP
-            pull = omega**2 * (drive - self.position) + 2.0 * self.damping * omega * (
-                rate - self.velocity)
-            self.velocity = self.velocity + h * pull
-            self.position = self.position + h * self.velocity
+            drive = before + (driven - before) * (i + 1) / SUB
+            rate = (driven - before) / STEP
+            pull = omega**2 * (drive - position) + 2.0 * self.damping * omega * (rate - velocity)
+            velocity = velocity + h * pull
+            position = position + h * velocity
+        return np.array([position, velocity])
 
     def tick(self):
         super().tick()
@@ -57,7 +66,7 @@ class SoftMount(Live):
             found = np.hypot(*mean) < 0.3 * DEG and np.ptp(images, axis=0).max() < 0.05 * DEG
             self.seen = self.seen[-1:]
             self._try(self.instruments.take_frame, (stamps[0] + stamps[-1]) // 2,
-                      *(mean + self.noise.normal(0.0, ARCSEC, 2) if found else (np.nan, np.nan)))
+                      *(mean + ARCSEC * next(self.noise) if found else (np.nan, np.nan)))
 
 
 def radial(exposure, stars=8, **changes):
