@@ -15,9 +15,11 @@ tears. Beyond the tables the values are extrapolated and the uncertainty says so
   on; before 1960 there was no UTC, the time is understood as universal time, 0 +- 0.5 s.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
 from mmap import ACCESS_READ, mmap
+from operator import mul
 
 import astropy_iers_data
 import erfa
@@ -208,25 +210,28 @@ def clock_and_pole(time, apart):
     """
     day = time // DAY
     second = time - day * DAY
-    both = second + np.array([-0.5 * apart, 0.5 * apart])
-    around = _rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
-    if around is None:
-        there = day * DAY + both
+    julian = erfa.DJM0 + MJD_1970 + day
+    rows = _rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
+    if rows is None:
+        there = day * DAY + second + np.array([-0.5 * apart, 0.5 * apart])
         orientation = earth_orientation(there)
-        return (erfa.DJM0 + MJD_1970 + day, terrestrial(time)[1],
+        return (julian, terrestrial(time)[1],
                 erfa.ufunc.utcut1(*split_utc(there), orientation.dut1)[1],
                 orientation.xp, orientation.yp)
-    tai_utc, rows = around
-    ut1_tai, xp, yp = (_weights(second, apart) @ rows).T
-    return (erfa.DJM0 + MJD_1970 + day, (second + tai_utc + erfa.TTMTAI) / DAY,
-            (both + (ut1_tai + tai_utc)) / DAY, xp, yp)
+    tai_utc = rows[1][0]
+    _, *columns = zip(*rows)
+    ut1_tai, xp, yp = [[sum(map(mul, weights, column)) for weights in _weights(second, apart)]
+                       for column in columns]
+    begin = second + tai_utc
+    return (julian, (begin + erfa.TTMTAI) / DAY,
+            [(begin + ut1_tai[0] - 0.5 * apart) / DAY, (begin + ut1_tai[1] + 0.5 * apart) / DAY],
+            xp, yp)
 
 
 @lru_cache(maxsize=64)
 def _weights(second, apart):
-    """Of four rows, for two times `apart` about a second of the day, shape (2, 4)."""
-    both = 1.0 + np.array([second - 0.5 * apart, second + 0.5 * apart]) / DAY
-    return np.stack(_lagrange(both), axis=1)
+    """Of four rows, for each of two times `apart` about a second of the day."""
+    return [_lagrange(1.0 + (second + half) / DAY) for half in (-0.5 * apart, 0.5 * apart)]
 
 
 def extrapolate(mjd, rows):
@@ -350,24 +355,21 @@ def _tables():
     return header, int(_C04_FIRST) + lines - 1, float(_A_FIRST + low)
 
 
-@lru_cache(maxsize=400)
 def _rows_around(mjd):
-    """TAI-UTC at 0h of a day, and UT1-TAI (s), xp and yp (rad) of the four around it, (4, 3).
+    """Of the four days around one, as `_row`; None where the tables begin and end.
 
-    None where the tables begin and end. For four rows faster than `_rows`.
+    For four rows faster than `_rows`.
     """
     if not _C04_FIRST < mjd <= _tables()[2] - 2:
         return None
-    rows = [_row(day) for day in range(mjd - 1, mjd + 3)]
-    return rows[1][0], np.array([row[1:] for row in rows])
+    return _row(mjd - 1), _row(mjd), _row(mjd + 1), _row(mjd + 2)
 
 
 @lru_cache(maxsize=1600)  # the next night asks for three of these four days again
 def _row(day):
     """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
     header, end, _ = _tables()
-    _leap_seconds()
-    tai_utc = float(_tai_utc(float(day), 0.0))
+    since, seconds = _whole_seconds()
     path, columns, width, begin = (
         (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
          header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
@@ -379,7 +381,19 @@ def _row(day):
         raise _damaged(error) from None
     if of_day != day:
         raise _misplaced(day, day)
+    tai_utc = seconds[bisect_right(since, day) - 1] if day >= since[0] else float(
+        _tai_utc(float(day), 0.0))
     return tai_utc, dut1 - tai_utc, xp * ARCSEC, yp * ARCSEC
+
+
+@lru_cache(maxsize=1)
+def _whole_seconds():
+    """MJD from which each whole TAI-UTC holds, and it, s."""
+    _leap_seconds()
+    table = erfa.leap_seconds.get()
+    table = table[table['year'] >= 1972]
+    _, mjd = erfa.ufunc.cal2jd(table['year'], table['month'], 1)[:2]
+    return mjd.tolist(), table['tai_utc'].tolist()
 
 
 @lru_cache(maxsize=2)

@@ -10,6 +10,7 @@ same in every process and whatever was asked before, and so is the answer.
 
 import math
 from functools import lru_cache
+from operator import mul
 
 import erfa
 import numpy as np
@@ -102,39 +103,35 @@ def full_frame(time, site):
 @lru_cache(maxsize=2000)
 def _cell(number, site):
     """Numbers of astrom in the middle of a cell, their growth in a second, and when that is."""
-    geocentre, geocentre_grows, turning = _geocentre(number)
-    middle, grows = geocentre.copy(), geocentre_grows.copy()
-    sp, angle, xp, yp = turning
+    geocentre, geocentre_grows, (sp, angle, xp, yp) = _geocentre(number)
     ends = erfa.ufunc.apio(sp, angle, site.longitude, site.latitude, site.height, xp, yp, 0.0, 0.0)
-    one, other = ends.view(float).reshape(2, -1)[:, _OF_SITE:]
-    change = np.subtract(other, one, out=grows[_OF_SITE:])
-    change[_TURN] = wrap(float(change[_TURN]))
-    np.multiply(change, 0.5, out=middle[_OF_SITE:])
-    middle[_OF_SITE:] += one
-    change *= 1.0 / _APART
-    return middle, grows, (number + 0.5) * GRID
+    ends = ends.view(float).tolist()
+    one = ends[_OF_SITE:_FIELDS]
+    change = [after - before for before, after in zip(one, ends[_FIELDS + _OF_SITE :])]
+    change[_TURN] = wrap(change[_TURN])
+    return (np.array([*geocentre, *(a + 0.5 * c for a, c in zip(one, change))]),
+            np.array([*geocentre_grows, *(c / _APART for c in change)]), (number + 0.5) * GRID)
 
 
+# few numbers: plain floats are faster than arrays
 @lru_cache(maxsize=20_000)  # a year has 4400
 def _geocentre(number):
     """As `_cell`, of the geocentre; then what a site needs: sp, and at two times angle and pole."""
     day, tt, ut1, xp, yp = clock_and_pole((number + 0.5) * GRID, _APART)
     astrom, _ = erfa.ufunc.apci13(day, tt)
     century = (day - erfa.DJ00 + tt) / erfa.DJC
-    middle = np.frombuffer(astrom)
-    # few numbers: plain floats are faster than arrays
-    numbers = middle.tolist()
-    velocity = [v * _LIGHT for v in numbers[_V]]
-    from_sun, (distance,) = numbers[_EH], numbers[_EM]
-    away = sum(v * e for v, e in zip(velocity, from_sun))
-    grows = np.zeros(_FIELDS)
-    grows[_PMT] = 1.0 / (erfa.DAYSEC * erfa.DJY)
-    grows[_EB], grows[_EM] = velocity, away
+    middle = np.frombuffer(astrom, count=_OF_SITE).tolist()
+    velocity = [v * _LIGHT for v in middle[_V]]
+    from_sun, (distance,) = middle[_EH], middle[_EM]
+    away = sum(map(mul, velocity, from_sun))
+    grows = [0.0] * _OF_SITE
+    grows[_PMT] = 1.0 / (erfa.DAYSEC * erfa.DJY),
+    grows[_EB], grows[_EM] = velocity, (away,)
     grows[_EH] = [(v - away * e) / distance for v, e in zip(velocity, from_sun)]
     grows[_V] = _fall(from_sun, distance, century)
     # the origin does not rotate about the pole: its path is all the turn that there is
     x, y = _path_of_pole(day, tt, century)
-    bpn = numbers[_BPN]
+    bpn = middle[_BPN]
     first, second, third = bpn[:3], bpn[3:6], bpn[6:]
     grows[_BPN] = [*(-x * v for v in third), *(-y * v for v in third),
                    *(x * v + y * w for v, w in zip(first, second))]
