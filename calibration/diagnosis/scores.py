@@ -10,7 +10,9 @@ from pointing_model.effects.base import known
 
 from .constants import AGREES, DISTINCT, LIVE
 
-_CHUNK = 64  # groups that are scored at a time
+_CHUNK = 64  # columns that are looked through at a time
+#: bytes of the bases that are at work at a time, and groups of which they are at least
+_NEAR, _FEW = 4_000_000, 8
 
 
 @dataclass
@@ -115,21 +117,20 @@ class Bank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        for d, groups in self._by_size:
-            index = (self._start[groups][:, None] + np.arange(d)).ravel()
-            white = state.white(self.columns[index])
-            length = np.sqrt(np.einsum('ij,ij->i', white, white))
-            white /= np.where(length > 0.0, length, 1.0)[:, None]
-            basis = state.basis.off(white, in_place=True).reshape(len(groups), d, -1)
-            dof = np.empty(len(groups), int)
-            for k in range(0, len(groups), _CHUNK):  # of many rows all at once take much memory
-                part = basis[k:k + _CHUNK]
-                values, vectors = np.linalg.eigh(part @ part.transpose(0, 2, 1))
+        for d, all_groups in self._by_size:
+            # what is at work at a time stays near the processor where rows are many
+            step = max(_FEW, _NEAR // (self.columns[0].nbytes * d))
+            for groups in np.split(all_groups, np.arange(step, len(all_groups), step)):
+                index = (self._start[groups][:, None] + np.arange(d)).ravel()
+                white = state.white(self.columns[index])
+                length = np.sqrt(np.einsum('ij,ij->i', white, white))
+                white /= np.where(length > 0.0, length, 1.0)[:, None]
+                basis = state.basis.off(white, in_place=True).reshape(len(groups), d, -1)
+                values, vectors = np.linalg.eigh(basis @ basis.transpose(0, 2, 1))
                 keep = values > DISTINCT**2
                 factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
-                part[:] = (vectors * factor[:, None, :]).transpose(0, 2, 1) @ part
-                dof[k:k + _CHUNK] = keep.sum(axis=1)
-            yield groups, basis, dof
+                yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ basis,
+                       keep.sum(axis=1))
 
     def score(self, state, gains_only=False):
         """Score all groups on what a state leaves.
@@ -153,11 +154,8 @@ class Bank:
         for groups, basis, k in self.bases(state):
             if not gains_only:
                 bases.append((groups, basis, k))
-            ratio = np.empty((len(groups), 2))
-            for i in range(0, len(groups), _CHUNK):  # of many rows all at once take much memory
-                part = basis[i:i + _CHUNK]
-                left = np.square(r - np.einsum('gd,gdi->gi', part @ r, part))
-                ratio[i:i + _CHUNK] = left.reshape(-1, 2, n).sum(axis=2) / rss
+            left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
+            ratio = left.reshape(-1, 2, n).sum(axis=2) / rss
             cost = (k + self.scan_cost[groups]) * np.log(live)
             gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
             dof[groups] = k
