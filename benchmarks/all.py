@@ -5,10 +5,10 @@
     python benchmarks/all.py --part fit,sky --json figures.json
 
 Ratio: how many times as fast as the peer, or as the limit; both are measured in the same run, in
-turns, one numeric thread, best of the rounds. A full run is judged by `history.json`: a line whose
-ratio is slower by a quarter than there in each of three runs one after the other makes it end with
-code 1, as a limit that is missed does. `--record` writes what was measured beside a peer into the
-history; seconds beside a limit are those of the machine.
+turns, one numeric thread, best of the rounds. A full run is judged by `history.json`, which has the
+ratios by kind of processor: a line whose ratio is slower by a quarter than there in each of three
+runs one after the other makes it end with code 1, as a limit that is missed does. `--record` writes
+what was measured beside a peer into the history; seconds beside a limit are those of the machine.
 Peers come with the extras `bench` and `test`; one that is missing leaves its place empty.
 """
 
@@ -24,19 +24,14 @@ from telescope_mount.threads import ONE_THREAD
 os.environ.update(ONE_THREAD)  # before numpy comes
 
 from compared import PARTS
+from history import SLOWER, History
 from race import show
 
 HISTORY = Path(__file__).with_name('history.json')
 #: the curves of cost belong to a full run
 KNOWN = (*PARTS, 'curves')
-#: a ratio that is slower by so much, in so many runs, is a step back
-SLOWER, RUNS = 0.25, 3
-
-
-def slower(rows, history):
-    """Keys of those whose ratio is below the history's by more than a quarter."""
-    return {row.key for row in rows if row.ratio is not None and row.key in history
-            and row.ratio < history[row.key] / (1.0 + SLOWER)}
+#: runs in which a ratio must be slower to be a step back
+RUNS = 3
 
 
 def measure(parts, full, say):
@@ -68,14 +63,14 @@ def main():
     def say(text):
         print(f'# {text}', file=sys.stderr, flush=True)
     rows = measure(parts, args.full, say)
-    history = json.loads(args.history.read_text())['ratios'] if args.history.exists() else {}
-    fallen = slower(rows, history) if args.full else set()
+    history = History(args.history)
+    fallen = history.slower(rows) if args.full else set()
     for number in range(RUNS - 1):
         if not fallen:
             break
         say(f'slower than in the history, run {number + 2} of {RUNS}: ' + '; '.join(fallen))
         again = {key.split(' | ')[0] for key in fallen}
-        fallen &= slower(measure([p for p in parts if p in again], args.full, say), history)
+        fallen &= history.slower(measure([p for p in parts if p in again], args.full, say))
     curves = []
     if curved:
         from curves import measure_curves
@@ -90,10 +85,7 @@ def main():
         args.json.write_text(json.dumps({'rows': [row.document() for row in rows], 'curves': [
             curve.document() for curve in curves]}, indent=1) + '\n')
     if args.record:
-        known = history | {row.key: round(row.ratio, 3) for row in rows
-                           if row.ratio is not None and not row.peer.startswith('limit')}
-        args.history.write_text(json.dumps({'ratios': dict(sorted(known.items()))}, indent=1)
-                                + '\n')
+        history.record(rows)
     missed = [row for row in rows if row.met is False] + [c for c in curves if not c.met]
     return int(args.full and bool(fallen or missed))
 

@@ -151,7 +151,8 @@ class Mount:
         ----------
         other : Mount
         """
-        return self.kind == other.kind and np.allclose(self.frame, other.frame, rtol=0.0, atol=SAME)
+        return self.kind == other.kind and (self.frame == other.frame or np.allclose(
+            self.frame, other.frame, rtol=0.0, atol=SAME))
 
     @property
     def latitude(self):

@@ -59,12 +59,22 @@ def test_growth_is_that_beyond_the_fixed_cost(power, met):
     assert not memory.met
 
 
-def test_a_ratio_a_quarter_below_the_history_is_a_step_back(monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
-    if importlib.util.find_spec('rich') is None:
-        pytest.skip('rich is not installed')
-    judged = load('all')
-    rows = [race.Row('fit', name, '30', 1.0, 'katpoint', ratio)
-            for name, ratio in (('same', 1.0), ('little', 0.85), ('much', 0.7), ('new', 0.1))]
-    history = {f'fit | {name} | 30 | katpoint': 1.0 for name in ('same', 'little', 'much')}
-    assert judged.slower(rows, history) == {'fit | much | 30 | katpoint'}
+def test_a_ratio_a_quarter_below_that_of_its_processor_is_a_step_back(tmp_path, monkeypatch):
+    history = load('history')
+    path = tmp_path / 'history.json'
+
+    def rows(**ratios):
+        return [race.Row('fit', name, '30', 1.0, 'katpoint', ratio)
+                for name, ratio in ratios.items()]
+    monkeypatch.setattr(history, 'processor', lambda: 'mine')
+    history.History(path).record(rows(same=1.0, little=1.0, much=1.0, rare=1.0)[:3])
+    monkeypatch.setattr(history, 'processor', lambda: 'yours')
+    history.History(path).record(rows(same=3.0, little=3.0, much=0.5, rare=3.0))
+    monkeypatch.setattr(history, 'processor', lambda: 'mine')
+    assert history.History(path).slower(rows(same=1.0, little=0.85, much=0.7, new=0.1)) == {
+        'fit | much | 30 | katpoint'}
+    # where this kind of processor has not been seen, the slowest that was counts
+    assert history.History(path).slower(rows(rare=2.5)) == set()
+    monkeypatch.setattr(history, 'processor', lambda: 'new')
+    assert history.History(path).slower(rows(same=0.7, much=0.41, rare=2.3)) == {
+        'fit | same | 30 | katpoint', 'fit | rare | 30 | katpoint'}

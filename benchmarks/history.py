@@ -1,0 +1,59 @@
+"""Ratios of earlier runs by processor, and what has become slower than they were.
+
+How ours stands to a peer differs from processor to processor by up to a quarter (what numpy does
+with wide vectors, the peer does not): a run is judged by those of its own kind, and on a new kind
+by the lowest of all.
+"""
+
+import json
+import platform
+from pathlib import Path
+
+#: a ratio that is slower by so much is a step back
+SLOWER = 0.25
+
+
+def processor():
+    """What is known of this machine's processor: its name and numpy's widest vectors on it."""
+    name = platform.processor() or platform.machine()
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+        name = next(line.split(':', 1)[1].strip() for line in lines
+                    if line.startswith('model name'))
+    except (OSError, StopIteration):
+        pass
+    import numpy as np
+    found = np.show_config(mode='dicts').get('SIMD Extensions', {}).get('found', [])
+    return ', '.join([name, *found[-1:]])
+
+
+class History:
+    """Ratios by processor.
+
+    Parameters
+    ----------
+    path : Path
+        JSON; what is not there yet is empty.
+    """
+
+    def __init__(self, path):
+        self._path, self._here = path, processor()
+        self._of = json.loads(path.read_text())['ratios'] if path.exists() else {}
+
+    def ratio(self, key):
+        """What a line is judged by; None where nothing is known of it."""
+        known = [ratios[key] for ratios in self._of.values() if key in ratios]
+        return self._of.get(self._here, {}).get(key, min(known, default=None))
+
+    def slower(self, rows):
+        """Keys of the rows (`race.Row`) whose ratio is below by more than a quarter."""
+        return {row.key for row in rows if row.ratio is not None
+                and row.ratio < (self.ratio(row.key) or 0.0) / (1.0 + SLOWER)}
+
+    def record(self, rows):
+        """Write those of this processor beside a peer; seconds beside a limit are the machine's."""
+        here = self._of.setdefault(self._here, {})
+        here |= {row.key: round(row.ratio, 3) for row in rows
+                 if row.ratio is not None and not row.peer.startswith('limit')}
+        self._of[self._here] = dict(sorted(here.items()))
+        self._path.write_text(json.dumps({'ratios': self._of}, indent=1) + '\n')
