@@ -18,6 +18,7 @@ from .bag.provenance import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
+from .readiness import AWAITED
 from .running import run_node
 from .topics import Topic
 
@@ -169,7 +170,10 @@ class McapLogger(MountNode):
                 self._suspect.discard(name)
             self._tell_gaps(name, counter)
         if self.value('provenance') and not self._recorder.error:
+            before = self._collector.awaited
             self._collector.step()
+            if before and not self._collector.awaited:
+                self.announce()  # who waits for a whole log need not wait for the next second
 
     def _appeared(self, name, types):
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
@@ -271,7 +275,8 @@ class McapLogger(MountNode):
         """Where the log is, and what was lost of whom."""
         recorder = self._recorder
         rows = [('folder', Path(recorder.bag.folder).name), ('file', recorder.bag.file.name),
-                ('messages written', str(recorder.written)), ('state', recorder.state)]
+                ('messages written', str(recorder.written)), ('state', recorder.state),
+                (AWAITED, str(len(self._collector.awaited)))]
         return rows + [
             (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')
             for name, (_, counter) in self._recorded.items() if counter.gaps]

@@ -11,6 +11,8 @@ PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence numbe
 #: a row for itself: since it came to rest nothing came or went; when that changes, and it comes to
 #: rest again, a node says so within so many seconds
 RESTS, REST = 'rests', 0.35
+#: a row of the logger: nodes whose parameters are to come yet
+AWAITED = 'awaited'
 
 #: first letters of nodes that hear `command` and drive nothing
 _HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2cli', 'foxglove_',
@@ -58,16 +60,19 @@ def parse(status):
     -------
     dict
         ``{PUBLISHES: {topic: matched}, SUBSCRIBES: ..., PUBLISHED: {topic: messages},
-        LAST: {topic: sequence number}, RESTS: bool}``.
+        LAST: {topic: sequence number}, RESTS: bool, AWAITED: nodes}``.
     """
-    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}, RESTS: False}
+    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}, RESTS: False, AWAITED: 0}
     for row in status.values:
         if row.key == RESTS:
             out[RESTS] = row.value == 'True'
             continue
+        if row.key == AWAITED:
+            out[AWAITED] = int(row.value) if is_count(row.value) else 0
+            continue
         kind, _, topic = row.key.partition(' ')
         # whoever else publishes diagnostics may use such keys for something else
-        if kind in out and topic.startswith('/') and is_count(row.value):
+        if isinstance(out.get(kind), dict) and topic.startswith('/') and is_count(row.value):
             out[kind][topic] = int(row.value)
     return out
 

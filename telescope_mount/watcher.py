@@ -12,7 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
-from msg_tools.readiness import REST, RESTS, GraphReports, unreceived
+from msg_tools.readiness import AWAITED, REST, RESTS, GraphReports, unreceived
 
 from .interrupt import interrupt
 
@@ -149,7 +149,7 @@ class Watcher:
         return self._clients[service]
 
     def wait_for_log(self, nodes, timeout):
-        """Wait until the logger has all that the nodes have published by now.
+        """Wait until the logger has all that the nodes have published by now, and what they are.
 
         A message that says "stop" would overtake data on other topics; sequence numbers do not.
 
@@ -178,7 +178,8 @@ class Watcher:
         if not self.spin_until(lambda: not silent(), timeout):
             raise RuntimeError(f'no diagnostics of {", ".join(silent())} for {timeout:g} s')
         then = dict(self.reports)
-        self.spin_until(lambda: not unreceived(name, self.reports, then), timeout)
+        self.spin_until(lambda: not (unreceived(name, self.reports, then)
+                                     or self.reports[name][AWAITED]), timeout)
         return unreceived(name, self.reports, then)
 
     def close(self):

@@ -8,14 +8,14 @@ from rclpy.parameter import parameter_value_to_python
 
 from ..params import OF_TRUTH
 
-#: calls of `step` after which another node is asked before one that does not answer
-PATIENCE = 20
-#: times that a node is asked
-TRIES = 5
+#: calls of `step` after which an answer counts as lost and is asked for again, then twice as many
+PATIENCE = 2
+#: calls of `step` without an answer after which a log may end without it, and none is asked for
+WAITED_FOR, GIVEN_UP = 16, 500
 
 
 class ParameterCollector:
-    """Asks one node after another, without holding anybody up.
+    """Asks all nodes, without holding anybody up.
 
     Parameters
     ----------
@@ -30,31 +30,24 @@ class ParameterCollector:
         self._node = node
         self._take = take
         self._known = {node.get_fully_qualified_name()}
-        self._waiting = []
-        self._tries = {}
-        self._client = None
-        self._patience = 0
+        self._asked = {}
+
+    @property
+    def awaited(self):
+        """Names of the nodes whose answers are to come: a log that ends now has them not."""
+        return [name for name, asked in self._asked.items()
+                if not asked.ended and asked.steps < WAITED_FOR]
 
     def step(self):
-        """Look for nodes that are new, and ask the next one; call it now and then."""
+        """Look for nodes that are new, and ask again where no answer came; call it now and then."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f'{namespace.rstrip("/")}/{name}'
             if full not in self._known and self._answers(name, namespace, full):
                 self._known.add(full)
-                self._waiting.append(full)
-        if self._client is not None:
-            self._patience -= 1
-            if self._patience < 0:
-                self._drop()
-                if self._tries[self._name] < TRIES:
-                    self._waiting.append(self._name)
-            elif self._ask is not None and self._client.service_is_ready():
-                ask, self._ask = self._ask, None
-                ask()
-        if self._client is None and self._waiting:
-            self._name = self._waiting.pop(0)
-            self._tries[self._name] = self._tries.get(self._name, 0) + 1
-            self._begin(ListParameters, 'list_parameters', ListParameters.Request(), self._listed)
+                self._asked[full] = _Asked(self._node, full, self._take)
+        for full, asked in list(self._asked.items()):
+            if not asked.step():
+                del self._asked[full]
 
     def _answers(self, name, namespace, full):
         try:
@@ -64,17 +57,45 @@ class ParameterCollector:
         there = {service for service, _ in services}
         return {f'{full}/{verb}_parameters' for verb in ('list', 'describe', 'get')} <= there
 
+
+class _Asked:
+    """One node: what its parameters are called, what is said of them, what they are."""
+
+    def __init__(self, node, name, take):
+        self._node, self._name, self._take = node, name, take
+        self._begin(ListParameters, 'list_parameters', ListParameters.Request(), self._listed)
+
+    @property
+    def ended(self):
+        """Whether nothing more comes of it."""
+        return self._client is None
+
+    def step(self):
+        """Ask where nobody has yet or the answer must be lost; whether there is more to come."""
+        if self.ended:
+            return False
+        self.steps += 1
+        if self.steps >= GIVEN_UP:
+            self._drop()
+            return False
+        self._ask()
+        return True
+
     def _begin(self, kind, service, request, then):
         self._client = client = self._node.create_client(kind, f'{self._name}/{service}')
-        self._patience = PATIENCE
+        self.steps, self._next, self._patience = 0, 0, PATIENCE
 
-        def ask():
+        def send():
+            # the first answer counts, to whichever question
             client.call_async(request).add_done_callback(
                 lambda future: client is self._client and then(future.result()))
-        self._ask = ask
-        if client.service_is_ready():
-            self._ask = None
-            ask()
+        self._send = send
+        self._ask()
+
+    def _ask(self):
+        if self.steps >= self._next and self._client.service_is_ready():
+            self._next, self._patience = self.steps + self._patience, 2 * self._patience
+            self._send()
 
     def _drop(self):
         client, self._client = self._client, None
@@ -95,11 +116,9 @@ class ParameterCollector:
                     lambda values: self._got(names, truth, values))
 
     def _got(self, names, truth, answer):
-        name = self._name
         self._drop()
-        self._take(name, {key: as_text(parameter_value_to_python(value))
-                          for key, value in zip(names, answer.values)}, truth)
-        self.step()
+        self._take(self._name, {key: as_text(parameter_value_to_python(value))
+                                for key, value in zip(names, answer.values)}, truth)
 
 
 def as_text(value):

@@ -1,4 +1,4 @@
-"""Parameters of the other nodes, asked one after another."""
+"""Parameters of the other nodes: asked at once, and again where an answer is lost."""
 
 from types import SimpleNamespace
 
@@ -6,15 +6,18 @@ import pytest
 
 pytest.importorskip(
     'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
-from msg_tools.bag.provenance import PATIENCE, TRIES, ParameterCollector
+from msg_tools.bag.provenance import GIVEN_UP, WAITED_FOR, ParameterCollector
 from msg_tools.params import OF_TRUTH
 
 
 class Asker:
-    """Stands for a node that sees two others, of which one is not ready for `deaf` clients."""
+    """Stands for a node that sees two others, of which `slow` is deaf at first.
 
-    def __init__(self, deaf):
-        self.deaf, self.asked = deaf, []
+    It is ready after so many looks, and then loses so many questions.
+    """
+
+    def __init__(self, unready=0, lost=0):
+        self.unready, self.lost, self.asked, self.clients = unready, lost, [], 0
 
     def get_fully_qualified_name(self):
         return '/mount/log'
@@ -28,8 +31,7 @@ class Asker:
 
     def create_client(self, kind, service):
         name, what = service.split('/')[-2:]
-        self.asked.append((name, what))
-        ready = name != 'slow' or sum(n == 'slow' for n, _ in self.asked) > self.deaf
+        self.clients += 1
         if what == 'list_parameters':
             answer = SimpleNamespace(result=SimpleNamespace(names=['rate', 'seed']))
         elif what == 'describe_parameters':
@@ -38,36 +40,58 @@ class Asker:
         else:
             answer = SimpleNamespace(values=[SimpleNamespace(
                 type=2, integer_value=k) for k in (7, 3)])
-        future = SimpleNamespace(result=lambda: answer, add_done_callback=None)
-        future.add_done_callback = lambda then: then(future)
-        return SimpleNamespace(service_is_ready=lambda: ready, call_async=lambda request: future)
+
+        def ready():
+            self.unready -= name == 'slow'
+            return name != 'slow' or self.unready < 0
+
+        def call(request):
+            self.asked.append((name, what))
+            self.lost -= name == 'slow'
+            heard = name != 'slow' or self.lost < 0
+            return SimpleNamespace(result=lambda: answer, add_done_callback=(
+                lambda then: then(SimpleNamespace(result=lambda: answer)) if heard else None))
+        return SimpleNamespace(service_is_ready=ready, call_async=call)
 
     def destroy_client(self, client):
-        pass
+        self.clients -= 1
 
 
-def collected(deaf, monkeypatch):
+def collected(monkeypatch, steps, **deaf):
     from msg_tools.bag import provenance
     monkeypatch.setattr(provenance, 'parameter_value_to_python', lambda v: v.integer_value)
-    node, got = Asker(deaf), {}
+    node, got = Asker(**deaf), {}
 
     def take(name, values, truth):
         assert truth == {'seed'}
         got[name] = values
     collector = ParameterCollector(node, take)
-    for _ in range((PATIENCE + 3) * (TRIES + 2)):
+    for _ in range(steps):
         collector.step()
-    return node, got
+    return node, got, collector
 
 
-def test_a_node_that_is_busy_is_asked_again_after_the_others(monkeypatch):
-    node, got = collected(2, monkeypatch)
-    assert got == dict.fromkeys(
-        ('/mount/quick', '/mount/slow'), {'rate': '7', 'seed': '3'})
-    assert node.asked[:2] == [('slow', 'list_parameters'), ('quick', 'list_parameters')]
+BOTH = dict.fromkeys(('/mount/quick', '/mount/slow'), {'rate': '7', 'seed': '3'})
 
 
-def test_a_node_that_never_answers_is_left_alone(monkeypatch):
-    node, got = collected(10**6, monkeypatch)
-    assert list(got) == ['/mount/quick']
-    assert sum(name == 'slow' for name, _ in node.asked) == TRIES
+def test_all_nodes_are_asked_at_once(monkeypatch):
+    node, got, collector = collected(monkeypatch, 1)
+    assert got == BOTH and node.clients == 0 and not collector.awaited
+
+
+@pytest.mark.parametrize('deaf, steps', [({'unready': 3}, 3), ({'lost': 1}, 2),
+                                         ({'lost': 2}, 2 + 4)])
+def test_a_lost_answer_is_asked_for_again_soon(monkeypatch, deaf, steps):
+    node, got, collector = collected(monkeypatch, steps - 1, **deaf)
+    assert list(got) == ['/mount/quick'] and collector.awaited
+    node, got, collector = collected(monkeypatch, steps, **deaf)
+    assert got == BOTH and not collector.awaited
+
+
+def test_who_never_answers_is_waited_for_a_while_and_asked_more_and_more_seldom(monkeypatch):
+    node, got, collector = collected(monkeypatch, WAITED_FOR + 1, lost=10**6)
+    assert list(got) == ['/mount/quick'] and not collector.awaited and node.clients == 1
+    for _ in range(GIVEN_UP):
+        collector.step()
+    assert node.clients == 0
+    assert sum(name == 'slow' for name, _ in node.asked) == 8  # at 0, 2, 6, 14 ... 254

@@ -16,9 +16,11 @@ def test_parse_takes_endpoint_counts_only():
                     SimpleNamespace(key='last /t', value='9' * 5000),
                     SimpleNamespace(key='', value='')]
     assert parse(rows) == {'publishes': {'/t': 2}, 'subscribes': {'/t': 1},
-                           'published': {'/t': 7}, 'last': {'/t': 9}, 'rests': False}
-    rows.values.append(SimpleNamespace(key='rests', value='True'))
-    assert parse(rows)['rests']
+                           'published': {'/t': 7}, 'last': {'/t': 9}, 'rests': False,
+                           'awaited': 0}
+    rows.values += [SimpleNamespace(key='rests', value='True'),
+                    SimpleNamespace(key='awaited', value='2')]
+    assert parse(rows)['rests'] and parse(rows)['awaited'] == 2
 
 
 def test_complete_when_both_sides_see_each_other():

@@ -65,3 +65,20 @@ def test_the_environment_of_its_graph_is_not_left_behind(ros_domain):
                   lambda: None)
     one.close()
     assert dict(os.environ) == before
+
+
+def test_a_log_is_whole_when_it_knows_the_parameters_of_all_nodes(watcher):
+    from types import SimpleNamespace
+
+    from msg_tools.readiness import parse
+    logger, looks = '/mount/mcap_logger', []
+
+    def report():
+        """As its diagnostics come: for some time the answers of two nodes are missing."""
+        looks.append(watcher.reports.get(logger))
+        watcher.reports[logger] = parse(SimpleNamespace(values=[
+            SimpleNamespace(key='awaited', value=str(max(5 - len(looks), 0)))]))
+    timer = watcher.node.create_timer(0.01, report)
+    assert watcher.wait_for_log([logger], 30.0) == {}
+    timer.cancel()
+    assert looks[-1]['awaited'] == 1 and watcher.reports[logger]['awaited'] == 0
