@@ -165,43 +165,41 @@ def _of_one_mount(run):
     zero += np.median(wrap(away - zero))
     lift = np.median(run['el_enc'] - el)
     place = _vectors(az, el)
-    reading = _vectors(run['az_enc'] - zero, run['el_enc'] - lift)
     rng = np.random.default_rng(0)
     pairs = rng.integers(0, len(run), (_TRIES, 2))
     rows = rng.permutation(len(run))[:_SCORED]
-    best, least = np.eye(3), np.inf
-    for turn in [np.eye(3), *(_rotation(place[p], reading[p]) for p in pairs)]:
-        if turn is None:
-            continue
-        apart = _apart(turn, place[rows], reading[rows])
-        score = np.quantile(apart, _SHARE)
-        if score < least:
-            best, least = turn, score
-    if least > _LOST:
-        return None
-    return _apart(best, place, reading) < max(_NEAR * least, _NEAR_LEAST)
+    best, least = None, _LOST
+    # elevations differ by a zero that is far, but not of a mount that is turned far
+    for zero_el in (lift, 0.0):
+        reading = _vectors(run['az_enc'] - zero, run['el_enc'] - zero_el)
+        turns = np.concatenate((np.eye(3)[None], _rotations(place[pairs], reading[pairs])))
+        scores = np.quantile(_apart(turns, place[rows], reading[rows]), _SHARE, axis=-1)
+        first = int(np.argmin(scores))
+        if scores[first] < least:
+            best, least = _apart(turns[first], place, reading), scores[first]
+    return None if best is None else best < max(_NEAR * least, _NEAR_LEAST)
 
 
 def _vectors(az, el):
     return np.stack((np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)), axis=-1)
 
 
-def _rotation(before, after):
-    """The rotation of two directions to two others, or None where they are too near."""
-    frames = []
-    for first, second in (before, after):
+def _rotations(before, after):
+    """Rotations of pairs of directions, shape (t, 2, 3), to others; not of pairs too near."""
+    frames, apart = [], np.ones(len(before), bool)
+    for first, second in ((pair[:, 0], pair[:, 1]) for pair in (before, after)):
         normal = np.cross(first, second)
-        length = np.linalg.norm(normal)
-        if length < 0.1:
-            return None
-        normal = normal / length
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        apart &= length[:, 0] >= 0.1
+        normal = normal / np.where(length > 0.0, length, 1.0)
         frames.append(np.stack((first, normal, np.cross(first, normal)), axis=-1))
-    return frames[1] @ frames[0].T
+    return (frames[1] @ frames[0].transpose(0, 2, 1))[apart]
 
 
 def _apart(turn, place, reading):
-    return 2.0 * np.arcsin(np.clip(
-        0.5 * np.linalg.norm(place @ turn.T - reading, axis=-1), 0.0, 1.0))
+    """Angles between places as rotations (..., 3, 3) turn them and readings, shape (..., n)."""
+    off = place @ np.swapaxes(turn, -1, -2) - reading
+    return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(off, axis=-1), 0.0, 1.0))
 
 
 def _far(angle):
