@@ -76,8 +76,8 @@ class FrameReader(MountNode):
                          **kwargs)
         self._axes = axes_of({param.name: self.value(param.name) for param in PARAMS})
         self._output = AngleOutput(self, self._axes)
-        self._batch = Batch(self, self._read, lambda: self.value('max_batch'))
-        self.subscribe(topics.ABSOLUTE_FRAME, self._on_frame)
+        self._batch = Batch(self._read, lambda: self.value('max_batch'))
+        self.subscribe(topics.ABSOLUTE_FRAME, self._on_frame, self._batch.finish)
 
     def check_together(self, values):
         """Whether both designs can be read."""

@@ -1,11 +1,9 @@
 """Frames and angles as ROS messages, for every node that reads an absolute encoder."""
 
 import array
-import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.clock import Clock, ClockType
 
 from msg_tools import convert, topics
 
@@ -152,41 +150,29 @@ class AngleOutput:
 
 
 class Batch:
-    """Collects what arrives faster than it is worked on, until the executor has taken it.
+    """Collects what comes at once: one call for many costs less than many calls.
 
-    One call for many costs less than many calls, so a node that fell behind catches up.
+    Its `finish` is what a node's subscription calls `after` the messages that were ready, so that
+    nothing waits for what is not there yet, and a node that fell behind catches up.
 
     Parameters
     ----------
-    node : rclpy.node.Node
     work : callable
-        ``work(items)``, which must not raise.
+        ``work(items)``.
     most : callable
         ``most()`` items at once.
     """
 
-    def __init__(self, node, work, most):
+    def __init__(self, work, most):
         self._work, self._most, self._items = work, most, []
-        self._ended = self._took = 0.0
-        # due at once when it is set, so it runs when the messages that were ready are taken
-        self._timer = node.create_timer(0.0, self.finish, autostart=False,
-                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def add(self, item):
         """Take another one."""
         self._items.append(item)
-        # one that comes long after the last work did not wait for it, nor does another yet
-        if time.monotonic() - self._ended > 0.5 * self._took:
-            self.finish()
-        elif len(self._items) == 1:
-            self._timer.reset()
 
     def finish(self):
-        """Work on what waits, now."""
-        self._timer.cancel()
+        """Work on what has come."""
         items, self._items = self._items, []
-        most, begun = self._most(), time.monotonic()
+        most = self._most()
         for i in range(0, len(items), most):
             self._work(items[i : i + most])
-        self._ended = time.monotonic()
-        self._took = self._ended - begun

@@ -48,9 +48,9 @@ class AbsoluteEncoders(MountedDevice):
         if self.value('publishes') == 'angles':
             self._output = AngleOutput(self, [encoder.reader for encoder in self._encoders])
         self._frame_pub = self.publisher(topics.ABSOLUTE_FRAME if self._output else EVERY_FRAME)
-        self._batch = Batch(self, self._work, lambda: self.value('max_batch'))
+        self._batch = Batch(self._work, lambda: self.value('max_batch'))
         self._power_on = None  # from the first sample of a power-on on
-        self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
+        self.subscribe(topics.TRUTH_JOINTS, self._on_truth, self._batch.finish)
         self.create_service(Trigger, 'absolute/power_cycle', self._on_power_cycle)
 
     def _on_truth(self, message):

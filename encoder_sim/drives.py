@@ -83,6 +83,7 @@ class ShaftCouplings:
         self._wind_up = np.array([one.wind_up for one in both])
         self._distance = np.array([one.distance for one in both])
         self._twist, self._last = np.zeros(2), None
+        self._yields = bool(self._wind_up.any())
 
     def turn(self, angles):
         """Angles of the encoders' shafts when the axes have come to `angles`.
@@ -100,6 +101,8 @@ class ShaftCouplings:
             rad: behind the axes by the twist.
         """
         angles = np.asarray(angles, dtype=float)
+        if not self._yields:
+            return angles
         if self._last is not None and np.isfinite(angles).all():
             way = angles - self._last
             end = np.sign(way) * self._wind_up

@@ -403,31 +403,46 @@ class IncrementalEncoder:
             counts = counts + np.round(p.jitter * noise)
         return counts
 
-    def rate(self, stamp, angle, rate=0.0, temperature=None):
-        """The rate that the electronics tell with the reading of this sample.
+    def only_counts(self, stamps, angles):
+        """Whether nothing but counting happens at samples, shape (n,), as `feed` takes them.
+
+        No mark is near on the way, and the power stays on: what is known of the marks stays as it
+        is.
+        """
+        return (self.homed and not self.params.spurious_index
+                and self._far_from_mark(np.append(angles, self._last[1]))
+                and not (self._cycles and stamps[-1] * 1e-9 - self.start >= self._cycles[0]))
+
+    def rate(self, stamps, angles, rates=0.0, temperature=None):
+        """The rate that the electronics tell with the reading of a sample.
 
         Parameters
         ----------
-        stamp, angle, rate, temperature
-            One sample, as for `feed`, which took it before.
+        stamps, angles, rates, temperature
+            Samples as for `feed`, which took them before.
 
         Returns
         -------
-        float
+        ndarray, shape (n,)
             Counts that have passed in the gate time up to now, over that time, rad/s. NaN where
             there was no reading yet when it began.
         """
         p = self.params
         gate = round(p.rate_gate * 1e9)
-        if self._since is None or stamp - gate < self._since:
-            return np.nan
-        stamps = np.array([stamp - gate, stamp], dtype=np.int64)
+        stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        if self._since is None:
+            return np.full(len(stamps), np.nan)
         # where the axis was then: the head sees nothing else
-        past = angle - rate * (p.latency + np.array([p.rate_gate, 0.0]))
-        temperature = p.reference_temperature if temperature is None else temperature
-        counts = self._counter(
-            stamps, past, rate, temperature, self._volts(stamps * 1e-9 - self.start))
-        return float(np.diff(counts)[0]) * self.count_angle / p.rate_gate
+        rates, temperature = (np.repeat(np.broadcast_to(v, len(stamps)), 2) for v in (
+            rates, p.reference_temperature if temperature is None else temperature))
+        past = np.repeat(angles, 2) - rates * (
+            p.latency + np.tile([p.rate_gate, 0.0], len(stamps)))
+        both = np.repeat(stamps, 2)
+        both[::2] -= gate
+        counts = self._counter(both, past, rates, temperature,
+                               self._volts(both * 1e-9 - self.start))
+        passed = (counts[1::2] - counts[::2]) * self.count_angle / p.rate_gate
+        return np.where(both[::2] >= self._since, passed, np.nan)
 
 
 def _merged(*parts):

@@ -25,7 +25,7 @@ class IncrementalEncoders(MountedDevice):
     def __init__(self, **kwargs):
         super().__init__('incremental_encoder', PARAMS,
                          hardware_id='simulated incremental encoder', **kwargs)
-        self._stamp = self.start
+        self._stamp, self._samples = self.start, []
         self._encoders = self.encoders(IncrementalEncoder, self.scenario.incremental)
         self._couplings = ShaftCouplings(self.scenario.coupling)
         self._decimator = Decimator()
@@ -36,27 +36,52 @@ class IncrementalEncoders(MountedDevice):
         self._homing_told = None
         self._power_on = self._counts = None  # from the first sample of a power-on on
         self._tell_homing()
-        self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
+        self.subscribe(topics.TRUTH_JOINTS, self._on_truth, self._work)
         self.create_service(Trigger, 'power_cycle', self._on_power_cycle)
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
-        self._stamp, angles = stamp, self._couplings.turn(angles)
-        # every sample is counted, whether it is published or not
-        warmth = self.warmth(stamp)
-        seen = [(stamp, angle, rate, warmth) for angle, rate in zip(angles, rates)]
-        reading = [float(encoder.feed(*axis)[0]) for encoder, axis in zip(self._encoders, seen)]
-        self._note_power_on(stamp)
-        homed = bool(np.isfinite(reading).all())
+        self._samples.append((stamp, self._couplings.turn(angles), rates))
+
+    def _work(self):
+        """Count the samples that have come, whether they are published or not."""
+        samples, self._samples = self._samples, []
+        if not samples:
+            return
+        stamps, angles, rates = map(np.array, zip(*samples))
+        # what is known of the marks is told as it becomes known
+        calm = len(samples) > 1 and all(
+            encoder.only_counts(stamps, angles[:, axis])
+            for axis, encoder in enumerate(self._encoders))
+        step = len(samples) if calm else 1
+        for i in range(0, len(samples), step):
+            part = slice(i, i + step)
+            self._count(stamps[part], angles[part], rates[part])
+
+    def _count(self, stamps, angles, rates):
+        self._stamp = int(stamps[-1])
+        warmth = self.warmth(stamps)
+        reading = np.stack([encoder.feed(stamps, angles[:, axis], rates[:, axis], warmth)
+                            for axis, encoder in enumerate(self._encoders)], axis=1)
+        self._note_power_on(self._stamp)
+        homed = bool(np.isfinite(reading[-1]).all())
         if homed and not self._homed:
             self._zero_pub.publish(convert.joint_state(
-                stamp, [encoder.zero for encoder in self._encoders], names=self.names))
+                self._stamp, [encoder.zero for encoder in self._encoders], names=self.names))
         self._homed = homed
         self._tell_homing()
-        if self._decimator.passes(stamp, self.value('max_rate_hz')):
-            told = [encoder.rate(*axis) for encoder, axis in zip(self._encoders, seen)]
+        rate = self.value('max_rate_hz')
+        told = [i for i, stamp in enumerate(stamps.tolist())
+                if self._decimator.passes(stamp, rate)]
+        if not told:
+            return
+        rates = np.stack([encoder.rate(stamps[told], angles[told, axis], rates[told, axis],
+                                       warmth[told])
+                          for axis, encoder in enumerate(self._encoders)], axis=1)
+        for stamp, angle, rate in zip(
+                stamps[told].tolist(), reading[told].tolist(), rates.tolist()):
             self._pub.publish(convert.joint_state(
-                stamp, reading, told, frame=self._power_on.frame, names=self.names))
+                stamp, angle, rate, frame=self._power_on.frame, names=self.names))
 
     def _note_power_on(self, stamp):
         counts = [encoder.power_on for encoder in self._encoders]
@@ -66,8 +91,10 @@ class IncrementalEncoders(MountedDevice):
     def _tell_homing(self):
         """Publish what is known of the marks, if a mark or the power changed it."""
         states = [encoder.status for encoder in self._encoders]
-        now = [(s.homed, s.missed_marks, s.passages, s.power_on, self._power_on) for s in states]
+        known = [(s.homed, s.missed_marks, s.miscounted, self._power_on) for s in states]
+        now = [*known, *((s.passages, s.power_on) for s in states)]
         if now != self._homing_told:
+            news = self._homing_told is None or known != self._homing_told[:len(known)]
             self._homing_told = now
             started = self._power_on.started if self._power_on else np.nan
             self._homing_pub.publish(homing_to_cloud([
@@ -75,10 +102,11 @@ class IncrementalEncoders(MountedDevice):
                            encoder.count_angle, encoder.params.pulse_width, s.power_on, started,
                            s.mark_supply, s.mark_temperature)
                 for s, encoder in zip(states, self._encoders)], self._stamp))
-            if self._power_on is not None:
+            if news and self._power_on is not None:
                 self.announce()  # a log without that topic has the diagnostics alone
 
     def _on_power_cycle(self, request, response):
+        self._work()  # what was seen before is of the power-on before
         for encoder in self._encoders:
             encoder.power_cycle()
         self._homed, self._power_on = False, None

@@ -55,6 +55,8 @@ _GATHERED = 1000
 _MANY = 60
 #: attribute of a service, its `asked_again.Answers`
 ANSWERS = 'answers_asked_again'
+#: attribute of a subscription: what is called when the messages that were ready have been taken
+AFTER = 'after_messages'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
 #: those that are waited for each time. Of several nodes the services are the most, each with those
 #: of its parameters, and hardly ever asked: they are looked at once in so many s while messages
@@ -74,14 +76,14 @@ class NodeExecutor(Executor):
         A private context (tests).
     gather : float
         Seconds from one wake-up to the next, at least: what comes meanwhile is taken at once, and
-        over all topics in the order in which it came.
+        over all topics in the order in which it came. May be set at any time.
     """
 
     def __init__(self, *, context=None, gather=0.0):
-        self._gather, self._woke, self._looked = gather, 0.0, 0.0
+        self.gather, self._woke, self._looked = gather, 0.0, 0.0
         self._changed = True
         self._held = ExitStack()
-        self._entities = {}
+        self._entities, self._handles = {}, {}
         self._waitables = []
         self._busy, self._many = frozenset(), False
         self._wait_set = None
@@ -145,8 +147,8 @@ class NodeExecutor(Executor):
             timeout_sec = 0.0
         if self._changed:
             self._rebuild()
-        if self._gather:
-            time.sleep(max(self._woke + self._gather - time.monotonic(), 0.0))
+        if self.gather:
+            time.sleep(max(self._woke + self.gather - time.monotonic(), 0.0))
         ready = self._wait(timeout_sec_to_nsec(timeout_sec))
         self._woke = time.monotonic()
         if not self._wakers:
@@ -163,7 +165,7 @@ class NodeExecutor(Executor):
 
     def _release(self):
         self._wait_set = None
-        self._entities, self._waitables = {}, []
+        self._entities, self._handles, self._waitables = {}, {}, []
         self._held.close()
 
     def _rebuild(self):
@@ -188,6 +190,8 @@ class NodeExecutor(Executor):
                     continue  # destroyed meanwhile
                 self._entities[kind][entity.handle.pointer] = entity
         extra = NumberOfEntities()
+        self._handles = {kind: [entity.handle for entity in entities.values()]
+                         for kind, entities in self._entities.items()}
         for waitable in (w for node in nodes for w in node.waitables):
             try:
                 self._held.enter_context(waitable)
@@ -220,8 +224,8 @@ class NodeExecutor(Executor):
         wait_set.clear_entities()
         for kind in kinds:
             add = getattr(wait_set, f'add_{kind}')
-            for entity in self._entities[kind].values():
-                add(entity.handle)
+            for handle in self._handles[kind]:
+                add(handle)
         for waitable in waitables:
             waitable.add_to_wait_set(wait_set)
         with self.context.handle:
@@ -235,7 +239,7 @@ class NodeExecutor(Executor):
             self._call_timer(timer)
         busy = self._busy
         self._busy = frozenset(ready['subscription'])
-        if self._gather:
+        if self.gather:
             self._take_in_order(ready['subscription'])
             ready['subscription'] = ()
         for subscription in ready['subscription']:
@@ -295,24 +299,29 @@ class NodeExecutor(Executor):
     def _take_messages(self, subscription, most):
         for call, args, _ in self._taken(subscription, most):
             call(*args)
+        if after := getattr(subscription, AFTER, None):
+            after()
 
     def _take_in_order(self, subscriptions):
         taken = [message for subscription in subscriptions
                  for message in self._taken(subscription, _GATHERED)]
         for call, args, _ in sorted(taken, key=itemgetter(2)):
             call(*args)
+        for subscription in subscriptions:
+            if after := getattr(subscription, AFTER, None):
+                after()
 
     def _taken(self, subscription, most):
         """Of each message its callback, the arguments of that, and when it was received, ns."""
-        kind, raw = subscription.msg_type, subscription.raw
+        handle, kind, raw = subscription.handle, subscription.msg_type, subscription.raw
         bare = subscription._callback_type is Subscription.CallbackType.MessageOnly
         callback = subscription.callback
         if inspect.iscoroutinefunction(callback):
             callback = partial(self._run, callback)
         for _ in range(most):
             try:
-                with subscription.handle:
-                    taken = subscription.handle.take_message(kind, raw)
+                with handle:
+                    taken = handle.take_message(kind, raw)
             except InvalidHandle:
                 return  # destroyed by a callback before this one
             if taken is None:

@@ -60,7 +60,7 @@ class McapLogger(MountNode):
     """Records raw bytes; a log that is cut short stays readable up to the last flush."""
 
     # nobody waits for it, and a message alone costs it as much as many at once
-    GATHER = 0.005
+    GATHER = 0.02
 
     def __init__(self, **kwargs):
         super().__init__('mcap_logger', PARAMS, hardware_id='log', **kwargs)

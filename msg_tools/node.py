@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from . import NAMESPACE
 from .asked_again import Answers
-from .executor import ANSWERS
+from .executor import AFTER, ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
@@ -27,6 +27,9 @@ __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCR
 # half of a node's time. Incompatible endpoints are found once a second in the graph instead.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+#: what a message that cannot be used raises: of JSON an infinite number, or a thousand brackets,
+#: are no ValueError
+UNUSABLE = ValueError, ArithmeticError, RecursionError
 #: s between two looks whether a node is alone in its place
 RIVALS = 0.25
 
@@ -133,11 +136,12 @@ class MountNode(ParameterNode):
         pub.publish = counted
         return pub
 
-    def subscribe(self, topic, callback):
+    def subscribe(self, topic, callback, after=None):
         """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
 
         `callback(message)` raises ValueError for a bad message. A JointState is a
-        `quick_joints.Joints`, with the same names in it.
+        `quick_joints.Joints`, with the same names in it. `after()` is called when the messages
+        that were ready have been taken: what costs as much for many as for one waits for it.
         """
         counter = Counter(topic.latched)
         read = JointReader().read if topic.type == JOINT_STATE else None
@@ -146,14 +150,21 @@ class MountNode(ParameterNode):
             counter.received(info)
             try:
                 callback(read(message) if read else message)
-            except (ValueError, ArithmeticError, RecursionError) as err:
-                # of JSON an infinite number, or a thousand brackets, are no ValueError
+            except UNUSABLE as err:
+                self.reject(topic.name, str(err))
+
+        def guarded_after():
+            try:
+                after()
+            except UNUSABLE as err:
                 self.reject(topic.name, str(err))
 
         sub = self.create_subscription(
             topic.message, topic.name, guarded, copy.copy(topic.qos), raw=read is not None,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        if after is not None:
+            setattr(sub, AFTER, guarded_after)
         counter.sequence.present = sub.get_publisher_count
         self._subscriptions_of.setdefault(sub.topic_name, []).append((sub, counter))
         return sub

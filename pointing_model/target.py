@@ -31,8 +31,7 @@ class StarTarget:
 
     def place(self, time, site, weather):
         """Observed place at each time (n,), UTC s: az, el (n,), radians."""
-        rows = self._stars.select(np.zeros(len(time), int))
-        return observed_place(rows, time, site, weather)
+        return observed_place(self._stars, time, site, weather)
 
 
 class SatelliteTarget:

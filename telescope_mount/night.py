@@ -192,7 +192,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             nodes.start_script(path)
         watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
         with _at_rest_after(watcher, specs, note or (lambda _: None)):
-            _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+            with watcher.at_leisure():
+                _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
             if progress:
                 progress('writing the results', 0, None)
             return _results(watcher, specs, plan, write)

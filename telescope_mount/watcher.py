@@ -12,10 +12,13 @@ from rclpy.signals import SignalHandlerOptions
 
 from msg_tools import NAMESPACE, topics
 from msg_tools.executor import NodeExecutor
+from msg_tools.node import NO_SUBSCRIPTION_EVENTS
 from msg_tools.readiness import AWAITED, REST, RESTS, GraphReports, unreceived
 
 from .interrupt import interrupt
 
+#: s; what comes within is taken at once while nothing hangs on it
+LEISURE = 0.02
 #: signals that end what it does
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
@@ -82,10 +85,11 @@ class Watcher:
         for topic in self.KEPT:
             self.node.create_subscription(
                 topic.message, topic.name,
-                lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos)
+                lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos,
+                event_callbacks=NO_SUBSCRIPTION_EVENTS)
         self.node.create_subscription(
             topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
-            topics.DIAGNOSTICS.qos)
+            topics.DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def _interrupt(self, number, _):
         self._interrupted = number
@@ -102,6 +106,15 @@ class Watcher:
         number, self._interrupted = self._interrupted, 0
         if number:
             raise KeyboardInterrupt(number)
+
+    @contextlib.contextmanager
+    def at_leisure(self):
+        """Within, what comes soon after each other is taken at once."""
+        self._executor.gather = LEISURE
+        try:
+            yield
+        finally:
+            self._executor.gather = 0.0
 
     def spin_until(self, condition, timeout):
         """Spin until `condition()`; False when `timeout` seconds went by.

@@ -4,17 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, DEG
+from msg_tools.units import DEG
 
 from .. import harmonics
 from ..mounts import ALTAZ, through_pole
 from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
-
-NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
-NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
-
-# what a step along x, y, z changes of a cube's number, and steps to itself and those beside
-_CUBES, _BESIDE = np.array([2**20, 2**10, 1]), np.array([-1, 0, 1])
+from .bright_stars import bright_stars, xyz
 
 _TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
 
@@ -171,13 +166,11 @@ def _observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclud
     """Rows that are bright enough, their places at each moment, and which are up at all of them,
     excluded, and without a neighbour.
     """
-    bright = np.flatnonzero(stars.mag <= mag_limit)
-    places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, stars.hip[bright])
+    bright, there, lonely = bright_stars(stars, float(mag_limit))
+    places = [observed_place(there, t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
                  for t, (az, el) in zip(moments, places)], axis=0)
-    known = np.isin(stars.hip[bright], np.fromiter(exclude, int))
-    lonely = np.ones(len(bright), bool)
-    lonely[up] = ~has_neighbour(stars, bright[up])
+    known = np.isin(there.hip, np.fromiter(exclude, int))
     return bright, places, up, known, lonely
 
 
@@ -220,7 +213,7 @@ def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER
         raise ValueError(f'no star to Hp {mag_limit:g} that was not observed is left within the '
                          'limits: raise the magnitude limit')
     places = np.array(places)[:, good]
-    off = np.arccos(np.clip(_xyz(*places) @ _xyz(az, el), -1.0, 1.0))
+    off = np.arccos(np.clip(xyz(*places) @ xyz(az, el), -1.0, 1.0))
     wanted = np.zeros(len(good))
     if magnitude is not None:
         wanted += np.abs(stars.mag[bright[good]] - min(magnitude, mag_limit)) > 1.0
@@ -255,45 +248,6 @@ def axes_at(mount, az, el, limits, numbers):
     first, second = mount.axes_of(az, el)
     beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)
     return mount.on_travel(*through_pole(first, second, beyond))
-
-
-def has_neighbour(stars, rows):
-    """Which stars have another one beside them that a camera could take for them.
-
-    Parameters
-    ----------
-    stars : Stars
-        Neighbours are looked for among all of these.
-    rows : ndarray of int, shape (n,)
-        The stars in question.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
-    reach = 2.0 * np.sin(NEIGHBOUR_DISTANCE / 2.0)
-    deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
-    mine, others = (_xyz(stars.ra[which], stars.dec[which]) for which in (rows, deep))
-    # space in cubes of that size, a number each: who is near is in one beside, or in the same
-    of_mine, of_others = (np.floor(xyz / reach).astype(int) @ _CUBES for xyz in (mine, others))
-    order = np.argsort(of_others)
-    deep, others, of_others = deep[order], others[order], of_others[order]
-    centre = np.add.outer([x + y for x in _BESIDE * _CUBES[0] for y in _BESIDE * _CUBES[1]],
-                          of_mine).ravel()
-    first = np.searchsorted(of_others, centre - _CUBES[2], 'left')
-    count = np.searchsorted(of_others, centre + _CUBES[2], 'right') - first
-    one = np.repeat(np.arange(len(centre)) % max(len(rows), 1), count)
-    other = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
-    keep = deep[other] != rows[one]
-    keep &= stars.mag[deep[other]] - stars.mag[rows[one]] < NEIGHBOUR_CONTRAST
-    one, other = one[keep], other[keep]
-    near = np.zeros(len(rows), bool)
-    near[one[np.linalg.norm(mine[one] - others[other], axis=1) <= reach]] = True
-    return near
-
-
-def _xyz(az, el):
-    return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)
 
 
 def _stratified(az, el, n, min_el, max_el, rng):
@@ -332,13 +286,13 @@ def _stratified(az, el, n, min_el, max_el, rng):
 
 def _fill(chosen, az, el):
     """Give each cell without a star the one that is farthest from all chosen, in place."""
-    xyz = _xyz(az, el)
+    places = xyz(az, el)
     have = chosen[chosen >= 0]
-    nearness = (xyz @ xyz[have].T).max(axis=1) if len(have) else xyz @ xyz[0]
+    nearness = (places @ places[have].T).max(axis=1) if len(have) else places @ places[0]
     nearness[have] = np.inf
     for k in np.flatnonzero(chosen < 0):
         chosen[k] = np.argmin(nearness)
-        nearness = np.maximum(nearness, xyz @ xyz[chosen[k]])
+        nearness = np.maximum(nearness, places @ places[chosen[k]])
         nearness[chosen[k]] = np.inf
 
 

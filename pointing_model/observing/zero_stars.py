@@ -18,7 +18,8 @@ from ..held_terms import Held, is_a_model, zero_columns
 from ..mounts import ALTAZ
 from ..sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from ..star_catalogue import POLARIS_HIP
-from .star_choice import ANYWHERE, axes_at, has_neighbour
+from .bright_stars import bright_stars
+from .star_choice import ANYWHERE, axes_at
 
 #: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
 #: what is held alone, and little on that
@@ -335,13 +336,12 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     ValueError
         No star within the limits.
     """
-    bright = np.flatnonzero(stars.mag <= mag_limit)
+    bright, there, lonely = bright_stars(stars, float(mag_limit))
     moments = [time, time + 0.5 * duration, time + duration]
-    places = [observed_place(stars.select(bright), t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, stars.hip[bright])
+    places = [observed_place(there, t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
                  for t, (az, el) in zip(moments, places)], axis=0)
-    up &= ~np.isin(stars.hip[bright], [POLARIS_HIP, *exclude])
-    up[up] = ~has_neighbour(stars, bright[up])
+    up &= lonely & ~np.isin(there.hip, [POLARIS_HIP, *exclude])
     if not up.any():
         raise ValueError(
             f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} '

@@ -3,8 +3,9 @@
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.observing.bright_stars import has_neighbour
 from pointing_model.observing.pointing import Pointing
-from pointing_model.observing.star_choice import Limits, axes_at, has_neighbour
+from pointing_model.observing.star_choice import Limits, axes_at
 from pointing_model.sky import DEFAULT_WEATHER, observed_place
 from pointing_model.star_catalogue import load_catalogue
 from pointing_model.target import StarTarget

@@ -312,7 +312,7 @@ def rates_at(device, rate, n=200, moments=None):
     out = []
     for one in zip(when, angle):
         device.feed(*one, rate)
-        out.append(device.rate(*one, rate))
+        out.append(device.rate(*one, rate)[0])
     return np.array(out)
 
 
@@ -330,13 +330,36 @@ def test_a_rate_is_whole_counts_in_the_gate_time():
     assert longer.std() / ARCSEC == pytest.approx(np.sqrt(2) * 3 * COUNT / 0.4, rel=0.2)
 
 
+def test_rates_of_many_samples_are_those_of_each():
+    one, many = (encoder(rate_gate=0.1, jitter=3.0, latency=0.01) for _ in range(2))
+    single = rates_at(one, 15 * ARCSEC)
+    rates_at(many, 15 * ARCSEC)
+    when = stamps(200, 0.013, START + 10.0)
+    angle = 181 * DEG + 15 * ARCSEC * (when * 1e-9 - START - 10.0)
+    assert np.array_equal(many.rate(when, angle, np.full(200, 15 * ARCSEC)), single)
+
+
+def test_nothing_but_counting_happens_far_from_mark_and_power_cut():
+    device = encoder(power_cycles=(50.0,))
+    later = stamps(3, 1.0, START + 20.0)
+    assert not device.only_counts(later, np.array([250.0, 251.0, 252.0]) * DEG)  # not homed
+    device.feed(*crossing())
+    assert not device.only_counts(later, np.array([184.0, 183.0, 176.0]) * DEG)
+    # on the way from the last sample, at 181 deg
+    assert not device.only_counts(later, np.array([170.0, 169.0, 168.0]) * DEG)
+    device.feed(later[:1], 240 * DEG)
+    assert device.only_counts(later[1:], np.array([250.0, 251.0]) * DEG)
+    assert not device.only_counts(stamps(3, 1.0, START + 48.5),
+                                  np.array([250.0, 251.0, 252.0]) * DEG)
+
+
 def test_a_rate_is_known_a_gate_time_after_the_mark_only():
     device = encoder(rate_gate=0.1)
     when, angle = crossing()
     rates = []
     for one in zip(when, angle):
         device.feed(*one, 2 * DEG)
-        rates.append(device.rate(*one, 2 * DEG))
+        rates.append(device.rate(*one, 2 * DEG)[0])
     first = np.flatnonzero(angle >= MARK - 1e-9)[0]
     known = np.isfinite(rates)
     assert not known[:first + 10].any() and known[first + 10:].all()

@@ -243,6 +243,26 @@ def test_what_is_gathered_comes_in_its_order_over_all_topics(graph, node):
     gathering.shutdown()
 
 
+@pytest.mark.parametrize('gather', (0.0, 0.005))
+def test_after_the_messages_that_were_ready_it_says_so(graph, node, gather, monkeypatch):
+    from msg_tools.executor import AFTER, NodeExecutor
+    monkeypatch.setattr('msg_tools.executor._MANY', 0)
+    got, ended = [], []
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    sub = node.create_subscription(String, 'text', lambda message: got.append(message.data), 10)
+    setattr(sub, AFTER, lambda: ended.append(len(got)))
+    matched(graph, node, pub)
+    graph.executor.remove_node(node)
+    executor = NodeExecutor(context=graph.context, gather=gather)
+    executor.add_node(node)
+    for number in range(5):
+        pub.publish(String(data=str(number)))
+    graph.wait_for(lambda: executor.spin_once(0.01) or len(got) == 5)
+    # all five were there; a message is never told before it was taken
+    assert ended[-1] == 5 and ended == sorted(ended) and len(ended) < 5
+    executor.shutdown()
+
+
 @pytest.mark.parametrize('busy', (True, False))
 def test_services_of_many_nodes_answer_whether_messages_come_or_not(
         graph, node, busy, monkeypatch):

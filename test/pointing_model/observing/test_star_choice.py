@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.observing.star_choice import choose_stars, has_neighbour, observing_order
+from pointing_model.observing.bright_stars import bright_stars, has_neighbour
+from pointing_model.observing.star_choice import choose_stars, observing_order
 from pointing_model.sky import observed_place
 from pointing_model.star_catalogue import Stars, load_catalogue
 
@@ -212,3 +213,14 @@ def test_errors_in_one_line(options, words):
     with pytest.raises(ValueError, match=words) as error:
         choose_stars(load_catalogue(6.0), TIME, **options)
     assert '\n' not in str(error.value)
+
+
+def test_bright_stars_are_kept_and_know_who_is_alone():
+    stars = load_catalogue(6.0)
+    rows, bright, lonely = bright_stars(stars, 4.0)
+    assert np.array_equal(rows, np.flatnonzero(stars.mag <= 4.0))
+    assert np.array_equal(bright.hip, stars.hip[rows])
+    assert np.array_equal(lonely, ~has_neighbour(stars, rows)) and 0 < lonely.sum() < len(rows)
+    assert bright_stars(stars, 4.0)[1] is bright
+    with pytest.raises(ValueError, match='read-only'):
+        lonely[0] = False
