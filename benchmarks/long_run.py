@@ -89,9 +89,7 @@ class Nights:
         self._folder = folder
 
     def __call__(self, text, done, total):
-        ended = text.startswith('wait') or text.startswith('writing')
-        rows = (len(self.taken) + 1) * ROWS
-        if not (ended and (done >= rows or text.startswith('writing'))):
+        if not (done >= (len(self.taken) + 1) * ROWS or text.startswith('writing')):
             return
         self._pids = self._pids or nodes()
         self.taken.append({name: measured(pid) for pid, name in self._pids.items()})

@@ -253,6 +253,7 @@ def _refusal(status, count):
 
 def _results(watcher, specs, plan, write):
     """What `write` makes of the results, when the log has them too."""
+    watcher.hear_results()
     if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
         raise NightFailed('the plan is done, but its results were not published')
     with ThreadPoolExecutor(1) as pool:

@@ -78,6 +78,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             nodes.start_all(replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
                                          as_then, marks))
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
+            watcher.hear_results()
 
             def taken():
                 done = observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))

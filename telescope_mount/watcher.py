@@ -53,14 +53,15 @@ class Watcher:
     Attributes
     ----------
     latest : dict of str to message
-        By topic name, the last message of each.
+        By topic name, the last message of each of `KEPT`.
     reports : GraphReports
         Of all nodes.
     """
 
-    KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.OBSERVATIONS, topics.MODEL,
-            topics.CALIBRATION_REPORT, topics.ZERO, topics.DIAGNOSIS, topics.CHECKS,
-            topics.GUARD_STATUS, topics.TRACKING)
+    KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.GUARD_STATUS)
+    #: grow with the night, and are wanted at its end: see `hear_results`
+    RESULTS = (topics.OBSERVATIONS, topics.MODEL, topics.CALIBRATION_REPORT, topics.ZERO,
+               topics.DIAGNOSIS, topics.CHECKS, topics.TRACKING)
 
     def __init__(self, name, domain, environment, check):
         self._check = check
@@ -82,14 +83,21 @@ class Watcher:
         self.latest = {}
         self._clients = {}
         self.reports = GraphReports(self.node.get_namespace())
-        for topic in self.KEPT:
+        self._keep(self.KEPT)
+        self.node.create_subscription(
+            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
+            topics.DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+
+    def _keep(self, kept):
+        for topic in kept:
             self.node.create_subscription(
                 topic.message, topic.name,
                 lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos,
                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
-        self.node.create_subscription(
-            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
-            topics.DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+
+    def hear_results(self):
+        """Keep what the graph has found as well, from what each topic has now on."""
+        self._keep(self.RESULTS)
 
     def _interrupt(self, number, _):
         self._interrupted = number

@@ -82,3 +82,15 @@ def test_a_log_is_whole_when_it_knows_the_parameters_of_all_nodes(watcher):
     assert watcher.wait_for_log([logger], 30.0) == {}
     timer.cancel()
     assert looks[-1]['awaited'] == 1 and watcher.reports[logger]['awaited'] == 0
+
+
+def test_results_are_heard_when_they_are_asked_for(watcher):
+    from msg_tools import topics
+    topic = topics.MODEL
+    pub = watcher.node.create_publisher(topic.message, topic.name, topic.qos)
+    pub.publish(topic.message(data='first'))
+    pub.publish(topic.message(data='second'))
+    assert watcher.node.count_subscribers(pub.topic_name) == 0
+    watcher.hear_results()
+    assert watcher.spin_until(lambda: topic.name in watcher.latest, 30.0)
+    assert watcher.latest[topic.name].data == 'second'
