@@ -15,7 +15,8 @@ from .executor import AFTER, ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
-from .quick_joints import JOINT_STATE, JointReader
+from .quick_joints import JOINT_STATE, JointReader, JointWriter
+from .quick_tracks import TRAJECTORY, TrackReader, TrackWriter
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports
 from .rivals import INSTANCE, earlier_rival, new_instance
 from .topics import CLOCK, DIAGNOSTICS
@@ -30,6 +31,9 @@ NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 #: what a message that cannot be used raises: of JSON an infinite number, or a thousand brackets,
 #: are no ValueError
 UNUSABLE = ValueError, ArithmeticError, RecursionError
+#: by the type of a topic, what is quicker than rclpy
+READERS = {JOINT_STATE: JointReader, TRAJECTORY: TrackReader}
+WRITERS = {JOINT_STATE: JointWriter, TRAJECTORY: TrackWriter}
 #: s between two looks whether a node is alone in its place
 RIVALS = 0.25
 
@@ -118,7 +122,11 @@ class MountNode(ParameterNode):
         return self._full_names[key]
 
     def publisher(self, topic):
-        """A publisher on `topic`, counted, with QoS overrides by parameter."""
+        """A publisher on `topic`, counted, with QoS overrides by parameter.
+
+        It takes the messages of rclpy or their bytes, and those of `quick_joints` and
+        `quick_tracks`.
+        """
         # rclpy writes overrides into the profile that it is given; topics share theirs
         pub = self.create_publisher(
             topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
@@ -127,11 +135,11 @@ class MountNode(ParameterNode):
         self._publishers_of[pub.topic_name] = (pub, counter)
         if not topic.many:
             self._sole.append(pub.topic_name)
-        publish = pub.publish
+        publish, write = pub.publish, WRITERS[topic.type]().write if topic.type in WRITERS else None
 
         def counted(message):
             counter.count += 1
-            publish(message)
+            publish(message if write is None or isinstance(message, bytes) else write(message))
 
         pub.publish = counted
         return pub
@@ -140,11 +148,12 @@ class MountNode(ParameterNode):
         """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
 
         `callback(message)` raises ValueError for a bad message. A JointState is a
-        `quick_joints.Joints`, with the same names in it. `after()` is called when the messages
-        that were ready have been taken: what costs as much for many as for one waits for it.
+        `quick_joints.Joints`, with the same names in it, and a JointTrajectory may be a
+        `quick_tracks.JointTrack`. `after()` is called when the messages that were ready have been
+        taken: what costs as much for many as for one waits for it.
         """
         counter = Counter(topic.latched)
-        read = JointReader().read if topic.type == JOINT_STATE else None
+        read = READERS[topic.type]().read if topic.type in READERS else None
 
         def guarded(message, info):
             counter.received(info)

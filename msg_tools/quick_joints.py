@@ -1,18 +1,17 @@
-"""JointState from its bytes: of a thousand messages a second only times and numbers change.
+"""JointState from and to its bytes: of a thousand messages a second only times and numbers change.
 
 rclpy makes a message of eight objects, and of every name a string; here the part that stays the
-same (frame and names) is compared as bytes, and the rest is one `struct.unpack`. What is laid out
-otherwise than the message before goes the usual way.
+same (frame and names) is compared as bytes, and the rest is one `struct.unpack`, or `pack`. What is
+laid out otherwise than the message before goes the usual way.
 """
 
 import struct
 from dataclasses import dataclass
 
+from .cdr import BEGIN, ENCAPSULATION, aligned, frame_and_names
+
 #: type of the messages
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-#: what a message in CDR of a little-endian machine begins with
-_ENCAPSULATION = b'\x00\x01\x00\x00'
-_BEGIN = 12  # of what stays the same: after encapsulation and stamp
 
 
 @dataclass(slots=True)
@@ -33,7 +32,7 @@ class Header:
 
 @dataclass(slots=True)
 class Joints:
-    """As sensor_msgs/JointState, to read."""
+    """As sensor_msgs/JointState: to read, and to publish where a node's `publisher` does it."""
 
     header: Header
     name: tuple
@@ -64,7 +63,7 @@ class JointReader:
         if len(data) == self._size:
             encapsulation, sec, nanosec, same, *rest = self._layout.unpack(data)
             a, b, c = self._parts
-            if (same == self._same and encapsulation == _ENCAPSULATION
+            if (same == self._same and encapsulation == ENCAPSULATION
                     and (rest[0], rest[a], rest[b]) == self._counts):
                 return Joints(Header(Stamp(sec, nanosec), self._frame), self._names,
                               tuple(rest[1:a]), tuple(rest[a + 1:b]), tuple(rest[b + 1:c]))
@@ -82,21 +81,48 @@ class JointReader:
         return message
 
     def _learn(self, data, message):
-        end = _BEGIN
-        for text in (message.header.frame_id, None, *message.name):
-            end = -(-end // 4) * 4 + 4 + (0 if text is None else len(text.encode()) + 1)
-        layout, at = f'<4siI{end - _BEGIN}s', end
-        for values in (message.position, message.velocity, message.effort):
-            before = -at % 4
-            layout, at = f'{layout}{before}xI', at + before + 4
-            if values:
-                before = -(at - len(_ENCAPSULATION)) % 8
-                layout, at = f'{layout}{before}x{len(values)}d', at + before + 8 * len(values)
-        if at != len(data):
-            return
-        self._size, self._layout, self._same = at, struct.Struct(layout), data[_BEGIN:end]
-        self._counts = tuple(
+        counts = tuple(
             len(values) for values in (message.position, message.velocity, message.effort))
-        first, second, third = self._counts
+        frame, names = message.header.frame_id, tuple(message.name)
+        layout, same = _laid_out(frame, names, counts)
+        if layout.size != len(data):
+            return
+        self._size, self._layout, self._counts = layout.size, layout, counts
+        self._same = data[BEGIN:BEGIN + len(same)]  # rclpy leaves what it likes between two names
+        first, second, third = counts
         self._parts = first + 1, first + second + 2, first + second + third + 3
-        self._frame, self._names = message.header.frame_id, tuple(message.name)
+        self._frame, self._names = frame, names
+
+
+class JointWriter:
+    """Writes the messages of one topic, of either kind."""
+
+    def __init__(self):
+        self._of, self._layout, self._same = None, None, b''
+
+    def write(self, message):
+        """The bytes of a `Joints` or JointState: those that rclpy would send, gaps are 0."""
+        header, counts = message.header, (
+            len(message.position), len(message.velocity), len(message.effort))
+        of = header.frame_id, message.name, counts
+        if of != self._of:
+            self._layout, self._same = _laid_out(*of)
+            self._of = header.frame_id, message.name[:], counts
+        return self._layout.pack(
+            ENCAPSULATION, header.stamp.sec, header.stamp.nanosec, self._same,
+            counts[0], *message.position, counts[1], *message.velocity,
+            counts[2], *message.effort)
+
+
+def _laid_out(frame, names, counts):
+    """Layout of messages with so many numbers of each kind, and what stays the same in them."""
+    same = frame_and_names(frame, names)
+    at = BEGIN + len(same)
+    layout = f'<4siI{len(same)}s'
+    for count in counts:
+        before, at = at, aligned(at, 4)
+        layout, at = f'{layout}{at - before}xI', at + 4
+        if count:
+            before, at = at, aligned(at, 8)
+            layout, at = f'{layout}{at - before}x{count}d', at + 8 * count
+    return struct.Struct(layout), same

@@ -55,7 +55,7 @@ class MountDisplay(MountNode):
 
     def _on_request(self, message):
         self._new = True
-        if not message.points:
+        if not len(message.points):
             self._star = None
             return
         _, _, angles, _ = convert.read_trajectory(message)

@@ -11,6 +11,7 @@ from rclpy.duration import Duration
 from msg_tools import convert, topics
 from msg_tools.lifecycle import ACTIVATION, AUTOSTART, ManagedNode
 from msg_tools.node import Param
+from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import drives
 from msg_tools.running import run_node
 from msg_tools.units import DEG
@@ -168,7 +169,7 @@ class MountGuard(ManagedNode):
             self._look()
 
     def _on_request(self, message):
-        if not message.points:
+        if not len(message.points):
             self._keeper.withdraw(self._now())
             self._look()
             return
@@ -219,7 +220,7 @@ class MountGuard(ManagedNode):
     def _send(self, track):
         message = self._request
         if not self._keeper.is_request(track) or message is None:
-            message = convert.trajectory(*track, self._names)
+            message = joint_track(*track, self._names)
         message.header.frame_id = ''
         self._command_pub.publish(message)
 

@@ -9,6 +9,7 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.power_on import start_of
+from msg_tools.quick_tracks import joint_track
 from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, wrap
 
@@ -94,7 +95,7 @@ class PointingCorrector(MountNode):
         # the azimuth goes on from point to point, whatever turn the target is written in
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
-            convert.trajectory(stamp, times, demand, turn / (2.0 * STEP), names))
+            joint_track(stamp, times, demand, turn / (2.0 * STEP), names))
         self._sigma_pub.publish(convert.vector(
             stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
 

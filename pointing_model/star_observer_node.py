@@ -5,6 +5,7 @@ Here are parameters, topics and time; what is done stands in `observing`, which 
 
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
+from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.running import run_node
 from msg_tools.status import handover, observations_taken
@@ -69,7 +71,7 @@ class StarObserver(MountNode):
         self._sky = sky_of(self)
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
-        self._guard_spoke, self._guard_ends = False, ''
+        self._guard_spoke, self._guard_ends, self._command = False, '', None
         self._own_way, self._live = False, not self.value('use_sim_time')
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
@@ -98,7 +100,6 @@ class StarObserver(MountNode):
         if self.value('inclinometer'):
             self.subscribe(topics.INCLINOMETER, self._on_lean)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
-        self._command = None
         self.subscribe(topics.COMMAND, self._on_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
@@ -230,10 +231,9 @@ class StarObserver(MountNode):
 
     def _withdraw(self):
         """A track without points: the mount need not follow any."""
-        if self._request is not None:
-            self._request.points = []
-            self._request_pub.publish(self._request)
-        self._request = None
+        request, self._request = self._request, None
+        if request is not None:
+            self._request_pub.publish(replace(request, points=request.points[:0]))
 
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
@@ -322,8 +322,8 @@ class StarObserver(MountNode):
 
     def send_command(self, track):
         """On `request`."""
-        self._request = convert.trajectory(*track, self._mount.names.keys)
-        self._request.header.frame_id = self.get_fully_qualified_name()
+        self._request = joint_track(*track, self._mount.names.keys,
+                                    self.get_fully_qualified_name())
         self._request_pub.publish(self._request)
 
     def refusal(self, stamp):
