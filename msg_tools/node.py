@@ -15,6 +15,7 @@ from .executor import AFTER, ANSWERS
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
+from .quick_clouds import POINT_CLOUD, CloudWriter
 from .quick_joints import JOINT_STATE, JointReader, JointWriter
 from .quick_tracks import TRAJECTORY, TrackReader, TrackWriter
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports
@@ -33,7 +34,7 @@ NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 UNUSABLE = ValueError, ArithmeticError, RecursionError
 #: by the type of a topic, what is quicker than rclpy
 READERS = {JOINT_STATE: JointReader, TRAJECTORY: TrackReader}
-WRITERS = {JOINT_STATE: JointWriter, TRAJECTORY: TrackWriter}
+WRITERS = {JOINT_STATE: JointWriter, TRAJECTORY: TrackWriter, POINT_CLOUD: CloudWriter}
 #: s between two looks whether a node is alone in its place
 RIVALS = 0.25
 
@@ -124,8 +125,8 @@ class MountNode(ParameterNode):
     def publisher(self, topic):
         """A publisher on `topic`, counted, with QoS overrides by parameter.
 
-        It takes the messages of rclpy or their bytes, and those of `quick_joints` and
-        `quick_tracks`.
+        It takes the messages of rclpy or their bytes, and those of `quick_joints`,
+        `quick_tracks` and `quick_clouds`.
         """
         # rclpy writes overrides into the profile that it is given; topics share theirs
         pub = self.create_publisher(

@@ -5,7 +5,7 @@ rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
 """
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 #: row of `calibration/status`: observations taken so far
 OBSERVATIONS = 'observations'
@@ -51,7 +51,7 @@ class Progress:
 
     def rows(self):
         """Key and value of each row, dict."""
-        return asdict(self)
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def read(cls, message):

@@ -1,10 +1,17 @@
 """Rows of named numbers in a message: a PointCloud2 with a float64 field for each column."""
 
+from functools import lru_cache
+from itertools import count
+
 import numpy as np
 
 from .convert import MOUNT_FRAME, to_stamp
+from .quick_clouds import Cloud
+from .quick_joints import Header, Stamp
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
+# x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
+_DRAWN = 2
 
 
 def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
@@ -22,23 +29,43 @@ def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
         ``frame_id`` of the message.
     """
     from sensor_msgs.msg import PointCloud2, PointField
-    drawn = [] if points is None else list(zip('xyz', points))
-    # so that the float64 begin at a multiple of 8 bytes
-    pad = [('', '<f4')] if drawn else []
-    dtype = np.dtype([*((name, '<f4') for name, _ in drawn), *pad,
-                      *((name, '<f8') for name in columns)])
-    rows = np.zeros(len(next(iter(columns.values()))), dtype)
-    for name, values in [*drawn, *columns.items()]:
-        rows[name] = values
-    fields = [PointField(name=name, offset=dtype.fields[name][1], datatype=datatype, count=1)
-              for names, datatype in (([name for name, _ in drawn], _FLOAT32),
-                                      (columns, _FLOAT64)) for name in names]
-    message = PointCloud2(height=1, width=len(rows), fields=fields, is_bigendian=False,
-                          point_step=dtype.itemsize, row_step=dtype.itemsize * len(rows),
-                          data=rows.tobytes(), is_dense=True)
+    rows = _rows(columns, points)
+    message = PointCloud2(
+        height=1, width=len(rows), fields=[
+            PointField(name=name, offset=offset, datatype=datatype, count=1)
+            for name, offset, datatype in _fields(tuple(columns), points is not None)],
+        is_bigendian=False, point_step=8 * rows.shape[1], row_step=rows.nbytes,
+        data=rows.tobytes(), is_dense=True)
     message.header.stamp = to_stamp(ns)
     message.header.frame_id = frame
     return message
+
+
+def quick_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
+    """As `table_to_cloud`, quicker to make and to send: a `Cloud`, for a node's `publisher`."""
+    rows = _rows(columns, points)
+    return Cloud(Header(Stamp(int(ns // 1_000_000_000), int(ns % 1_000_000_000)), frame),
+                 _fields(tuple(columns), points is not None), len(rows), 8 * rows.shape[1],
+                 rows.tobytes())
+
+
+def _rows(columns, points):
+    """Shape (n, words of 8 bytes)."""
+    values = np.array([*map(np.atleast_1d, columns.values())], '<f8')
+    if points is None:
+        return values.T.copy()
+    rows = np.zeros((values.shape[1], _DRAWN + len(values)), '<f8')
+    rows[:, _DRAWN:] = values.T
+    rows.view('<f4')[:, :3] = np.transpose(points)
+    return rows
+
+
+@lru_cache(maxsize=16)
+def _fields(names, drawn):
+    """Name, offset and type of each field."""
+    first = 8 * _DRAWN if drawn else 0
+    return (*((name, 4 * i, _FLOAT32) for i, name in enumerate('xyz' if drawn else '')),
+            *zip(names, count(first, 8), [_FLOAT64] * len(names)))
 
 
 def cloud_to_table(message, required=(), what='table'):

@@ -31,7 +31,7 @@ from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .observing.night_file import NightFile
 from .observing.sequencer import Sequencer
 from .observing.table import Table
-from .run_messages import cloud_to_run, run_to_cloud
+from .run_messages import cloud_to_run, run_to_cloud, run_to_quick_cloud
 from .sky_params import KIND_OF_MOUNT, mount_of, sky_of
 from .star_observer_params import PARAMS
 
@@ -352,7 +352,7 @@ class StarObserver(MountNode):
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""
-        self._observation_pub.publish(run_to_cloud(run, stamp))
+        self._observation_pub.publish(run_to_quick_cloud(run, stamp))
         x, y = run.offsets()
         self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
 
