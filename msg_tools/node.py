@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from . import NAMESPACE
 from .asked_again import Answers
-from .executor import AFTER, ANSWERS
+from .executor import AFTER, ANSWERS, published
 from .gaps import SequenceGaps
 from .parameters import ParameterNode
 from .params import BadInput, Param
@@ -132,15 +132,16 @@ class MountNode(ParameterNode):
         pub = self.create_publisher(
             topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        counter = Counter()
-        self._publishers_of[pub.topic_name] = (pub, counter)
+        counter, topic_name = Counter(), pub.topic_name
+        self._publishers_of[topic_name] = (pub, counter)
         if not topic.many:
-            self._sole.append(pub.topic_name)
+            self._sole.append(topic_name)
         publish, write = pub.publish, WRITERS[topic.type]().write if topic.type in WRITERS else None
 
         def counted(message):
             counter.count += 1
             publish(message if write is None or isinstance(message, bytes) else write(message))
+            published(topic_name)
 
         pub.publish = counted
         return pub

@@ -279,6 +279,60 @@ def test_services_of_many_nodes_answer_whether_messages_come_or_not(
     graph.wait_for(future.done)
 
 
+def echo(graph, node, names):
+    """Publishers of `node` on two topics, each of which answers the other for ever."""
+    pubs = [node.publisher(topic) for topic in names]
+    for sub, pub in zip(names, pubs[::-1]):
+        node.subscribe(sub, pub.publish)
+    matched(graph, node, *pubs)
+    return pubs
+
+
+@pytest.fixture
+def talker(graph):
+    from msg_tools.node import MountNode
+
+    class Talker(MountNode):
+        def __init__(self, **kwargs):
+            super().__init__('talker', **kwargs)
+    return graph.add(Talker)
+
+
+def test_what_a_process_sends_itself_is_not_waited_for(graph, talker, monkeypatch):
+    from msg_tools import executor
+    monkeypatch.setattr(executor, '_AMONG', 1000.0)
+    got = []
+    talker.subscribe(topics.MISS_DISTANCE, got.append)
+    pub = talker.publisher(topics.MISS_DISTANCE)
+    matched(graph, talker, pub)
+    graph.executor.spin_once(timeout_sec=0.1)  # with all that is new
+    waits = graph.executor._wait
+    monkeypatch.setattr(graph.executor, '_wait', lambda _: pytest.fail('it waits'))
+    pub.publish(topics.MISS_DISTANCE.message())
+    graph.executor.spin_once(timeout_sec=0.1)
+    assert len(got) == 1
+    monkeypatch.setattr(graph.executor, '_wait', waits)
+    graph.executor.spin_once(timeout_sec=0.0)
+    assert len(got) == 1
+
+
+def test_nodes_that_talk_for_ever_leave_time_for_all_else(graph, talker):
+    seen = []
+    talker.create_timer(0.01, lambda: seen.append('timer'))
+    talker.create_service(Trigger, 'seldom', lambda _, response: response)
+    talker.create_subscription(String, 'text', lambda _: seen.append('text'), 10)
+    other = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, talker, other)
+    pubs = echo(graph, talker, (topics.MISS_DISTANCE, topics.OFFSET))
+    client = graph.tester.create_client(Trigger, 'seldom')
+    graph.wait_for(client.service_is_ready)
+    pubs[0].publish(topics.MISS_DISTANCE.message())
+    future = client.call_async(Trigger.Request())
+    other.publish(String())
+    graph.wait_for(lambda: future.done() and 'text' in seen and seen.count('timer') > 3)
+    assert talker._publishers_of[pubs[1].topic_name][1].count > 10
+
+
 def test_it_leaves_nothing_behind(ros_domain):
     import gc
     import os
