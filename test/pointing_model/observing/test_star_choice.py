@@ -5,7 +5,8 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.observing.bright_stars import bright_stars, has_neighbour
-from pointing_model.observing.star_choice import choose_stars, observing_order
+from pointing_model.observing.order import observing_order
+from pointing_model.observing.star_choice import choose_stars
 from pointing_model.sky import observed_place
 from pointing_model.star_catalogue import Stars, load_catalogue
 
