@@ -327,8 +327,7 @@ class IncrementalEncoder:
         if len(stamps) == 0:
             return np.empty(0)
         temperature = self.params.reference_temperature if temperature is None else temperature
-        temperature = np.broadcast_to(np.asarray(temperature, dtype=float), angles.shape)
-        rates = np.broadcast_to(np.asarray(rates, dtype=float), angles.shape)
+        temperature, rates = _for_each(temperature, angles), _for_each(rates, angles)
         past = angles - rates * self.params.latency
         seconds = stamps * 1e-9 - self.start
 
@@ -433,16 +432,23 @@ class IncrementalEncoder:
         if self._since is None:
             return np.full(len(stamps), np.nan)
         # where the axis was then: the head sees nothing else
-        rates, temperature = (np.repeat(np.broadcast_to(v, len(stamps)), 2) for v in (
-            rates, p.reference_temperature if temperature is None else temperature))
-        past = np.repeat(angles, 2) - rates * (
-            p.latency + np.tile([p.rate_gate, 0.0], len(stamps)))
-        both = np.repeat(stamps, 2)
+        if temperature is None:
+            temperature = p.reference_temperature
+        both, rates, temperature = (
+            stamps.repeat(2), *(_for_each(v, stamps).repeat(2) for v in (rates, temperature)))
+        past = _for_each(angles, stamps).repeat(2) - rates * np.tile(
+            [p.latency + p.rate_gate, p.latency], len(stamps))
         both[::2] -= gate
         counts = self._counter(both, past, rates, temperature,
                                self._volts(both * 1e-9 - self.start))
         passed = (counts[1::2] - counts[::2]) * self.count_angle / p.rate_gate
         return np.where(both[::2] >= self._since, passed, np.nan)
+
+
+def _for_each(values, samples):
+    """A number for each sample: `values`, or the same one."""
+    values = np.asarray(values, dtype=float)
+    return values if values.shape == samples.shape else np.broadcast_to(values, samples.shape)
 
 
 def _merged(*parts):

@@ -249,9 +249,9 @@ class MountSimulator(ManagedNode):
         angles, rates = self._mount.truth(times)
         sides = self._mount.approach(times)
         stamps = self._start + np.rint(times * 1e9).astype(np.int64)
-        for stamp, angle, rate, side in zip(stamps.tolist(), angles, rates, sides):
-            self._truth_pub.publish(convert.joint_state(
-                stamp, angle, rate, side, names=self._names))
+        for stamp, *values in zip(stamps.tolist(), angles.tolist(), rates.tolist(),
+                                  sides.tolist()):
+            self._truth_pub.publish(convert.joints(stamp, *values, names=self._names))
         return stamps
 
     def _set_clock(self, now):

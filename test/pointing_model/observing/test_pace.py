@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG, wrap
-from pointing_model.observing.pace import seconds_a_star, weight_of_slews
 from pointing_model.observing.order import observing_order
+from pointing_model.observing.pace import seconds_a_star, weight_of_slews
 from pointing_model.sky import observed_place
 from pointing_model.star_catalogue import load_catalogue
 
