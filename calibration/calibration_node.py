@@ -43,6 +43,8 @@ from .witnesses import UNJUDGED, homings_of
 class Calibration(MountNode):
     """Collects observations; publishes zero, model and report, latched."""
 
+    GATHER = 0.005  # clock, status and rows of a simulated night at once
+
     def __init__(self, **kwargs):
         super().__init__('calibration', PARAMS, hardware_id='pointing model', **kwargs)
         reference = None
