@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from msg_tools import convert
-from msg_tools.quick_joints import JointReader, Joints
+from msg_tools.quick_joints import JointReader, Joints, JointWriter
 
 
 def alike(ours, theirs):
@@ -22,22 +22,23 @@ def alike(ours, theirs):
     return told(ours) == told(theirs)
 
 
-def of_encoder(ns, rng, **kwargs):
+def of_encoder(ns, rng, write=serialize_message, **kwargs):
     """Bytes of a reading."""
-    return serialize_message(convert.joint_state(
-        ns, rng.uniform(-9, 9, 2), rng.normal(size=2), **kwargs))
+    return write(convert.joint_state(ns, rng.uniform(-9, 9, 2), rng.normal(size=2), **kwargs))
 
 
-def test_readings_are_read_as_rclpy_reads_them_and_without_it():
+# rclpy leaves in gaps between names what was there before: now and then a layout is learnt anew
+@pytest.mark.parametrize('write, least', [(serialize_message, 150), (JointWriter().write, 199)])
+def test_readings_are_read_as_rclpy_reads_them_and_without_it(write, least):
     rng = np.random.default_rng(1)
     reader, quick = JointReader(), 0
     for number in range(200):
-        data = of_encoder(1_700_000_000 * 10**9 + number, rng, frame='mount; power-on é 7')
+        data = of_encoder(1_700_000_000 * 10**9 + number, rng, write, frame='mount; power-on é 7')
         message = reader.read(data)
         quick += isinstance(message, Joints)
         assert alike(message, deserialize_message(data, JointState))
         assert convert.read_joints(message)[0] % 1000 == number % 1000
-    assert quick == 199
+    assert least <= quick < 200
 
 
 def random_message(rng):
