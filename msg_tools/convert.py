@@ -4,7 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from .quick_joints import Header, Joints, Stamp
+from .cdr import header
+from .quick_joints import Joints
 from .quick_tracks import JointTrack
 
 AXES = ('azimuth', 'elevation')
@@ -51,8 +52,7 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
 def joints(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame='',
            names=AXES):
     """As `joint_state`, quicker to make and to send: a `Joints`, for a node's `publisher`."""
-    return Joints(Header(Stamp(int(ns // 1_000_000_000), int(ns % 1_000_000_000)), frame),
-                  tuple(names), position, velocity, effort)
+    return Joints(header(ns, frame), tuple(names), position, velocity, effort)
 
 
 def joints_of(names):

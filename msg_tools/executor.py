@@ -2,7 +2,8 @@
 
 rclpy's own builds its wait set anew for every wake-up and wraps each callback in a task: of a
 node that answers small messages that takes more time than the messages do. This one does both
-only where something changed or really has to wait.
+only where something changed or really has to wait, and for what nodes of one process send each
+other it does not wait at all.
 
 Why not one of rclpy's (7.1.6, the newest on PyPI): `benchmarks/executor.py` on 2 quiet cores gave
 

@@ -3,8 +3,7 @@
 import struct
 from dataclasses import dataclass
 
-from .cdr import stamped, text_after
-from .quick_joints import Header
+from .cdr import Header, stamped, text_after
 
 #: type of the messages
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'

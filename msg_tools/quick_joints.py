@@ -8,26 +8,10 @@ laid out otherwise than the message before goes the usual way.
 import struct
 from dataclasses import dataclass
 
-from .cdr import BEGIN, ENCAPSULATION, aligned, frame_and_names
+from .cdr import BEGIN, ENCAPSULATION, Header, Stamp, aligned, decoded, frame_and_names
 
 #: type of the messages
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-
-
-@dataclass(slots=True)
-class Stamp:
-    """As builtin_interfaces/Time."""
-
-    sec: int
-    nanosec: int
-
-
-@dataclass(slots=True)
-class Header:
-    """As std_msgs/Header."""
-
-    stamp: Stamp
-    frame_id: str
 
 
 @dataclass(slots=True)
@@ -70,13 +54,8 @@ class JointReader:
         return self._anew(data)
 
     def _anew(self, data):
-        from rclpy.serialization import deserialize_message
         from sensor_msgs.msg import JointState
-        try:
-            message = deserialize_message(data, JointState)
-        except Exception as err:
-            reason = [*str(err).splitlines(), type(err).__name__][0]
-            raise ValueError(f'no JointState: {reason}') from None
+        message = decoded(data, JointState)
         self._learn(data, message)
         return message
 

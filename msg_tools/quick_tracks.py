@@ -8,8 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .cdr import BEGIN, ENCAPSULATION, aligned, frame_and_names, stamped
-from .quick_joints import Header, Stamp
+from .cdr import (
+    BEGIN,
+    ENCAPSULATION,
+    Header,
+    Stamp,
+    aligned,
+    decoded,
+    frame_and_names,
+    header,
+    stamped,
+)
 
 #: type of the messages
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
@@ -52,8 +61,7 @@ def joint_track(ns, times, positions, velocities, names, frame=''):
     points['sec'], points['nanosec'] = np.divmod(nanoseconds, 1_000_000_000)
     points['positions'], points['velocities'] = positions, velocities
     points['velocity_count'] = points['next_count'] = 2
-    return JointTrack(Header(Stamp(int(ns // 1_000_000_000), int(ns % 1_000_000_000)), frame),
-                      tuple(names), points)
+    return JointTrack(header(ns, frame), tuple(names), points)
 
 
 class TrackReader:
@@ -87,13 +95,8 @@ class TrackReader:
         return self._anew(data)
 
     def _anew(self, data):
-        from rclpy.serialization import deserialize_message
         from trajectory_msgs.msg import JointTrajectory
-        try:
-            message = deserialize_message(data, JointTrajectory)
-        except Exception as err:
-            reason = [*str(err).splitlines(), type(err).__name__][0]
-            raise ValueError(f'no JointTrajectory: {reason}') from None
+        message = decoded(data, JointTrajectory)
         self._frame, self._names = message.header.frame_id, tuple(message.joint_names)
         same, self._at, self._begin = _laid_out(self._frame, self._names)
         # rclpy leaves what it likes between two names
