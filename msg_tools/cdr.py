@@ -56,14 +56,27 @@ def aligned(at, size):
 
 def text_after(data, text):
     """`data`, bytes from a multiple of 4 on, and a string after them."""
+    return data + bytes(-len(data) % 4) + _text(text)
+
+
+def _text(text):
     coded = text.encode()
-    return data + bytes(-len(data) % 4) + struct.pack('<I', len(coded) + 1) + coded + b'\0'
+    return struct.pack('<I', len(coded) + 1) + coded + b'\0'
+
+
+def parts_of_frame_and_names(frame, names):
+    """From `BEGIN` on: the ``frame_id`` of a header, and a sequence of strings.
+
+    Each part begins at a multiple of 4. In the gaps between them rclpy leaves what it likes.
+    """
+    parts = [_text(frame), *map(_text, names)]
+    parts[1:2] = [struct.pack('<I', len(names)) + part for part in parts[1:2] or [b'']]
+    return parts
 
 
 def frame_and_names(frame, names):
-    """From `BEGIN` on: the ``frame_id`` of a header, and a sequence of strings."""
-    data = text_after(b'', frame)
-    data += bytes(-len(data) % 4) + struct.pack('<I', len(names))
-    for name in names:
-        data = text_after(data, name)
+    """`parts_of_frame_and_names` in one, gaps are 0."""
+    data = b''
+    for part in parts_of_frame_and_names(frame, names):
+        data += bytes(-len(data) % 4) + part
     return data

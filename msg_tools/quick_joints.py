@@ -8,7 +8,15 @@ laid out otherwise than the message before goes the usual way.
 import struct
 from dataclasses import dataclass
 
-from .cdr import BEGIN, ENCAPSULATION, Header, Stamp, aligned, decoded, frame_and_names
+from .cdr import (
+    BEGIN,
+    ENCAPSULATION,
+    Header,
+    Stamp,
+    aligned,
+    decoded,
+    parts_of_frame_and_names,
+)
 
 #: type of the messages
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -29,7 +37,7 @@ class JointReader:
     """Reads the messages of one topic."""
 
     def __init__(self):
-        self._size, self._layout, self._same, self._counts = -1, None, b'', ()
+        self._size, self._layout, self._same, self._counts = -1, None, (), ()
         self._frame, self._names, self._parts = '', (), ()
 
     def read(self, data):
@@ -45,12 +53,12 @@ class JointReader:
             The bytes are no JointState.
         """
         if len(data) == self._size:
-            encapsulation, sec, nanosec, same, *rest = self._layout.unpack(data)
-            a, b, c = self._parts
-            if (same == self._same and encapsulation == ENCAPSULATION
-                    and (rest[0], rest[a], rest[b]) == self._counts):
-                return Joints(Header(Stamp(sec, nanosec), self._frame), self._names,
-                              tuple(rest[1:a]), tuple(rest[a + 1:b]), tuple(rest[b + 1:c]))
+            all_of_it = self._layout.unpack(data)
+            a, b, c, d = self._parts
+            if (all_of_it[3:a] == self._same and all_of_it[0] == ENCAPSULATION
+                    and (all_of_it[a], all_of_it[b], all_of_it[c]) == self._counts):
+                return Joints(Header(Stamp(*all_of_it[1:3]), self._frame), self._names,
+                              all_of_it[a + 1:b], all_of_it[b + 1:c], all_of_it[c + 1:d])
         return self._anew(data)
 
     def _anew(self, data):
@@ -67,9 +75,11 @@ class JointReader:
         if layout.size != len(data):
             return
         self._size, self._layout, self._counts = layout.size, layout, counts
-        self._same = data[BEGIN:BEGIN + len(same)]  # rclpy leaves what it likes between two names
-        first, second, third = counts
-        self._parts = first + 1, first + second + 2, first + second + third + 3
+        self._same = tuple(same)
+        parts = [3 + len(same)]
+        for count in counts:
+            parts.append(parts[-1] + count + 1)
+        self._parts = tuple(parts)
         self._frame, self._names = frame, names
 
 
@@ -77,7 +87,7 @@ class JointWriter:
     """Writes the messages of one topic, of either kind."""
 
     def __init__(self):
-        self._of, self._layout, self._same = None, None, b''
+        self._of, self._layout, self._same = None, None, []
 
     def write(self, message):
         """The bytes of a `Joints` or JointState: those that rclpy would send, gaps are 0."""
@@ -88,16 +98,18 @@ class JointWriter:
             self._layout, self._same = _laid_out(*of)
             self._of = header.frame_id, message.name[:], counts
         return self._layout.pack(
-            ENCAPSULATION, header.stamp.sec, header.stamp.nanosec, self._same,
+            ENCAPSULATION, header.stamp.sec, header.stamp.nanosec, *self._same,
             counts[0], *message.position, counts[1], *message.velocity,
             counts[2], *message.effort)
 
 
 def _laid_out(frame, names, counts):
     """Layout of messages with so many numbers of each kind, and what stays the same in them."""
-    same = frame_and_names(frame, names)
-    at = BEGIN + len(same)
-    layout = f'<4siI{len(same)}s'
+    same = parts_of_frame_and_names(frame, names)
+    layout, at = '<4siI', BEGIN
+    for part in same:
+        before, at = at, aligned(at, 4)
+        layout, at = f'{layout}{at - before}x{len(part)}s', at + len(part)
     for count in counts:
         before, at = at, aligned(at, 4)
         layout, at = f'{layout}{at - before}xI', at + 4

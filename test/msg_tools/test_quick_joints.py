@@ -27,9 +27,8 @@ def of_encoder(ns, rng, write=serialize_message, **kwargs):
     return write(convert.joint_state(ns, rng.uniform(-9, 9, 2), rng.normal(size=2), **kwargs))
 
 
-# rclpy leaves in gaps between names what was there before: now and then a layout is learnt anew
-@pytest.mark.parametrize('write, least', [(serialize_message, 150), (JointWriter().write, 199)])
-def test_readings_are_read_as_rclpy_reads_them_and_without_it(write, least):
+@pytest.mark.parametrize('write', [serialize_message, JointWriter().write])
+def test_readings_are_read_as_rclpy_reads_them_and_without_it(write):
     rng = np.random.default_rng(1)
     reader, quick = JointReader(), 0
     for number in range(200):
@@ -38,7 +37,7 @@ def test_readings_are_read_as_rclpy_reads_them_and_without_it(write, least):
         quick += isinstance(message, Joints)
         assert alike(message, deserialize_message(data, JointState))
         assert convert.read_joints(message)[0] % 1000 == number % 1000
-    assert least <= quick < 200
+    assert quick == 199
 
 
 def random_message(rng):
