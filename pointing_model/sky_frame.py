@@ -1,14 +1,16 @@
 """The frame of a site at any time: ERFA's astrom, of which most changes slowly.
 
-Within two hours all of it goes straight: the curvature leaves 0.00007". Precession, nutation and
-the place of the Earth are computed once, for the middle of the two hours and the geocentre; how
-they go on follows from the Earth's velocity, its fall towards Sun and Moon, and the path of the
-pole by the short series IAU 2000B. What turns with the Earth is computed for two times in them: its
-angle grows evenly, and the observer's own motion is ERFA's diurnal aberration. These cells are the
-same in every process and whatever was asked before, and so is the answer.
+Within two hours all of it goes straight: the curvature leaves 0.00007". Precession, nutation (to
+0.0005": `nutation`) and the place of the Earth are computed once, for the middle of the two hours
+and the geocentre; how they go on follows from the Earth's velocity, its fall towards Sun and Moon,
+and the path of the pole by the short series IAU 2000B. What turns with the Earth is computed for
+two times in them: its angle grows evenly, and the observer's own motion is ERFA's diurnal
+aberration. These cells are the same in every process and whatever was asked before, and so is the
+answer.
 """
 
 import math
+from array import array
 from functools import lru_cache
 from operator import mul
 
@@ -18,6 +20,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .earth import FIRST, LAST, check_time, clock_and_pole, earth_orientation, split_utc
+from .nutation import nutation
 
 #: s; a part of the day, as UTC and the tables of the IERS change their rules at 0h
 GRID = 7200.0
@@ -113,14 +116,14 @@ def _cell(number, site):
             np.array([*geocentre_grows, *(c / _APART for c in change)]), (number + 0.5) * GRID)
 
 
-# few numbers: plain floats are faster than arrays
+# few numbers: plain floats are faster than ndarrays, an array is smaller than a list
 @lru_cache(maxsize=20_000)  # a year has 4400
 def _geocentre(number):
     """As `_cell`, of the geocentre; then what a site needs: sp, and at two times angle and pole."""
     day, tt, ut1, xp, yp = clock_and_pole((number + 0.5) * GRID, _APART)
-    astrom, _ = erfa.ufunc.apci13(day, tt)
     century = (day - erfa.DJ00 + tt) / erfa.DJC
-    middle = np.frombuffer(astrom, count=_OF_SITE).tolist()
+    longitude, obliquity, change = nutation(day, tt, _APART / erfa.DAYSEC)
+    middle = _astrom(day, tt, longitude, obliquity)
     velocity = [v * _LIGHT for v in middle[_V]]
     from_sun, (distance,) = middle[_EH], middle[_EM]
     away = sum(map(mul, velocity, from_sun))
@@ -130,12 +133,24 @@ def _geocentre(number):
     grows[_EH] = [(v - away * e) / distance for v, e in zip(velocity, from_sun)]
     grows[_V] = _fall(from_sun, distance, century)
     # the origin does not rotate about the pole: its path is all the turn that there is
-    x, y = _path_of_pole(day, tt, century)
+    x, y = _path_of_pole(change, century)
     bpn = middle[_BPN]
     first, second, third = bpn[:3], bpn[3:6], bpn[6:]
     grows[_BPN] = [*(-x * v for v in third), *(-y * v for v in third),
                    *(x * v + y * w for v, w in zip(first, second))]
-    return middle, grows, (erfa.ufunc.sp00(day, tt), erfa.ufunc.era00(day, ut1), xp, yp)
+    return (array('d', middle), array('d', grows),
+            (erfa.ufunc.sp00(day, tt), erfa.ufunc.era00(day, ut1), xp, yp))
+
+
+def _astrom(day, tt, longitude, obliquity):
+    """Its numbers for the geocentre, as ``apci13``, with a nutation."""
+    around_sun, from_barycentre, _ = erfa.ufunc.epv00(day, tt)
+    gamma, phi, psi, epsilon = erfa.ufunc.pfw06(day, tt)
+    x, y = erfa.ufunc.bpn2xy(
+        erfa.ufunc.fw2m(gamma, phi, psi + longitude, epsilon + obliquity))
+    astrom = erfa.ufunc.apci(day, tt, from_barycentre, around_sun['p'], x, y,
+                             erfa.ufunc.s06(day, tt, x, y))
+    return np.frombuffer(astrom, count=_OF_SITE).tolist()
 
 
 def _fall(from_sun, distance, century):
@@ -147,11 +162,8 @@ def _fall(from_sun, distance, century):
     return [t * _BY_MOON - e * by_sun for t, e in zip(toward, from_sun)]
 
 
-def _path_of_pole(day, tt, century):
-    """Motion of the celestial pole in x and y, rad/s: precession, and nutation IAU 2000B."""
-    half = 0.5 * _APART / erfa.DAYSEC
-    longitude, obliquity = (both.tolist() for both in erfa.ufunc.nut00b(
-        day, np.array((tt - half, tt + half))))
-    return ((longitude[1] - longitude[0]) * _SIN_OBLIQUITY / _APART
-            + _PRECESSION[0] + _PRECESSION[1] * century,
-            (obliquity[1] - obliquity[0]) / _APART + _PRECESSION[2] * century)
+def _path_of_pole(change, century):
+    """Motion of the celestial pole in x and y, rad/s: precession, and nutation."""
+    in_longitude, in_obliquity = (both / _APART for both in change)
+    return (in_longitude * _SIN_OBLIQUITY + _PRECESSION[0] + _PRECESSION[1] * century,
+            in_obliquity + _PRECESSION[2] * century)
