@@ -13,6 +13,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .few_rows import are_few, kept_rows
+from .in_cache import apart
 from .least_squares import (
     Solution,
     Spectrum,
@@ -21,7 +22,7 @@ from .least_squares import (
     spectrum_of,
     weighted_solve,
 )
-from .robust_rounds import TOLERANCE, Rounds, largest
+from .robust_rounds import TOLERANCE, Room, Rounds
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
@@ -128,7 +129,7 @@ def gauss_newton(start, sigmas, robust, rcond):
         p, huber = _of_some(start, sigmas, robust, rcond)
         begun, inverse = robust and huber is not None, np.linalg.inv(normals[1])
     solution = scales = rounds = row_weights = rows = known = None
-    plain, settled, near = None, False, False
+    plain, settled, near, room = None, False, False, Room()
     for iteration in range(1, 31):
         residual, feasible = start.residual(p, columns=not near)
         if feasible is not None and not feasible.any():
@@ -136,7 +137,7 @@ def gauss_newton(start, sigmas, robust, rcond):
                 'the fit runs to a mount that can point nowhere; look for rows with degrees of '
                 'error or fit fewer terms')
         same = solution is not None and _same(feasible, known)
-        wrong = largest(residual - solution.residual) if same and (settled or scales) else np.inf
+        wrong = apart(residual, solution.residual) if same and (settled or scales) else np.inf
         if wrong < EXACT and near and settled:
             solution = solution._replace(residual=residual)
             break
@@ -161,7 +162,7 @@ def gauss_newton(start, sigmas, robust, rcond):
             rounds = Rounds(rows, residual, weights, _INNER * rcond, inverse,
                             rounds if scales else None,
                             normals if rough and rows is first_order and not start.moved else None,
-                            plain)
+                            plain, room)
             if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
                 if begun:
                     scales = rounds.noise_at(huber - p, rank)
@@ -185,7 +186,7 @@ def gauss_newton(start, sigmas, robust, rcond):
         if start.linear:
             break
         mean = float(np.dot(solution.residual, solution.residual) / (2 * n * n)) ** 0.5
-        near = largest(residual - solution.residual) * mean < NEAR
+        near = apart(residual, solution.residual) * mean < NEAR
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')

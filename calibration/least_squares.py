@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .few_rows import satterthwaite
+from .in_cache import BLOCK
 from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
 
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
 _SAFE_CONDITION = 1e8  # up to here it may be inverted
 _FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
-#: columns of the design at a time that stay in the cache
-_BLOCK = 8192
 
 
 class Spectrum(NamedTuple):
@@ -104,25 +103,40 @@ def normal_matrices(rows, weights=None):
     if not isinstance(rows, np.ndarray):
         return rows.normals(weights)
     n = rows.shape[1] // 2
-    if n <= _BLOCK // 2:
+    if not are_many(rows):
         weighted = rows if weights is None else rows * weights
         x_normal = weighted[:, :n] @ rows[:, :n].T
         return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
-    x_normal, y_normal = (_normal(rows[:, part], None if weights is None else weights[part])
-                          for part in (slice(0, n), slice(n, None)))
-    return x_normal, x_normal + y_normal
+    return _normals_and_pull(rows, weights)[:2]
 
 
-def _normal(rows, weights):
+def are_many(rows):
+    """Whether a design is gone over by parts."""
+    return isinstance(rows, np.ndarray) and rows.shape[1] > BLOCK
+
+
+def _normals_and_pull(rows, weights, b=None):
+    """As `normal_matrices`, and ``rows @ (weights * b)``, in one pass over many rows."""
+    n = rows.shape[1] // 2
+    (x_normal, x_pull), (y_normal, y_pull) = (
+        _normal(rows[:, part], weights if weights is None or len(weights) == n else weights[part],
+                None if b is None else b[part])
+        for part in (slice(0, n), slice(n, None)))
+    return x_normal, x_normal + y_normal, x_pull + y_pull
+
+
+def _normal(rows, weights, b):
     k, n = rows.shape
-    out, weighted = np.zeros((k, k)), np.empty((k, _BLOCK))
-    for begin in range(0, n, _BLOCK):
-        part = rows[:, begin:begin + _BLOCK]
+    out, pull, weighted = np.zeros((k, k)), np.zeros(k), np.empty((k, BLOCK))
+    for begin in range(0, n, BLOCK):
+        part = rows[:, begin:begin + BLOCK]
         by = part
         if weights is not None:
-            by = np.multiply(part, weights[begin:begin + _BLOCK], out=weighted[:, :part.shape[1]])
+            by = np.multiply(part, weights[begin:begin + BLOCK], out=weighted[:, :part.shape[1]])
         out += by @ part.T
-    return out
+        if b is not None:
+            pull += by @ b[begin:begin + BLOCK]
+    return out, pull
 
 
 def weighted_solve(rows, b, weights, rcond, normals=None):
@@ -136,6 +150,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     rows : ndarray, shape (k, 2n)
     b : ndarray, shape (2n,)
     weights : ndarray, shape (2n,), or None
+        Of many rows (`are_many`) also (n,): the same for x and y.
     rcond : float
         Relative singular value below which a direction is left out.
     normals : tuple of ndarray, optional
@@ -145,7 +160,13 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     -------
     Solution
     """
-    x_normal, normal = normal_matrices(rows, weights) if normals is None else normals
+    pull = None
+    if normals is not None:
+        x_normal, normal = normals
+    elif are_many(rows):
+        x_normal, normal, pull = _normals_and_pull(rows, weights, b)
+    else:
+        x_normal, normal = normal_matrices(rows, weights)
     try:
         inverse = (inverse_of(normal) if isinstance(rows, np.ndarray)
                    else rows.inverse(normal))
@@ -157,17 +178,26 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
         rank = len(normal)
         refinements = 1 if condition > _FINE_CONDITION else 0
     else:
-        spectrum = spectrum_of(rows, weights, normal)
+        both = weights if weights is None or len(weights) == len(b) else np.tile(weights, 2)
+        spectrum = spectrum_of(rows, both, normal)
         rank = spectrum.rank(rcond)
         half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
         inverse = half @ half.T
         refinements = 3
-    p = inverse @ (rows @ (b if weights is None else weights * b))
+    if pull is None:
+        pull = rows @ _weighted(b, weights)
+    p = inverse @ pull
     residual = _left(b, p, rows)
     for _ in range(refinements):
-        p = p + inverse @ (rows @ (residual if weights is None else weights * residual))
+        p = p + inverse @ (rows @ _weighted(residual, weights))
         residual = _left(b, p, rows)
     return Solution(p, inverse, normal, x_normal, residual, rank)
+
+
+def _weighted(b, weights):
+    if weights is None:
+        return b
+    return weights * b if len(weights) == len(b) else (weights * b.reshape(2, -1)).reshape(-1)
 
 
 def _left(b, p, rows):

@@ -29,7 +29,7 @@ HAMPEL = (3.0, 12.0, 25.0)
 GROSS = BISQUARE
 
 
-def sigma_of(residual, dof_factor=1.0, axis=None):
+def sigma_of(residual, dof_factor=1.0, axis=None, room=None):
     """1-sigma noise from the median of the absolute residuals.
 
     Parameters
@@ -39,8 +39,10 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
         For the freedom that a fit took: sqrt(n / (n - k)).
     axis : int, optional
         As for `numpy.median`.
+    room : ndarray, optional
+        Of the shape of `residual`, to work in.
     """
-    distance = np.abs(residual)
+    distance = np.abs(residual, out=room)
     last = distance.ndim - 1
     if axis in (None, last) and (last == 0 or axis == last) and distance.size:
         # as numpy.median, to the bit, at a third of its time

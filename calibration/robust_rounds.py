@@ -5,11 +5,14 @@ there. Of few rows, where weights follow residuals so closely that such rounds c
 change of the weights is in the matrix (Newton's method).
 """
 
+from functools import partial
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .least_squares import Solution, inverse_of, weighted_solve
+from .in_cache import MANY, apart, change, largest, of_axes
+from .least_squares import Solution, are_many, inverse_of, weighted_solve
 from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
 
 TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
@@ -27,6 +30,28 @@ _NEWTON = 400
 _LONG, _SHORT = 0.5, 1e-3
 
 
+class Room:
+    """Arrays of many rows that the rounds of a fit work in, one after the other.
+
+    A new one of a million rows costs the system up to 30 ms, ten times what is done with it.
+    """
+
+    def __init__(self):
+        self._weights = self._residual = None
+
+    def weights(self, n):
+        """For weights and their roots, shape (2, n)."""
+        if self._weights is None or self._weights.shape[1] != n:
+            self._weights = np.empty((2, n))
+        return self._weights
+
+    def residual(self, like):
+        """For residuals."""
+        if self._residual is None or len(self._residual) != len(like):
+            self._residual = np.empty_like(like)
+        return self._residual
+
+
 class Weigher:
     """Robust weights of rows by their residuals, at the noise `scales` of each axis.
 
@@ -35,11 +60,13 @@ class Weigher:
     base : ndarray, shape (2n,), or None
         Weights by the given sigmas; then the scales are in sigmas.
     n : int
+    room : Room
     """
 
-    def __init__(self, base, n):
-        self.base, self.n = base, n
+    def __init__(self, base, n, room):
+        self.base, self.n, self.room = base, n, room
         self.root = None if base is None else np.sqrt(base)
+        self.many = 2 * n >= MANY
         self.floor = TOLERANCE if base is None else 1e-9
 
     def squares(self, residual):
@@ -52,7 +79,8 @@ class Weigher:
     def noise(self, residual, dof_factor):
         """Of each axis, from the medians."""
         standard = residual if self.root is None else residual * self.root
-        both = sigma_of(standard.reshape(2, self.n), dof_factor, axis=1)
+        both = sigma_of(standard.reshape(2, self.n), dof_factor, axis=1,
+                        room=self.room.weights(self.n) if self.many else None)
         return [max(one, self.floor) for one in both.tolist()]
 
     def huber(self, residual, scales):
@@ -69,13 +97,70 @@ class Weigher:
         return total / (0.5 * (total + np.count_nonzero(weights == 1.0)))
 
     def bisquare(self, residual, scales):
-        """Weights and their roots, shape (n,) each."""
-        return self.bisquare_of(self.squares(residual), scales)
+        """Weights and their roots, shape (n,) each; of many rows, until it is asked again."""
+        if not self.many:
+            return self._weights_at(self.squares(residual), self._bend(scales))
+        weigh, weights, kept = self.by_parts(scales)
+        for part, there in of_axes(self.n):
+            weigh(residual, part, there)
+        return weights, kept
+
+    def by_parts(self, scales):
+        """As `bisquare`, part by part: a call for each, with the residual, and both arrays."""
+        weights, kept = self.room.weights(self.n)
+        return (partial(self._weigh, weights=weights, kept=kept, factors=self._bend(scales)),
+                weights, kept)
+
+    def _weigh(self, residual, part, there, weights, kept, factors):
+        squares = self._both_squares(residual, part, there)
+        np.square(self._kept(*squares, factors, kept[part]), out=weights[part])
+
+    def variances(self, residual):
+        """Of a call with `scales`: mean square of each axis, by the bisquare's weights then."""
+        if self.many:
+            return lambda scales: self._variances_of_many(residual, scales)
+        squares = self.squares(residual)  # the same at all scales
+
+        def of(scales):
+            weights, kept = self._weights_at(squares, self._bend(scales))
+            return self._means(squares @ weights, float(np.dot(kept, kept)))
+        return of
+
+    def _variances_of_many(self, residual, scales):
+        factors, squares, total = self._bend(scales), np.zeros(2), 0.0
+        for part, there in of_axes(self.n):
+            x, y = self._both_squares(residual, part, there)
+            kept = self._kept(x, y, factors)
+            total += float(np.dot(kept, kept))
+            kept *= kept
+            squares += np.dot(x, kept), np.dot(y, kept)
+        return self._means(squares, total)
 
     @staticmethod
-    def bisquare_of(squares, scales):
-        """As `bisquare`, of the `squares` of the residual."""
-        kept = np.dot([(-1.0 / BISQUARE**2) / scale**2 for scale in scales], squares)
+    def _means(squares, total):
+        return (squares / (max(total, 1e-9) * BISQUARE_VARIANCE)).tolist()
+
+    def _both_squares(self, residual, part, there):
+        x, y = np.square(residual[part]), np.square(residual[there])
+        if self.base is not None:
+            x *= self.base[part]
+            y *= self.base[there]
+        return x, y
+
+    @staticmethod
+    def _kept(x, y, factors, out=None):
+        kept = np.multiply(x, factors[0], out=out)
+        kept += factors[1] * y
+        kept += 1.0
+        return np.maximum(kept, 0.0, out=kept)
+
+    @staticmethod
+    def _bend(scales):
+        return [(-1.0 / BISQUARE**2) / scale**2 for scale in scales]
+
+    @staticmethod
+    def _weights_at(squares, factors):
+        kept = np.dot(factors, squares)
         kept += 1.0
         np.maximum(kept, 0.0, out=kept)
         return np.square(kept), kept
@@ -121,12 +206,15 @@ class Rounds:
         Of the design without robust weights, where they are known: a rough beginning.
     plain : ndarray, shape (k,), optional
         Plain least squares, where it is known but for the second order.
+    room : Room, optional
+        Of the rounds before, which nobody asks any more.
     """
 
     def __init__(self, rows, b, base, rcond, inverse=None, before=None, normals=None,
-                 plain=None):
+                 plain=None, room=None):
         self.rows, self.b, self.base, self.rcond = rows, b, base, rcond
-        self.weigher = Weigher(base, len(b) // 2)
+        self._room = room or Room()
+        self.weigher = Weigher(base, len(b) // 2, self._room)
         self.solution, self.p, self.residual = None, np.zeros(len(rows)), b
         #: sum of the weights that the matrix was formed with
         self.total = float(len(b) // 2)
@@ -135,6 +223,7 @@ class Rounds:
         if before is not None:
             self.solution, self.newton, self.total = before.solution, before.newton, before.total
             self.inverse = self.solution.inverse
+        self._known = None  # the force at the last weights, where a pass has found it
         self.begun = self.inverse is not None
         if not self.begun and plain is not None:
             self.residual = b - plain @ rows
@@ -144,36 +233,81 @@ class Rounds:
             self.begun = normals is not None
 
     def solve(self, weights, normals=None):
-        """Exactly, with these weights of the rows (None: 1); how far it moves a residual."""
-        before = self.residual
-        self.solution = weighted_solve(
-            self.rows, self.b, self.base if weights is None else self.weigher.both(weights),
-            self.rcond, normals)
+        """Exactly, with these weights of the rows (None: 1); the residual before."""
+        before, self._known = self.residual, None
+        if weights is None:
+            both = self.base
+        elif self.base is None and are_many(self.rows):
+            both = weights
+        else:
+            both = self.weigher.both(weights)
+        self.solution = weighted_solve(self.rows, self.b, both, self.rcond, normals)
         self.p, self.residual = self.solution.p, self.solution.residual
         self.inverse = self.solution.inverse
         if weights is not None:
             self.total, self.unweighted = float(np.add.reduce(weights)), False
-        return self.residual - before
+        return before
 
     def force(self, weights):
         """What the weighted residuals pull the coefficients by, shape (k,)."""
+        known, self._known = self._known, None
+        if known is not None:
+            return known
+        if self._by_parts:
+            return sum(self._force_of(weights, *both) for both in of_axes(len(weights)))
         weighted = (self.residual.reshape(2, -1) * weights).reshape(-1)
         if self.base is not None:
             weighted *= self.base
         return self.rows @ weighted
 
+    def _force_of(self, weights, part, there):
+        """That of the rows of a part."""
+        of_x, of_y = self.residual[part] * weights[part], self.residual[there] * weights[part]
+        if self.base is not None:
+            of_x *= self.base[part]
+            of_y *= self.base[there]
+        return self.rows[:, part] @ of_x + self.rows[:, there] @ of_y
+
     def step(self, weights, longer):
         """One with the normal matrix that is there; how far it moves a residual at most."""
         return self.go(longer * (self.inverse @ self.force(weights)))
 
+    def step_and_weigh(self, weights, longer, scales):
+        """As `step`, and the bisquare's weights and their roots after it.
+
+        Of many rows in one pass over the design, with the next step's force.
+        """
+        if not self._by_parts:
+            return self.step(weights, longer), *self.weigher.bisquare(self.residual, scales)
+        step = longer * (self.inverse @ self.force(weights))
+        weigh, weights, kept = self.weigher.by_parts(scales)
+        before, after, far, force = self.residual, self._room.residual(self.b), [], 0.0
+        self.p, self.residual = self.p + step, after
+        for both in of_axes(len(weights)):
+            far += [change(before[part], step, self.rows[:, part], after[part])
+                    for part in both]
+            weigh(after, *both)
+            force += self._force_of(weights, *both)
+        self._known = force
+        return float(np.max(far)), weights, kept
+
     def go(self, step, most=np.inf):
         """Change the coefficients unless a residual moves by more than `most`; how far it does."""
+        if self._by_parts and most == np.inf:
+            out = self._room.residual(self.b)
+            far = change(self.residual, step, self.rows, out)
+            self.p, self.residual = self.p + step, out
+            return far
         moved = step @ self.rows
         far = largest(moved)
         if far <= most:
             self.p = self.p + step
             self.residual = np.subtract(self.residual, moved, out=moved)
         return far
+
+    @property
+    def _by_parts(self):
+        return self.weigher.many and isinstance(self.rows, np.ndarray)
 
     def by_newton(self, weights, kept, scales, form):
         """As `step`, by the matrix with the change of the weights; None where it leads nowhere.
@@ -214,7 +348,8 @@ class Rounds:
             scales = weigher.noise(self.residual, dof_factor)
             weights = weigher.huber(self.residual, scales)
             if exactly or self.unweighted and self.far(weights):
-                moved = float(weigher.distance(self.solve(weights), scales).max()) ** 0.5
+                before = self.solve(weights)
+                moved = float(weigher.distance(self.residual - before, scales).max()) ** 0.5
             else:
                 longer = weigher.huber_longer(weights)
                 if self.unweighted:
@@ -227,7 +362,12 @@ class Rounds:
 
     def noise_at(self, step, rank):
         """As `find_noise`, where Huber's weights are known to lead: `step` from here."""
-        return self._noise_of(self.residual - step @ self.rows, self._dof_factor(rank))
+        if self._by_parts and self.residual is self.b:
+            residual = self._room.residual(self.b)
+            change(self.residual, step, self.rows, residual)
+        else:
+            residual = self.residual - step @ self.rows
+        return self._noise_of(residual, self._dof_factor(rank))
 
     def _dof_factor(self, rank):
         return (len(self.b) / max(len(self.b) - rank, 1)) ** 0.5
@@ -236,19 +376,18 @@ class Rounds:
         weigher = self.weigher
         scales = weigher.noise(residual, dof_factor)
         # the median is wasteful: take the bisquare's own variance of what it keeps
-        squares = weigher.squares(residual)
+        variances = weigher.variances(residual)
         for _ in range(3):
-            weights, kept = weigher.bisquare_of(squares, scales)
-            total = max(float(np.dot(kept, kept)), 1e-9) * BISQUARE_VARIANCE
-            scales = [max(dof_factor * (square / total) ** 0.5, scale / 1.5)
-                      for square, scale in zip((squares @ weights).tolist(), scales)]
+            scales = [max(dof_factor * square ** 0.5, scale / 1.5)
+                      for square, scale in zip(variances(scales), scales)]
         return scales
 
     def approach(self, scales):
         """Two steps of the bisquare; a `Solution` without matrices."""
-        for _ in range(2):
-            weights, kept = self.weigher.bisquare(self.residual, scales)
-            self.step(weights, self.weigher.bisquare_longer(kept, self.total))
+        weights, kept = self.weigher.bisquare(self.residual, scales)
+        _, weights, kept = self.step_and_weigh(
+            weights, self.weigher.bisquare_longer(kept, self.total), scales)
+        self.step(weights, self.weigher.bisquare_longer(kept, self.total))
         return Solution(self.p, self.inverse, None, None, self.residual, len(self.p))
 
     def bisquare(self, scales):
@@ -267,9 +406,11 @@ class Rounds:
                 moved = self.by_newton(weights, kept, scales, form)
                 newton = moved is not None
             if moved is None:
-                moved = self.step(weights, weigher.bisquare_longer(kept, self.total))
+                moved, weights, kept = self.step_and_weigh(
+                    weights, weigher.bisquare_longer(kept, self.total), scales)
+            else:
+                weights, kept = weigher.bisquare(self.residual, scales)
             way += moved
-            weights, kept = weigher.bisquare(self.residual, scales)
             less = moved / last  # what the next would be of this; square, by a matrix of its own
             less = max(less * less if form else less, 1e-5) if newton else max(less, 1e-3)
             if less * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
@@ -279,15 +420,9 @@ class Rounds:
                 self.solution = self.solution._replace(p=self.p, residual=self.residual)
                 break
             newton = newton and moved <= _SLOW * last
-            last, moved = np.inf, largest(self.solve(weights))
+            before = self.solve(weights)
+            last, moved = np.inf, apart(self.residual, before)
             if moved < TOLERANCE:
                 break
             weights, kept = weigher.bisquare(self.residual, scales)
         return weights
-
-
-def largest(values):
-    """The largest absolute value."""
-    if len(values) < 20_000:  # one pass of numpy costs more than the values
-        return float(np.maximum.reduce(np.abs(values)))
-    return max(float(values.max()), -float(values.min()))

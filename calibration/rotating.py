@@ -46,17 +46,20 @@ class Rotating:
         #: the zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay
         self._turning = {i: of for i, of in self.places.items()
                          if of[0] not in (('IA', 'IE', 'TF') if mount.altaz else ('IA', 'IE'))}
-        self.at = None
+        self.at = self._residual = None
 
     def residual(self, p, columns):
-        """As of `gauss_newton.Linear`."""
+        """As of `gauss_newton.Linear`; until the next call."""
         self.at, self.filled = None, True
         if not self.turned and not p.any():
             return self.observed, None
         self.at = list(self._held)
         for i, at, sign, held in self._rotations:
             self.at[at] = held + sign * float(p[i])
-        residual = self.observed.copy()
+        if self._residual is None:
+            self._residual = np.empty_like(self.observed)
+        residual = self._residual  # that of the call before is not needed any more
+        np.copyto(residual, self.observed)
         if len(self.places) < len(p):
             rest = p.copy()
             rest[list(self.places)] = 0.0
