@@ -103,7 +103,7 @@ def full_frame(time, site):
     return np.array(astrom)
 
 
-@lru_cache(maxsize=2000)
+@lru_cache(maxsize=5000)  # a year has 4400
 def _cell(number, site):
     """Numbers of astrom in the middle of a cell, their growth in a second, and when that is."""
     geocentre, geocentre_grows, (sp, angle, xp, yp) = _geocentre(number)
@@ -117,7 +117,7 @@ def _cell(number, site):
 
 
 # few numbers: plain floats are faster than ndarrays, an array is smaller than a list
-@lru_cache(maxsize=20_000)  # a year has 4400
+@lru_cache(maxsize=64)  # for several sites at a time: one asks once
 def _geocentre(number):
     """As `_cell`, of the geocentre; then what a site needs: sp, and at two times angle and pole."""
     day, tt, ut1, xp, yp = clock_and_pole((number + 0.5) * GRID, _APART)
