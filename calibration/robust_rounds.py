@@ -293,6 +293,7 @@ class Rounds:
 
     def go(self, step, most=np.inf):
         """Change the coefficients unless a residual moves by more than `most`; how far it does."""
+        self._known = None
         if self._by_parts and most == np.inf:
             out = self._room.residual(self.b)
             far = change(self.residual, step, self.rows, out)
@@ -320,9 +321,9 @@ class Rounds:
             if self.base is not None:
                 pull *= self.base
             x, y = pull[:, :n], pull[:, n:]
-            change = x * scales[0]**-2 + y * scales[1]**-2
-            change *= (4.0 / BISQUARE**2) * kept
-            matrix = (rows * self.weigher.both(weights)) @ rows.T - (x + y) @ change.T
+            by_weights = x * scales[0]**-2 + y * scales[1]**-2
+            by_weights *= (4.0 / BISQUARE**2) * kept
+            matrix = (rows * self.weigher.both(weights)) @ rows.T - (x + y) @ by_weights.T
             try:
                 self.newton = inverse_of(matrix)
             except np.linalg.LinAlgError:
