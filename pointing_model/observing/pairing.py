@@ -13,6 +13,8 @@ CLOCK_JUMP = 1_000_000_000
 #: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
 #: second apart show a slip, not how the axis moves
 RATE_OVER = 1_000_000_000
+#: ns of readings that are kept before a track: it may be told late
+KEPT_BEFORE = 600_000_000_000
 ENCODERS = ('enc', 'abs')
 
 
@@ -84,6 +86,12 @@ class Readings:
             del self.stamps[:self._most], self._angles[:2 * self._most]
         self.stamps.append(stamp)
         self._angles.extend(angles)
+
+    def forget_before(self, stamp):
+        """Forget what is older, but for the last of them, if that is most of all."""
+        first = bisect_left(self.stamps, stamp) - 1
+        if first > len(self.stamps) // 2:
+            del self.stamps[:first], self._angles[:2 * first]
 
     def since(self, stamp):
         """The newest, back to the last one before `stamp`.
@@ -250,6 +258,8 @@ class Exposures:
             Encoder angles demanded then, rad.
         """
         self._track = start, times, track
+        for readings in self._readings.values():
+            readings.forget_before(start - KEPT_BEFORE)
         self._frames.clear()
         self.restless = []
 
