@@ -19,11 +19,6 @@ def parts(n):
     return (slice(i, min(i + BLOCK, n)) for i in range(0, n, BLOCK))
 
 
-def of_axes(n):
-    """As `parts`, those of x and of y in values of x of all `n` rows, then y."""
-    return ((part, slice(n + part.start, n + part.stop)) for part in parts(n))
-
-
 def largest(values):
     """The largest absolute value."""
     if len(values) < FEW:

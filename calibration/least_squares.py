@@ -103,14 +103,14 @@ def normal_matrices(rows, weights=None):
     if not isinstance(rows, np.ndarray):
         return rows.normals(weights)
     n = rows.shape[1] // 2
-    if not are_many(rows):
+    if not _are_many(rows):
         weighted = rows if weights is None else rows * weights
         x_normal = weighted[:, :n] @ rows[:, :n].T
         return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
     return _normals_and_pull(rows, weights)[:2]
 
 
-def are_many(rows):
+def _are_many(rows):
     """Whether a design is gone over by parts."""
     return isinstance(rows, np.ndarray) and rows.shape[1] > BLOCK
 
@@ -149,8 +149,7 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     ----------
     rows : ndarray, shape (k, 2n)
     b : ndarray, shape (2n,)
-    weights : ndarray, shape (2n,), or None
-        Of many rows (`are_many`) also (n,): the same for x and y.
+    weights : ndarray, shape (2n,), or (n,) where those of x and y are the same, or None
     rcond : float
         Relative singular value below which a direction is left out.
     normals : tuple of ndarray, optional
@@ -160,10 +159,12 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     -------
     Solution
     """
-    pull = None
+    many, pull = _are_many(rows), None
+    if weights is not None and len(weights) < len(b) and not many:
+        weights = np.concatenate((weights, weights))
     if normals is not None:
         x_normal, normal = normals
-    elif are_many(rows):
+    elif many:
         x_normal, normal, pull = _normals_and_pull(rows, weights, b)
     else:
         x_normal, normal = normal_matrices(rows, weights)
@@ -178,8 +179,9 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
         rank = len(normal)
         refinements = 1 if condition > _FINE_CONDITION else 0
     else:
-        both = weights if weights is None or len(weights) == len(b) else np.tile(weights, 2)
-        spectrum = spectrum_of(rows, both, normal)
+        if weights is not None and len(weights) < len(b):
+            weights = np.concatenate((weights, weights))
+        spectrum = spectrum_of(rows, weights, normal)
         rank = spectrum.rank(rcond)
         half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
         inverse = half @ half.T

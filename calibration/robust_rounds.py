@@ -5,14 +5,12 @@ there. Of few rows, where weights follow residuals so closely that such rounds c
 change of the weights is in the matrix (Newton's method).
 """
 
-from functools import partial
-
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .in_cache import MANY, apart, change, largest, of_axes
-from .least_squares import Solution, are_many, inverse_of, weighted_solve
+from .in_cache import MANY, apart, change, largest, parts
+from .least_squares import Solution, inverse_of, weighted_solve
 from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
 
 TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
@@ -69,12 +67,12 @@ class Weigher:
         self.many = 2 * n >= MANY
         self.floor = TOLERANCE if base is None else 1e-9
 
-    def squares(self, residual):
-        """Of both axes, in sigmas where they were given; shape (2, n)."""
-        squares = np.square(residual)
+    def squares(self, residual, part=slice(None)):
+        """Of both axes, in sigmas where they were given; shape (2, n), or of a part."""
+        squares = np.square(residual.reshape(2, self.n)[:, part])
         if self.base is not None:
-            squares *= self.base
-        return squares.reshape(2, self.n)
+            squares *= self.base.reshape(2, self.n)[:, part]
+        return squares
 
     def noise(self, residual, dof_factor):
         """Of each axis, from the medians."""
@@ -98,72 +96,29 @@ class Weigher:
 
     def bisquare(self, residual, scales):
         """Weights and their roots, shape (n,) each; of many rows, until it is asked again."""
+        bends = _bends(scales)
         if not self.many:
-            return self._weights_at(self.squares(residual), self._bend(scales))
-        weigh, weights, kept = self.by_parts(scales)
-        for part, there in of_axes(self.n):
-            weigh(residual, part, there)
+            kept = _roots(self.squares(residual), bends)
+            return np.square(kept), kept
+        weights, kept = self.room.weights(self.n)
+        for part in parts(self.n):
+            self.weigh(residual, part, bends)
         return weights, kept
 
-    def by_parts(self, scales):
-        """As `bisquare`, part by part: a call for each, with the residual, and both arrays."""
+    def weigh(self, residual, part, bends):
+        """As `bisquare`, of some of many rows."""
         weights, kept = self.room.weights(self.n)
-        return (partial(self._weigh, weights=weights, kept=kept, factors=self._bend(scales)),
-                weights, kept)
+        np.square(_roots(self.squares(residual, part), bends, kept[part]), out=weights[part])
 
-    def _weigh(self, residual, part, there, weights, kept, factors):
-        squares = self._both_squares(residual, part, there)
-        np.square(self._kept(*squares, factors, kept[part]), out=weights[part])
-
-    def variances(self, residual):
-        """Of a call with `scales`: mean square of each axis, by the bisquare's weights then."""
-        if self.many:
-            return lambda scales: self._variances_of_many(residual, scales)
-        squares = self.squares(residual)  # the same at all scales
-
-        def of(scales):
-            weights, kept = self._weights_at(squares, self._bend(scales))
-            return self._means(squares @ weights, float(np.dot(kept, kept)))
-        return of
-
-    def _variances_of_many(self, residual, scales):
-        factors, squares, total = self._bend(scales), np.zeros(2), 0.0
-        for part, there in of_axes(self.n):
-            x, y = self._both_squares(residual, part, there)
-            kept = self._kept(x, y, factors)
+    def variances(self, residual, scales):
+        """Mean square of each axis, by the bisquare's weights at these scales."""
+        bends, squares, total = _bends(scales), 0.0, 0.0
+        for part in parts(self.n) if self.many else (slice(None),):
+            of_part = self.squares(residual, part)
+            kept = _roots(of_part, bends)
             total += float(np.dot(kept, kept))
-            kept *= kept
-            squares += np.dot(x, kept), np.dot(y, kept)
-        return self._means(squares, total)
-
-    @staticmethod
-    def _means(squares, total):
+            squares = squares + of_part @ np.square(kept)
         return (squares / (max(total, 1e-9) * BISQUARE_VARIANCE)).tolist()
-
-    def _both_squares(self, residual, part, there):
-        x, y = np.square(residual[part]), np.square(residual[there])
-        if self.base is not None:
-            x *= self.base[part]
-            y *= self.base[there]
-        return x, y
-
-    @staticmethod
-    def _kept(x, y, factors, out=None):
-        kept = np.multiply(x, factors[0], out=out)
-        kept += factors[1] * y
-        kept += 1.0
-        return np.maximum(kept, 0.0, out=kept)
-
-    @staticmethod
-    def _bend(scales):
-        return [(-1.0 / BISQUARE**2) / scale**2 for scale in scales]
-
-    @staticmethod
-    def _weights_at(squares, factors):
-        kept = np.dot(factors, squares)
-        kept += 1.0
-        np.maximum(kept, 0.0, out=kept)
-        return np.square(kept), kept
 
     @staticmethod
     def bisquare_longer(kept, formed):
@@ -186,6 +141,17 @@ class Weigher:
         if self.base is not None:
             out *= self.base
         return out
+
+
+def _bends(scales):
+    return [(-1.0 / BISQUARE**2) / scale**2 for scale in scales]
+
+
+def _roots(squares, bends, out=None):
+    """Of the bisquare's weights."""
+    kept = np.dot(bends, squares, out=out)
+    kept += 1.0
+    return np.maximum(kept, 0.0, out=kept)
 
 
 class Rounds:
@@ -237,10 +203,8 @@ class Rounds:
         before, self._known = self.residual, None
         if weights is None:
             both = self.base
-        elif self.base is None and are_many(self.rows):
-            both = weights
         else:
-            both = self.weigher.both(weights)
+            both = weights if self.base is None else self.weigher.both(weights)
         self.solution = weighted_solve(self.rows, self.b, both, self.rcond, normals)
         self.p, self.residual = self.solution.p, self.solution.residual
         self.inverse = self.solution.inverse
@@ -254,19 +218,20 @@ class Rounds:
         if known is not None:
             return known
         if self._by_parts:
-            return sum(self._force_of(weights, *both) for both in of_axes(len(weights)))
+            return sum(self._force_of(weights, part) for part in parts(len(weights)))
         weighted = (self.residual.reshape(2, -1) * weights).reshape(-1)
         if self.base is not None:
             weighted *= self.base
         return self.rows @ weighted
 
-    def _force_of(self, weights, part, there):
-        """That of the rows of a part."""
-        of_x, of_y = self.residual[part] * weights[part], self.residual[there] * weights[part]
+    def _force_of(self, weights, part):
+        """That of some rows."""
+        x_and_y = 2, len(weights)
+        weighted = self.residual.reshape(x_and_y)[:, part] * weights[part]
         if self.base is not None:
-            of_x *= self.base[part]
-            of_y *= self.base[there]
-        return self.rows[:, part] @ of_x + self.rows[:, there] @ of_y
+            weighted *= self.base.reshape(x_and_y)[:, part]
+        x, y = np.moveaxis(self.rows.reshape(-1, *x_and_y)[:, :, part], 1, 0)
+        return x @ weighted[0] + y @ weighted[1]
 
     def step(self, weights, longer):
         """One with the normal matrix that is there; how far it moves a residual at most."""
@@ -280,14 +245,15 @@ class Rounds:
         if not self._by_parts:
             return self.step(weights, longer), *self.weigher.bisquare(self.residual, scales)
         step = longer * (self.inverse @ self.force(weights))
-        weigh, weights, kept = self.weigher.by_parts(scales)
         before, after, far, force = self.residual, self._room.residual(self.b), [], 0.0
         self.p, self.residual = self.p + step, after
-        for both in of_axes(len(weights)):
-            far += [change(before[part], step, self.rows[:, part], after[part])
-                    for part in both]
-            weigh(after, *both)
-            force += self._force_of(weights, *both)
+        n, bends = len(weights), _bends(scales)
+        weights, kept = self._room.weights(n)
+        for part in parts(n):
+            for rows in (part, slice(n + part.start, n + part.stop)):
+                far.append(change(before[rows], step, self.rows[:, rows], after[rows]))
+            self.weigher.weigh(after, part, bends)
+            force += self._force_of(weights, part)
         self._known = force
         return float(np.max(far)), weights, kept
 
@@ -377,10 +343,9 @@ class Rounds:
         weigher = self.weigher
         scales = weigher.noise(residual, dof_factor)
         # the median is wasteful: take the bisquare's own variance of what it keeps
-        variances = weigher.variances(residual)
         for _ in range(3):
             scales = [max(dof_factor * square ** 0.5, scale / 1.5)
-                      for square, scale in zip(variances(scales), scales)]
+                      for square, scale in zip(weigher.variances(residual, scales), scales)]
         return scales
 
     def approach(self, scales):
