@@ -1,7 +1,8 @@
 """The incremental encoder of paper 000: a counter that a reference mark clears after power-on.
 
 What the grating shows to the head (`_shown`), where the index pulse lies (`_pulse`) and when it is
-met (`_passages`), and what the counter makes of both (`feed`).
+met (`_passages`), and what the counter makes of both (`feed`): in one file, as they share the state
+of one device.
 """
 
 from typing import NamedTuple

@@ -15,19 +15,16 @@ tears. Beyond the tables the values are extrapolated and the uncertainty says so
   on; before 1960 there was no UTC, the time is understood as universal time, 0 +- 0.5 s.
 """
 
-from bisect import bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
-from mmap import ACCESS_READ, mmap
 from operator import mul
 
-import astropy_iers_data
 import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .fixed_width import fixed_width
+from .iers_tables import C04_FIRST, extent, learn_leap_seconds, rows_around, rows_of, tai_utc
 
 MJD_1970 = 40587.0
 DAY = 86400.0
@@ -43,7 +40,7 @@ TIDES_UT1 = 3e-5  # s
 TIDES_POLE = 2e-4 * ARCSEC
 
 FIRST, LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
-_MJD_1960, _C04_FIRST = 36934.0, 37665.0
+_MJD_1960 = 36934.0
 _EVEN = 63072000.0  # 1972-01-01, since when TAI-UTC changes by whole seconds only
 
 #: what `EarthOrientation.source` can say, from the best to the worst
@@ -153,9 +150,9 @@ def earth_orientation(time):
     flat_dat = np.atleast_1d(dat).ravel()
     out = np.empty((5, flat.size))  # dut1, xp, yp, sigma_dut1, sigma_pole
     source = np.empty(flat.size, int)
-    last = _tables()[2]
+    last = extent()[2]
 
-    early = flat < _C04_FIRST
+    early = flat < C04_FIRST
     late = flat > last
     known = ~(early | late)
     if np.any(early):
@@ -166,14 +163,15 @@ def earth_orientation(time):
         source[early] = 4
     if np.any(known):
         t = flat[known]
-        rows, kind = _rows(max(int(t.min()) - 1, int(_C04_FIRST)), min(int(t.max()) + 2, int(last)))
+        rows, kind = rows_of(max(int(t.min()) - 1, int(C04_FIRST)),
+                             min(int(t.max()) + 2, int(last)))
         value, kind = _interpolate(t, rows, kind)
         value[0] += flat_dat[known]
         value[3] = np.hypot(value[3], TIDES_UT1)
         value[4] = np.hypot(value[4], TIDES_POLE)
         out[:, known], source[known] = value, kind
     if np.any(late):
-        rows, _ = _rows(int(last) - 365, int(last))
+        rows, _ = rows_of(int(last) - 365, int(last))
         value = extrapolate(flat[late], rows)
         value[0] += flat_dat[late]
         value[0], value[3] = _with_leap_seconds(flat[late], value[0], value[3])
@@ -211,7 +209,7 @@ def clock_and_pole(time, apart):
     day = time // DAY
     second = time - day * DAY
     julian = erfa.DJM0 + MJD_1970 + day
-    rows = _rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
+    rows = rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
     if rows is None:
         there = day * DAY + second + np.array([-0.5 * apart, 0.5 * apart])
         orientation = earth_orientation(there)
@@ -303,152 +301,11 @@ def _calendar(time):
     """MJD of 0h, second of that day, TAI-UTC at 0h, its change over the day, step at its end."""
     time = np.asarray(time, float)
     check_time(time)
-    _leap_seconds()
+    learn_leap_seconds()
     day = np.floor(time / DAY)
     second = time - day * DAY
     day = day + MJD_1970
-    today = _tai_utc(day, 0.0)
-    drift = 2.0 * (_tai_utc(day, 0.5) - today)
-    step = _tai_utc(day + 1.0, 0.0) - today - drift
+    today = tai_utc(day, 0.0)
+    drift = 2.0 * (tai_utc(day, 0.5) - today)
+    step = tai_utc(day + 1.0, 0.0) - today - drift
     return day, second, today, drift, step
-
-
-def _tai_utc(mjd, fraction):
-    year, month, day, _, _ = erfa.ufunc.jd2cal(erfa.DJM0, mjd)
-    return erfa.ufunc.dat(year, month, day, fraction)[0]  # 0 before 1960
-
-
-@lru_cache(maxsize=1)
-def _leap_seconds():
-    """Tell ERFA of the leap seconds that the IERS data know and it does not."""
-    rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments='#')
-    table = erfa.leap_seconds.get()
-    new = [(int(r[3]), int(r[2]), r[4]) for r in rows
-           if (int(r[3]), int(r[2])) > (int(table['year'][-1]), int(table['month'][-1]))]
-    if new:
-        erfa.leap_seconds.set(np.append(table, np.array(new, table.dtype)))
-
-
-# Both tables have one line a day of constant width, so the line of a day is found by seeking.
-_C04_LINE, _A_LINE, _A_FIRST = 219, 188, 41684
-# first and last byte, counted from 1, of MJD, UT1-UTC, xp, yp, their sigmas
-_C04_COLUMNS = ((17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146))
-_A_COLUMNS = ((8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55))
-
-
-@lru_cache(maxsize=1)
-def _tables():
-    """Bytes before the first line of C04, the last day of C04, the last day with a prediction."""
-    with open(astropy_iers_data.IERS_B_FILE, 'rb') as file:
-        header = 0
-        for line in file:
-            if not line.startswith(b'#'):
-                break
-            header += len(line)
-        lines = (file.seek(0, 2) - header) // _C04_LINE
-    with open(astropy_iers_data.IERS_A_FILE, 'rb') as file:
-        low, high = 0, file.seek(0, 2) // _A_LINE  # Bulletin A's lines end in empty ones
-        while high - low > 1:
-            middle = (low + high) // 2
-            file.seek(middle * _A_LINE)
-            low, high = (middle, high) if file.read(78)[58:68].strip() else (low, middle)
-    return header, int(_C04_FIRST) + lines - 1, float(_A_FIRST + low)
-
-
-def _rows_around(mjd):
-    """Of the four days around one, as `_row`; None where the tables begin and end.
-
-    For four rows faster than `_rows`.
-    """
-    if not _C04_FIRST < mjd <= _tables()[2] - 2:
-        return None
-    return _row(mjd - 1), _row(mjd), _row(mjd + 1), _row(mjd + 2)
-
-
-@lru_cache(maxsize=1600)  # the next night asks for three of these four days again
-def _row(day):
-    """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
-    header, end, _ = _tables()
-    since, seconds = _whole_seconds()
-    path, columns, width, begin = (
-        (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
-         header + (day - int(_C04_FIRST)) * _C04_LINE) if day <= end else
-        (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
-    line = _mapped(path)[begin : begin + width]
-    try:
-        of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
-    except ValueError as error:
-        raise _damaged(error) from None
-    if of_day != day:
-        raise _misplaced(day, day)
-    tai_utc = seconds[bisect_right(since, day) - 1] if day >= since[0] else float(
-        _tai_utc(float(day), 0.0))
-    return tai_utc, dut1 - tai_utc, xp * ARCSEC, yp * ARCSEC
-
-
-@lru_cache(maxsize=1)
-def _whole_seconds():
-    """MJD from which each whole TAI-UTC holds, and it, s."""
-    _leap_seconds()
-    table = erfa.leap_seconds.get()
-    table = table[table['year'] >= 1972]
-    _, mjd = erfa.ufunc.cal2jd(table['year'], table['month'], 1)[:2]
-    return mjd.tolist(), table['tai_utc'].tolist()
-
-
-@lru_cache(maxsize=2)
-def _mapped(path):
-    """The bytes of a table, as they are needed."""
-    with open(path, 'rb') as file:
-        return mmap(file.fileno(), 0, access=ACCESS_READ)
-
-
-@lru_cache(maxsize=8)
-def _rows(first, last):
-    """Rows of the days `first` to `last`, at least four: (6, n) values and (n,) kinds."""
-    header, end, limit = _tables()
-    last = max(last, first + 3)
-    first -= max(last - int(limit), 0)
-    last = min(last, int(limit))
-    parts = []
-    if first <= end:
-        lines = _lines(astropy_iers_data.IERS_B_FILE, header, _C04_LINE,
-                       first - int(_C04_FIRST), min(last, end) - first + 1)
-        parts.append((_fields(lines, _C04_COLUMNS), np.zeros(lines.shape[0], int)))
-    if last > end:
-        begin = max(first, end + 1)
-        lines = _lines(astropy_iers_data.IERS_A_FILE, 0, _A_LINE,
-                       begin - _A_FIRST, last - begin + 1)
-        predicted = (lines[:, 57] == ord('P')) | (lines[:, 16] == ord('P'))
-        parts.append((_fields(lines, _A_COLUMNS), 1 + predicted))
-    table = np.concatenate([p[0] for p in parts], axis=1)
-    mjd, dut1, xp, yp, sigma, sigma_x, sigma_y = table
-    if not np.array_equal(mjd, np.arange(first, last + 1)):
-        raise _misplaced(first, last)
-    rows = np.stack([mjd, dut1 - _tai_utc(mjd, 0.0), xp * ARCSEC, yp * ARCSEC,
-                     sigma, np.maximum(sigma_x, sigma_y) * ARCSEC])
-    return rows, np.concatenate([p[1] for p in parts])
-
-
-def _lines(path, header, width, first, count):
-    begin = header + first * width
-    data = np.frombuffer(_mapped(path)[begin : begin + count * width], np.uint8)
-    if data.size != count * width:
-        raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
-    return data.reshape(count, width)
-
-
-def _fields(lines, columns):
-    try:
-        return np.array([fixed_width(lines, *column) for column in columns])
-    except ValueError as error:
-        raise _damaged(error) from None
-
-
-def _damaged(error):
-    return ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data')
-
-
-def _misplaced(first, last):
-    return ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
-                      'reinstall astropy-iers-data')

@@ -128,7 +128,7 @@ _PHASE, _RATE = (_TERMS[:, :14] @ _ARGUMENTS).T
 _PHASE, _RATE = np.concatenate([_PHASE, _PHASE + 0.5 * np.pi]), np.tile(_RATE, 2)
 _OF_SINES = np.concatenate([_TERMS[:, [14, 16]], _TERMS[:, [15, 17]]]).T * _UNIT
 #: by which 2000B stands for all that it leaves out: longitude and obliquity, rad
-_BIAS = np.array([-0.135e-3, 0.388e-3]) * ARCSEC
+_BIAS = -0.135e-3 * ARCSEC, 0.388e-3 * ARCSEC
 #: IAU 2006 against IAU 2000A, in longitude; and of both a century (``eraNut06a``)
 _OF_2006, _OF_2006_RATE = 0.4697e-6, -2.7774e-6
 
@@ -152,10 +152,11 @@ def nutation(day, tt, apart):
         Of both from the first of the times to the second, rad.
     """
     half = 0.5 * apart
-    short = np.array(erfa.ufunc.nut00b(day, np.array((tt - half, tt + half))))
+    (psi, psi_after), (eps, eps_after) = (  # of one time plain floats are the fastest
+        both.tolist() for both in erfa.ufunc.nut00b(day, np.array((tt - half, tt + half))))
     century = (day - erfa.DJ00 + tt) / erfa.DJC
-    longitude, obliquity = (
-        0.5 * (short[:, 0] + short[:, 1]) - _BIAS
-        + _OF_SINES @ np.sin(_PHASE + century * _RATE)).tolist()
+    more_psi, more_eps = (_OF_SINES @ np.sin(_PHASE + century * _RATE)).tolist()
     both = 1.0 + _OF_2006_RATE * century
-    return longitude * (both + _OF_2006), obliquity * both, (short[:, 1] - short[:, 0]).tolist()
+    return ((0.5 * (psi + psi_after) + more_psi - _BIAS[0]) * (both + _OF_2006),
+            (0.5 * (eps + eps_after) + more_eps - _BIAS[1]) * both,
+            [psi_after - psi, eps_after - eps])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from pointing_model import earth
+from pointing_model import earth, iers_tables
 from pointing_model.earth import DAY, MJD_1970, SOURCES, earth_orientation, split_utc
 
 
@@ -137,7 +137,7 @@ def test_extrapolation_starts_where_the_table_ends():
 @pytest.mark.parametrize('years', [1, 3, 10])
 def test_extrapolation_error_is_as_stated(years):
     """Cut C04 at many dates and compare what is extrapolated with what came."""
-    rows, _ = earth._rows(41684, 61000)
+    rows, _ = iers_tables.rows_of(41684, 61000)
     ahead = round(365.25 * years)
     error = []
     for end in range(400, rows.shape[1] - ahead, 150):
@@ -150,9 +150,9 @@ def test_extrapolation_error_is_as_stated(years):
 
 def test_reads_only_the_rows_around_the_time(monkeypatch):
     read = []
-    original = earth._lines
-    monkeypatch.setattr(earth, '_lines', lambda *a: read.append(a[4]) or original(*a))
-    earth._rows.cache_clear()
+    original = iers_tables._lines
+    monkeypatch.setattr(iers_tables, '_lines', lambda *a: read.append(a[4]) or original(*a))
+    iers_tables.rows_of.cache_clear()
     earth_orientation(_posix(2005, 6, 7, 8))
     assert sum(read) == 4
     earth_orientation(_posix(2005, 6, 7, 9))
@@ -208,25 +208,25 @@ def test_damaged_table(damage, tmp_path, monkeypatch):
     path = tmp_path / 'eopc04'
     path.write_bytes(data)
     monkeypatch.setattr(astropy_iers_data, 'IERS_B_FILE', str(path))
-    earth._tables.cache_clear()
-    earth._rows.cache_clear()
+    iers_tables.extent.cache_clear()
+    iers_tables.rows_of.cache_clear()
     try:
         with pytest.raises(ValueError, match='reinstall astropy-iers-data'):
             earth_orientation(_mjd(37670.5))
         with pytest.raises(ValueError, match='reinstall astropy-iers-data'):
-            earth._rows_around(37670)
+            iers_tables.rows_around(37670)
     finally:
-        earth._tables.cache_clear()
-        earth._rows.cache_clear()
+        iers_tables.extent.cache_clear()
+        iers_tables.rows_of.cache_clear()
 
 
 def test_erfa_learns_a_leap_second_that_it_does_not_know():
     known = erfa.leap_seconds.get()
     try:
         erfa.leap_seconds.set(known[:-2])
-        earth._leap_seconds.cache_clear()
+        iers_tables.learn_leap_seconds.cache_clear()
         assert _tai(_posix(2020)) - _posix(2020) == pytest.approx(37.0, abs=2e-5)
         assert np.array_equal(erfa.leap_seconds.get()[-2:], known[-2:])
     finally:
         erfa.leap_seconds.set(known)
-        earth._leap_seconds.cache_clear()
+        iers_tables.learn_leap_seconds.cache_clear()

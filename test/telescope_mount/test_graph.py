@@ -42,8 +42,8 @@ PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
 #: stands under it
 SKY = tuple(f'pointing_model.{name}' for name in (
-    'star_catalogue', 'fixed_width', 'earth', 'nutation', 'sky', 'sky_frame', 'sky_params',
-    'target', 'satellite_elements', 'satellite', 'mounts', 'mount_names'))
+    'star_catalogue', 'fixed_width', 'iers_tables', 'earth', 'nutation', 'sky', 'sky_frame',
+    'sky_params', 'target', 'satellite_elements', 'satellite', 'mounts', 'mount_names'))
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: functions whose text argument is the name of a package, or a part of a path

@@ -1,0 +1,184 @@
+"""UT1 and the pole as the IERS publishes them, and TAI-UTC: the rows of its tables by day.
+
+The package astropy-iers-data carries the tables. Both have one line a day of constant width, so the
+line of a day is found by seeking; nothing else of them is read.
+"""
+
+from bisect import bisect_right
+from functools import lru_cache
+from mmap import ACCESS_READ, mmap
+
+import astropy_iers_data
+import erfa
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .fixed_width import fixed_width
+
+#: MJD of the first day of the C04 series
+C04_FIRST = 37665.0
+_C04_LINE, _A_LINE, _A_FIRST = 219, 188, 41684
+# first and last byte, counted from 1, of MJD, UT1-UTC, xp, yp, their sigmas
+_C04_COLUMNS = ((17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146))
+_A_COLUMNS = ((8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55))
+
+
+def tai_utc(mjd, fraction):
+    """TAI-UTC (s) at a fraction of the day (UTC) of an MJD; 0 before 1960."""
+    year, month, day, _, _ = erfa.ufunc.jd2cal(erfa.DJM0, mjd)
+    return erfa.ufunc.dat(year, month, day, fraction)[0]
+
+
+@lru_cache(maxsize=1)
+def learn_leap_seconds():
+    """Tell ERFA of the leap seconds that the IERS data know and it does not."""
+    rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments='#')
+    table = erfa.leap_seconds.get()
+    new = [(int(r[3]), int(r[2]), r[4]) for r in rows
+           if (int(r[3]), int(r[2])) > (int(table['year'][-1]), int(table['month'][-1]))]
+    if new:
+        erfa.leap_seconds.set(np.append(table, np.array(new, table.dtype)))
+
+
+@lru_cache(maxsize=1)
+def extent():
+    """Bytes before the first line of C04; its last day and the last with a prediction, MJD."""
+    with open(astropy_iers_data.IERS_B_FILE, 'rb') as file:
+        header = 0
+        for line in file:
+            if not line.startswith(b'#'):
+                break
+            header += len(line)
+        lines = (file.seek(0, 2) - header) // _C04_LINE
+    with open(astropy_iers_data.IERS_A_FILE, 'rb') as file:
+        low, high = 0, file.seek(0, 2) // _A_LINE  # Bulletin A's lines end in empty ones
+        while high - low > 1:
+            middle = (low + high) // 2
+            file.seek(middle * _A_LINE)
+            low, high = (middle, high) if file.read(78)[58:68].strip() else (low, middle)
+    return header, int(C04_FIRST) + lines - 1, float(_A_FIRST + low)
+
+
+def rows_around(mjd):
+    """What the tables say at 0h of the day before an MJD, of it, and of the two after; fast.
+
+    Parameters
+    ----------
+    mjd : int
+
+    Returns
+    -------
+    tuple of four tuples, or None where the tables begin and end
+        TAI-UTC (s), UT1-TAI (s), xp and yp (rad).
+
+    Raises
+    ------
+    ValueError
+        A table is damaged.
+    """
+    if not C04_FIRST < mjd <= extent()[2] - 2:
+        return None
+    return _row(mjd - 1), _row(mjd), _row(mjd + 1), _row(mjd + 2)
+
+
+@lru_cache(maxsize=1600)  # the next night asks for three of these four days again
+def _row(day):
+    """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
+    header, end, _ = extent()
+    since, seconds = _whole_seconds()
+    path, columns, width, begin = (
+        (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
+         header + (day - int(C04_FIRST)) * _C04_LINE) if day <= end else
+        (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
+    line = _mapped(path)[begin : begin + width]
+    try:
+        of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
+    except ValueError as error:
+        raise _damaged(error) from None
+    if of_day != day:
+        raise _misplaced(day, day)
+    at_0h = seconds[bisect_right(since, day) - 1] if day >= since[0] else float(
+        tai_utc(float(day), 0.0))
+    return at_0h, dut1 - at_0h, xp * ARCSEC, yp * ARCSEC
+
+
+@lru_cache(maxsize=1)
+def _whole_seconds():
+    """MJD from which each whole TAI-UTC holds, and it, s."""
+    learn_leap_seconds()
+    table = erfa.leap_seconds.get()
+    table = table[table['year'] >= 1972]
+    _, mjd = erfa.ufunc.cal2jd(table['year'], table['month'], 1)[:2]
+    return mjd.tolist(), table['tai_utc'].tolist()
+
+
+@lru_cache(maxsize=2)
+def _mapped(path):
+    """The bytes of a table, as they are needed."""
+    with open(path, 'rb') as file:
+        return mmap(file.fileno(), 0, access=ACCESS_READ)
+
+
+@lru_cache(maxsize=8)
+def rows_of(first, last):
+    """What the tables say of the days `first` to `last` (MJD), at least four.
+
+    Returns
+    -------
+    rows : ndarray, shape (6, n)
+        MJD, UT1-TAI (s), xp, yp (rad), their sigmas (s, rad).
+    kinds : ndarray of int, shape (n,)
+        0 final, 1 rapid, 2 predicted.
+
+    Raises
+    ------
+    ValueError
+        A table is damaged.
+    """
+    header, end, limit = extent()
+    last = max(last, first + 3)
+    first -= max(last - int(limit), 0)
+    last = min(last, int(limit))
+    parts = []
+    if first <= end:
+        lines = _lines(astropy_iers_data.IERS_B_FILE, header, _C04_LINE,
+                       first - int(C04_FIRST), min(last, end) - first + 1)
+        parts.append((_fields(lines, _C04_COLUMNS), np.zeros(lines.shape[0], int)))
+    if last > end:
+        begin = max(first, end + 1)
+        lines = _lines(astropy_iers_data.IERS_A_FILE, 0, _A_LINE,
+                       begin - _A_FIRST, last - begin + 1)
+        predicted = (lines[:, 57] == ord('P')) | (lines[:, 16] == ord('P'))
+        parts.append((_fields(lines, _A_COLUMNS), 1 + predicted))
+    table = np.concatenate([p[0] for p in parts], axis=1)
+    mjd, dut1, xp, yp, sigma, sigma_x, sigma_y = table
+    if not np.array_equal(mjd, np.arange(first, last + 1)):
+        raise _misplaced(first, last)
+    rows = np.stack([mjd, dut1 - tai_utc(mjd, 0.0), xp * ARCSEC, yp * ARCSEC,
+                     sigma, np.maximum(sigma_x, sigma_y) * ARCSEC])
+    return rows, np.concatenate([p[1] for p in parts])
+
+
+def _lines(path, header, width, first, count):
+    begin = header + first * width
+    data = np.frombuffer(_mapped(path)[begin : begin + count * width], np.uint8)
+    if data.size != count * width:
+        raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
+    return data.reshape(count, width)
+
+
+def _fields(lines, columns):
+    try:
+        return np.array([fixed_width(lines, *column) for column in columns])
+    except ValueError as error:
+        raise _damaged(error) from None
+
+
+def _damaged(error):
+    return ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data')
+
+
+def _misplaced(first, last):
+    return ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
+                      'reinstall astropy-iers-data')
