@@ -138,6 +138,8 @@ def main():
     parser.add_argument('--nights', type=int, default=30)
     parser.add_argument('--full', action='store_true', help='200 nights')
     parser.add_argument('--from', dest='since', type=int, default=5, metavar='NIGHT')
+    parser.add_argument('--kept', type=int, metavar='POWER_ONS', help='kept_power_ons of observer '
+                        "and calibration, 0: all; by default the nodes' own")
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--every', type=int, default=5, help='nights between two lines')
     parser.add_argument('--keep', type=Path, help='for what was measured, JSON')
@@ -150,7 +152,7 @@ def main():
     with tempfile.TemporaryDirectory() as place:
         folder = prepare_folder(args.out or Path(place) / 'night')
         specs = night_graph(bag=str(folder / 'bag'), scenario='default', seed=args.seed,
-                            plan=plan, sample_rate_hz=1.0)
+                            plan=plan, sample_rate_hz=1.0, kept_power_ons=args.kept)
         nights = Nights(args.every, folder)
         try:
             observe(folder, specs, plan, lambda latest: None, nights)

@@ -18,7 +18,7 @@ from msg_tools.long_work import LongWork
 from msg_tools.memory import give_back
 from msg_tools.node import MountNode
 from msg_tools.running import run_node
-from msg_tools.status import OBSERVATIONS, Progress, handover_rows
+from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation
 from pointing_model.in_force_message import text_to_pair
@@ -39,6 +39,9 @@ from .session import CalibrationSession
 from .tracking import TRACK
 from .witnesses import UNJUDGED, homings_of
 
+#: power-ons whose begin is known: the zero of a later one is published
+STARTS = 100
+
 
 class Calibration(MountNode):
     """Collects observations; publishes zero, model and report, latched."""
@@ -53,8 +56,9 @@ class Calibration(MountNode):
         seed, age = self.value('split_seed'), self.value('reference_age')
         harmonics = choice_of({name: self.value(name) for name in (
             'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
-        self._session = (NightSeries(age, reference, seed, harmonics) if age
-                         else CalibrationSession(reference, seed, harmonics=harmonics))
+        kept = self.value('kept_power_ons')
+        self._session = (NightSeries(age, reference, seed, harmonics, kept) if age else
+                         CalibrationSession(reference, seed, harmonics=harmonics, power_ons=kept))
         if age and self.value('mode') == TRACK:
             raise ValueError('mode track follows one night after the other by itself: leave out '
                              'reference_age')
@@ -175,6 +179,8 @@ class Calibration(MountNode):
             known = np.isfinite(run['encoder_start'])
             self._starts.update(zip(run['run'][known].astype(int).tolist(),
                                     run['encoder_start'][known].tolist()))
+            for number in list(self._starts)[:-STARTS]:
+                del self._starts[number]
 
     def _rows(self, message):
         rows = cloud_to_run(message)
@@ -202,7 +208,7 @@ class Calibration(MountNode):
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
             level, self.get_fully_qualified_name(), text,
-            **{OBSERVATIONS: len(self._session), **values}))
+            **{**self._session.taken.rows(), **values}))
 
     def _answer(self, work, request, response):
         """What `work` has done, or why it could not."""

@@ -4,6 +4,7 @@ from msg_tools.node import Param
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.harmonics import DEGREE
+from pointing_model.kept_rows import KEPT_POWER_ONS
 
 from .fit import RCOND_HARMONICS
 from .harmonic_fit import CHOICES
@@ -35,6 +36,7 @@ PARAMS = (
           1, 100000),
     Param('reference_age', 0, 'the reference of a zero is the model fitted so many power-ons '
           'before; 0: model_file for all', 0, 1000, fixed=True),
+    KEPT_POWER_ONS,
     Param('alpha', 0.01, 'chance that the service diagnose adds an effect to a clean night', 1e-6,
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '

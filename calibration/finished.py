@@ -27,7 +27,7 @@ class Finished:
         Parameters
         ----------
         name : tuple
-            Which result, and of which power-on: the last one of each name is kept.
+            Which result, and the number of its power-on: the last one of each name is kept.
         inputs : iterable of (PointingRun, ndarray, str, float or None)
             All that `make` depends on.
         make : callable
@@ -38,6 +38,10 @@ class Finished:
         if known is None or known[0] != own:
             self._kept[name] = known = own, make()
         return known[1]
+
+    def forget(self, power_ons):
+        """Results of all power-ons but these, a set of their numbers."""
+        self._kept = {name: kept for name, kept in self._kept.items() if name[1] in power_ons}
 
 
 def _digest(inputs):

@@ -8,7 +8,9 @@ from contextlib import suppress
 
 import numpy as np
 
+from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
+from pointing_model.kept_rows import first_of_last, kept_words
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
@@ -42,13 +44,24 @@ class NightSeries:
         Of the choice of the stars that are held out.
     harmonics : HarmonicChoice
         Of the models that are published; by default none.
+    power_ons : int
+        Nights that are kept, the last ones; what the zeros of all have followed is kept. 0: all.
+
+    Raises
+    ------
+    ValueError
+        So few that the reference of tonight would be none of them.
     """
 
-    def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS):
+    def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0):
+        if 0 < power_ons <= age:
+            raise ValueError(f'kept_power_ons = {power_ons}: the reference of a night is {age} '
+                             f'power-ons old, keep {age + 1} or more (0: all)')
         self._age, self._first, self._split_seed = age, first, split_seed
+        self.power_ons = power_ons
         self._harmonics = harmonics
         self._own = PUBLISHED if harmonics else PHYSICAL_TERMS
-        self._sessions = {}
+        self._sessions, self._forgotten = {}, 0
         self._models = {}  # run -> {kind: PointingModel}, to go with the zero in force then
         self._zeros = {}  # run -> {kind: that zero}
         self._rows = {}
@@ -60,6 +73,11 @@ class NightSeries:
 
     def __len__(self):
         return sum(len(session) for session in self._sessions.values())
+
+    @property
+    def taken(self):
+        """As of `CalibrationSession`."""
+        return Taken(len(self), self.power_ons, self._forgotten)
 
     def observations(self):
         """All rows so far, a PointingRun; ValueError before the first."""
@@ -129,6 +147,12 @@ class NightSeries:
                     self._harmonics)
             self._sessions[number].add(run.select(run['run'] == number), stamp)
         self.last_stamp = stamp
+        if self.power_ons:
+            for number in sorted(self._sessions)[:-self.power_ons]:
+                self._forgotten += len(self._sessions[number])
+                for known in (self._sessions, self._models, self._zeros, self._rows,
+                              self._expected):
+                    known.pop(number, None)
 
     def take_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
@@ -136,6 +160,9 @@ class NightSeries:
         The nights that are over are calibrated and fitted again: their models are the references
         of those to come.
         """
+        if 'run' not in run:
+            raise ValueError('observation without column run')
+        run = run.select(slice(first_of_last(run['run'], self.power_ons), None))
         if stamp < self.last_stamp or len(run) <= len(self):
             return
         calibrated = {number for number, session in self._sessions.items()
@@ -203,6 +230,8 @@ class NightSeries:
             self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
         report['nights'] = [self._rows[n] for n in sorted(self._rows)]
         self._judge_zeros(number, rows, model, report)
+        if kept := kept_words(list(self._sessions), self.power_ons):
+            report['notes'].append(f'the nights are {kept}')
         return model, report
 
     def _judge_zeros(self, number, rows, model, report):

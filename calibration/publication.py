@@ -64,7 +64,7 @@ class Published:
     now, before : Candidate or None
         `before` is None where nothing was replaced, or it came back.
     since : int
-        How many rows were known then.
+        How many rows were known then, of those that are still there.
     """
 
     now: Candidate | None = None

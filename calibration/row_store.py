@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pointing_model.kept_rows import first_of_last
 from pointing_model.run import PointingRun
 
 #: rows for which there is room at first, and by what share it grows
@@ -12,14 +13,25 @@ class RowStore:
     """Rows of one run after the other; of their columns those that all of them have.
 
     A row needs as many bytes as its numbers, and a quarter more at most.
+
+    Parameters
+    ----------
+    power_ons : int
+        So many are kept, by the column ``run``; 0: all.
+
+    Attributes
+    ----------
+    forgotten : int
+        Rows of earlier power-ons, which are here no more.
     """
 
-    def __init__(self):
+    def __init__(self, power_ons=0):
+        self._power_ons = power_ons
         self.clear()
 
     def clear(self):
         """Forget all rows."""
-        self._columns, self._meta, self._count = {}, {}, 0
+        self._columns, self._meta, self._count, self.forgotten = {}, {}, 0, 0
         self._stamps = np.empty(_FIRST, np.int64)  # with which each row came
 
     def __len__(self):
@@ -51,7 +63,20 @@ class RowStore:
         self._columns = {name: self._with_more(values, run[name])
                          for name, values in self._columns.items() if name in run}
         self._stamps = self._with_more(self._stamps, np.full(len(run), stamp, np.int64))
-        self._count = count
+        before, self._count = self._count, count
+        if self._power_ons and count:
+            runs = self._columns['run'][:count]
+            if np.ptp(runs[max(before - 1, 0):]):
+                self._forget(first_of_last(runs, self._power_ons))
+
+    def _forget(self, rows):
+        """The first so many."""
+        if not rows:
+            return
+        left = self._count - rows
+        for values in (self._stamps, *self._columns.values()):
+            values[:left] = values[rows:self._count]
+        self._count, self.forgotten = left, self.forgotten + rows
 
     def _with_more(self, values, more):
         """A column with more values, in its place or in a larger one."""

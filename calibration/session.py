@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
+from pointing_model.kept_rows import first_of_last, kept_words
 from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero
@@ -50,13 +52,18 @@ class CalibrationSession:
         How Polaris and the encoders stood to each other the night before.
     harmonics : HarmonicChoice
         Of the model that is published; by default none.
+    power_ons : int
+        So many have their rows kept, the last ones: what is older has no part in anything any
+        more. 0: all.
     """
 
     #: of the last fit, judged again with the model that came after it, dict; None before
     report = Packed()
 
-    def __init__(self, reference=None, split_seed=1, yesterday=None, harmonics=NO_HARMONICS):
+    def __init__(self, reference=None, split_seed=1, yesterday=None, harmonics=NO_HARMONICS,
+                 power_ons=0):
         self.reference = reference
+        self.power_ons = power_ons
         self._harmonics = harmonics
         self._degree = None  # of the harmonics of the last fit
         #: the terms alone, as `fit` found them last, and the zeros that belong to them
@@ -67,7 +74,7 @@ class CalibrationSession:
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._rows, self._finished = RowStore(), Finished()
+        self._rows, self._finished = RowStore(power_ons), Finished()
         self.last_stamp = 0
         #: that `fit` made last, PointingModel
         self.model = None
@@ -96,6 +103,11 @@ class CalibrationSession:
         return self.mount.names
 
     @property
+    def taken(self):
+        """How many rows are here, and how many were, `msg_tools.status.Taken`."""
+        return Taken(len(self._rows), self.power_ons, self._rows.forgotten)
+
+    @property
     def newest(self):
         """Number of the newest power-on; ValueError before the first row."""
         return int(self.observations()['run'].max())
@@ -122,8 +134,19 @@ class CalibrationSession:
             'the observations before': self._rows.mount,
             'the reference model': self.reference and self.reference.mount})
         if stamp > self.last_stamp:
+            before = self._rows.forgotten
             self._rows.add(with_marks(run), stamp)
             self.last_stamp = stamp
+            if self._rows.forgotten > before:
+                self._forget(self._rows.forgotten - before)
+
+    def _forget(self, rows):
+        """Rows of power-ons before those that are kept are gone: so is what was made of them."""
+        kept = set(self.observations()['run'].astype(int).tolist())
+        self._finished.forget(kept)
+        self._published.since = max(0, self._published.since - rows)
+        for number in [number for number in self.zeros if number not in kept]:
+            del self.zeros[number]
 
     def take_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
@@ -135,10 +158,11 @@ class CalibrationSession:
         stamp : int
             Of the newest row, ns.
         """
-        if stamp >= self.last_stamp and len(run) > len(self):
+        kept = slice(first_of_last(run['run'], self.power_ons) if 'run' in run else 0, None)
+        if stamp >= self.last_stamp and len(run['az'][kept]) > len(self):
             self._rows.clear()
             self.last_stamp = 0
-            self.add(run, stamp)
+            self.add(run.select(kept), stamp)
 
     def observations(self, until=0):
         """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
@@ -242,6 +266,8 @@ class CalibrationSession:
         rows = follows.corrected(observed)
         stars = rows.select(~is_for_zero(rows))
         notes = notes_of(self.observations())
+        if kept := kept_words(self.observations()['run'], self.power_ons):
+            notes.append(f'the fit is {kept}')
         fitted = self._fit_terms(rows)
         self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
         by_terms = fitted.result.weights

@@ -20,7 +20,7 @@ SERVO_TIME = 0.2
 #: samples that may be under way to the encoder and back
 SENT = 10000
 #: of slow ones so many at least, and as long as they are that young, ns
-SENT_SLOWLY, SENT_NS = 1000, 60_000_000_000
+SENT_SLOWLY, SENT_NS = 200, 60_000_000_000
 STILL = [[0.0, 0.0]]
 #: true angles a second that an exposure needs where an axis does not move smoothly, Hz
 RESTLESS_RATE = 10.0

@@ -82,6 +82,10 @@ def run_nodes(makers, args=None):
         executor = NodeExecutor(gather=min(node.GATHER for node in nodes))
         for node in nodes:
             executor.add_node(node)
+        # what is there now stays; of the little that comes after it a whole collection takes no
+        # time, and by default would be due once in some hundred nights
+        gc.freeze()
+        gc.set_threshold(700, 2, 2)
         while not told and rclpy.ok():
             executor.spin_once()  # a node has timers: it looks at itself ten times a second
         if told:

@@ -6,9 +6,10 @@ rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
 
 import json
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
-#: row of `calibration/status`: observations taken so far
-OBSERVATIONS = 'observations'
+#: rows of `calibration/status`, see `Taken`
+OBSERVATIONS, POWER_ONS, FORGOTTEN = 'observations', 'kept_power_ons', 'forgotten'
 #: rows of `calibration/status` after an observer came that knows nothing of the night: observations
 #: on `calibration/table`, and where its plan stood
 GIVEN_BACK, PLAN_LEFT = 'given_back', 'plan_left'
@@ -36,6 +37,9 @@ class Progress:
         All steps, separated by commas; '' in older logs.
     refused : int
         Targets that the guard refused, of the whole plan; 0 in older logs.
+    forgotten : int
+        Rows published of power-ons so long ago that the observer does not keep them; 0 in older
+        logs.
     """
 
     state: str = 'waiting'
@@ -48,6 +52,7 @@ class Progress:
     lost: int = 0
     plan: str = ''
     refused: int = 0
+    forgotten: int = 0
 
     def rows(self):
         """Key and value of each row, dict."""
@@ -64,21 +69,46 @@ class Progress:
         """
         if message is None:
             return cls()
-        rows = {'plan': '', 'refused': 0, **{row.key: row.value for row in message.values}}
+        rows = {'plan': '', 'refused': 0, 'forgotten': 0,
+                **{row.key: row.value for row in message.values}}
         return cls(**{field.name: field.type(_row(rows, field.name)) for field in fields(cls)})
 
 
-def observations_taken(message):
-    """How many observations the calibration has, by its status message; 0 for None.
+class Taken(NamedTuple):
+    """Observations that the calibration has taken.
 
-    Raises
-    ------
-    ValueError
-        It does not say.
+    Attributes
+    ----------
+    kept : int
+        That it has.
+    power_ons : int
+        They are of the last so many power-ons; 0: of all.
+    forgotten : int
+        That it had before.
     """
-    if message is None:
-        return 0
-    return int(_row({row.key: row.value for row in message.values}, OBSERVATIONS))
+
+    kept: int = 0
+    power_ons: int = 0
+    forgotten: int = 0
+
+    def rows(self):
+        """Key and value of each row, dict."""
+        return dict(zip((OBSERVATIONS, POWER_ONS, FORGOTTEN), self))
+
+    @classmethod
+    def read(cls, message):
+        """The way back from a DiagnosticStatus with `rows`; None, before the first, is all 0.
+
+        Raises
+        ------
+        ValueError
+            It does not say, or is no number.
+        """
+        if message is None:
+            return cls()
+        rows = {row.key: row.value for row in message.values}
+        return cls(int(_row(rows, OBSERVATIONS)), int(rows.get(POWER_ONS, 0)),
+                   int(rows.get(FORGOTTEN, 0)))
 
 
 def handover_rows(count, progress):

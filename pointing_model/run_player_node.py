@@ -13,9 +13,10 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.readiness import unmatched
 from msg_tools.running import run_node
-from msg_tools.status import Progress, observations_taken
+from msg_tools.status import Progress, Taken
 from msg_tools.steps import Steps, call
 
+from .kept_rows import first_of_last
 from .run import COLUMNS, PointingRun
 from .run_files import read_run
 from .run_messages import run_to_cloud
@@ -119,7 +120,7 @@ class RunPlayer(MountNode):
             run, self.value('check_every'), self.value('seed'))
         for name in left_out:
             self.get_logger().warning(f'column {name} is not numeric and was left out')
-        self._sent = self._calibrated = 0
+        self._sent, self._calibrated = 0, Taken()
         self._state = ('waiting', 'the graph')
         self._step = ''
         self._told_last = None
@@ -138,7 +139,7 @@ class RunPlayer(MountNode):
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _on_calibration(self, message):
-        self._calibrated = observations_taken(message)
+        self._calibrated = Taken.read(message)
 
     def _advance(self):
         self._steps.advance()
@@ -161,12 +162,17 @@ class RunPlayer(MountNode):
             for row in range(first, min(first + BATCH, len(self._run))):
                 self._publish(row)
             # no more on the way than a subscriber's queue holds
-            yield lambda: self._calibrated >= self._sent
+            yield self._taken
         self._observations_pub.publish(run_to_cloud(self._run, int(self._stamps[-1])))
         for name, client in self._asked.items():
             self._step = name
             answer = yield from call(name, client, self._advance)
             self.get_logger().info(answer)
+
+    def _taken(self):
+        """Whether the calibration has all that was sent, of the power-ons that it keeps."""
+        sent = self._run['run'][:self._sent]
+        return self._calibrated.kept >= len(sent) - first_of_last(sent, self._calibrated.power_ons)
 
     def _publish(self, row):
         stamp = int(self._stamps[row])

@@ -20,11 +20,12 @@ from msg_tools.node import MountNode
 from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.running import run_node
-from msg_tools.status import handover, observations_taken
+from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
 
 from .apart import Asked
 from .in_force_topics import in_force_of
+from .kept_rows import KEPT_POWER_ONS
 from .observing.allowed_sky import AllowedSky
 from .observing.instrument_health import CLOCK_JUMP
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
@@ -84,7 +85,7 @@ class StarObserver(MountNode):
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)
-        self._table = Table(self._mount)
+        self._table = Table(self._mount, self.value(KEPT_POWER_ONS.name))
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)
@@ -254,13 +255,13 @@ class StarObserver(MountNode):
                 del self._crowded[name]
 
     def _on_calibration(self, message):
-        count = observations_taken(message)
-        self._calibration_spoke, self._has_rows = True, count > 0
+        taken = Taken.read(message)
+        self._calibration_spoke, self._has_rows = True, taken.kept > 0
         self._handover = handover(message) or self._handover
         if self._has_rows:
             self._sequencer.rows_turned_up()
         self._take_up()
-        self._sequencer.calibration_has(count)
+        self._sequencer.calibration_has(taken)
 
     def _on_apart(self, message):
         self._sequencer.asked_for(Asked.read(message.data))

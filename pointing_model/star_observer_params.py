@@ -3,6 +3,7 @@
 from msg_tools.node import Param
 
 from .in_force_topics import MODEL_FILE
+from .kept_rows import KEPT_POWER_ONS
 from .observing.plan import night_plan, parse_plan
 from .sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from .target import satellite_target
@@ -58,5 +59,6 @@ PARAMS = SKY_PARAMS + (
     Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
           'gps-26690', check=satellite_target),
     Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
+    KEPT_POWER_ONS,
     MODEL_FILE,
 )

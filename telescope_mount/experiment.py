@@ -98,7 +98,7 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     specs = night_graph(
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
-        satellite='gps-26690', sample_rate_hz=1.0)
+        satellite='gps-26690', sample_rate_hz=1.0, kept_power_ons=0)
     kept = {}
     report = observe(folder, specs, plan, partial(_write, folder, nights, said, kept), progress,
                      domain_number)

@@ -75,7 +75,7 @@ def _mode(plan):
 def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time_scale=0.0,
                 model_file='', first_run=1, sky=None, reference_age=0, satellite='',
                 sample_rate_hz=None, calibration=None, absolute='angles', mount='altaz',
-                namespace=NAMESPACE):
+                namespace=NAMESPACE, kept_power_ons=None):
     """The nodes of a simulated night.
 
     Parameters
@@ -112,11 +112,14 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         What the observer is told of the kind of mount, see `pointing_model.mounts.parse_mount`.
     namespace : str
         In which the nodes will be started.
+    kept_power_ons : int, optional
+        Of observer and calibration; by default the nodes' own.
 
     Returns
     -------
     list of NodeSpec
     """
+    kept = {} if kept_power_ons is None else {'kept_power_ons': kept_power_ons}
     sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
     below = parse_mount(mount, 0.0).kind == 'german' and sky.get('latitude_deg', 90.0) < 0.0
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
@@ -152,11 +155,11 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
             'star_seed': seed, 'model_file': model_file,
             'first_run': first_run, 'satellite': satellite, 'mount': mount,
             'wait_for_nodes': [f'{namespace}/{name}' for name in names],
-        } | ({'plan': plan} if plan else {}) | sky,
+        } | ({'plan': plan} if plan else {}) | sky | kept,
         'pointing_corrector': {'use_sim_time': True, 'model_file': model_file},
         'calibration': {'use_sim_time': True, 'model_file': model_file, 'split_seed': seed,
                         'reference_age': reference_age,
-                        'graduation': GRATING} | _mode(plan) | (calibration or {}),
+                        'graduation': GRATING} | kept | _mode(plan) | (calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     shared = {} if time_scale else dict.fromkeys(IN_TURN, 'telescope')
@@ -326,7 +329,9 @@ def measured_graph(*, bag, player, seed=1, calibration=None):
         'run_player': {'seed': seed, 'wait_for_nodes': [
             f'{NAMESPACE}/{name}' for name in MEASURED]} | player,
         'pointing_corrector': {'use_sim_time': True},
-        'calibration': {'use_sim_time': True, 'split_seed': seed} | (calibration or {}),
+        # the rows of the file are all that will come
+        'calibration': {'use_sim_time': True, 'split_seed': seed, 'kept_power_ons': 0} | (
+            calibration or {}),
         'mcap_logger': {'use_sim_time': True, 'folder': bag},
     }
     return [NodeSpec(name, NODES[name], parameters[name]) for name in MEASURED]

@@ -196,7 +196,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
                 _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
             if progress:
                 progress('writing the results', 0, None)
-            return _results(watcher, specs, plan, write)
+            return _results(watcher, specs, plan, write, bag)
     except RuntimeError as err:
         nodes.stop()
         if again or (watcher is not None and _progress(watcher).observations):
@@ -251,20 +251,38 @@ def _refusal(status, count):
     return f'refused by the guard: {last}' + (f' (and {count - 1} before)' if count > 1 else '')
 
 
-def _results(watcher, specs, plan, write):
+def _results(watcher, specs, plan, write, bag):
     """What `write` makes of the results, when the log has them too."""
     watcher.hear_results()
     if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
         raise NightFailed('the plan is done, but its results were not published')
     with ThreadPoolExecutor(1) as pool:
         # files and picture are made while the last messages reach the log
-        written = pool.submit(write, dict(watcher.latest))
+        latest, of_log = dict(watcher.latest), _progress(watcher).forgotten > 0
+        written = None if of_log else pool.submit(write, latest)
         missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
-        out = written.result()
+        out = write(_with_forgotten(latest, bag)) if of_log else written.result()
     if missing:
         raise NightFailed('the logger could not keep up; it lacks messages of '
                           + ', '.join(missing))
     return out
+
+
+def _with_forgotten(latest, bag):
+    """`latest` with the rows that the observer does not keep any more, as the log has them."""
+    from msg_tools import topics
+    from msg_tools.bag import BagReader
+    from msg_tools.convert import from_stamp
+    from pointing_model.run import PointingRun
+    from pointing_model.run_messages import cloud_to_run, run_to_cloud
+    table = latest[topics.OBSERVATIONS.name]
+    kept, log = cloud_to_run(table), BagReader(bag)
+    names = [topic.name for topic in log.topics
+             if topic.name.endswith(f'/{topics.OBSERVATION.name}')]
+    rows = [cloud_to_run(message.data) for message in log.messages(names, decode=True)]
+    rows = [row for row in rows if row['time'][0] < kept['time'][0]]
+    return {**latest, topics.OBSERVATIONS.name: run_to_cloud(
+        PointingRun.concatenate([*rows, kept]), from_stamp(table.header.stamp))}
 
 
 def _progress(watcher):
@@ -337,10 +355,11 @@ def _complete(watcher, plan):
     verbs = [step.verb for step in parse_plan(plan)]
     latest = watcher.latest
     table = latest.get(topics.OBSERVATIONS.name)
-    rows = _progress(watcher).observations
+    progress = _progress(watcher)
     checks = latest.get(topics.CHECKS.name)
     checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
-    return (table is not None and table.width == rows and topics.MODEL.name in latest
+    return (table is not None and table.width == progress.observations - progress.forgotten
+            and topics.MODEL.name in latest
             and (topics.CALIBRATION_REPORT if 'fit' in verbs else topics.TRACKING).name in latest
             and checked >= verbs.count('check')
             and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))

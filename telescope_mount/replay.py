@@ -5,7 +5,8 @@ import tempfile
 from pathlib import Path
 
 from msg_tools.bag import BagReader
-from msg_tools.status import observations_taken
+from msg_tools.bag.parameters import parameters_of
+from msg_tools.status import Taken
 
 from . import domain
 from .graph import replay_graph
@@ -65,6 +66,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
                        f'{axis}.{kind}={lines}'
                        for axis, kinds in (diagnosed.get('graduation') or {}).items()
                        for kind, lines in kinds.items())}
+    told = parameters_of(bag.metadata, '/calibration') or {}
+    as_then['kept_power_ons'] = told.get('kept_power_ons', 0)
     marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
     lock = domain.claim(domain_number)
     from msg_tools import topics
@@ -81,7 +84,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             watcher.hear_results()
 
             def taken():
-                done = observations_taken(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+                heard = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+                done = heard.kept + heard.forgotten
                 progress('observing again', done, topic.count)
                 return done
 

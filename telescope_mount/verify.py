@@ -244,8 +244,9 @@ def _session(log, parameters, reference, seed, rows):
     reports = rows.said['calibration/report']
     if not parameters and reports:
         harmonics = choice_of_report(_document(reports[-1][1].data))
-    return (NightSeries(age, model, seed, harmonics) if age
-            else CalibrationSession(model, seed, harmonics=harmonics))
+    kept = parameters.get('kept_power_ons', 0)
+    return (NightSeries(age, model, seed, harmonics, kept) if age
+            else CalibrationSession(model, seed, harmonics=harmonics, power_ons=kept))
 
 
 def _calibrate(rows, session, parameters, check, progress=lambda *_: None):

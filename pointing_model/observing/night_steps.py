@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from msg_tools.status import Progress
+from msg_tools.status import Progress, Taken
 from msg_tools.steps import Refused, call
 from msg_tools.units import DEG
 
@@ -66,7 +66,7 @@ class NightSteps:
         Blind checks so far.
     clocks : dict
         What the last step `clocks` has measured.
-    calibrated : int
+    calibrated : msg_tools.status.Taken
         Observations that have reached the calibration.
     homes : bool
         Whether the plan homes the mount itself.
@@ -86,7 +86,7 @@ class NightSteps:
         self.exposer = Exposer(outbox, instruments, in_force, table, self._need_home,
                                self.set_waiting)
         self.progress, self.text = Progress(), 'the start'
-        self.evening, self.checks, self.calibrated = 0, [], 0
+        self.evening, self.checks, self.calibrated = 0, [], Taken()
         self.homes, self.earlier, self.clocks = False, 0, {}
         self._refusals, self._refused = 0, set()  # in a row; stars, by their numbers
         self.refusal, self.asked, self.outcome = '', None, ''
@@ -414,8 +414,9 @@ class NightSteps:
         yield from self._until(known.zero_is_of_model, 'the zero of the new model')
 
     def _calibration_has_all(self):
-        yield from self._until(lambda: self.calibrated >= len(self._table),
-                               'calibration to take the last observation')
+        yield from self._until(
+            lambda: self.calibrated.kept >= self._table.of_last(self.calibrated.power_ons),
+            'calibration to take the last observation')
 
     def _need_home(self):
         health = self._instruments.health

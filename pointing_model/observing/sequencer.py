@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.status import Progress
+from msg_tools.status import Progress, Taken
 from msg_tools.steps import Refused, Steps
 
 from ..earth import earth_orientation
@@ -108,7 +108,7 @@ class Sequencer:
     def progress(self):
         """How far it is, `Progress`."""
         return replace(self._night.progress, observations=len(self._table),
-                       run=self._instruments.run, plan=self._plan)
+                       run=self._instruments.run, plan=self._plan, forgotten=self._table.forgotten)
 
     def start(self, plan, anew=False):
         """Take up a plan; it begins with the next `advance`.
@@ -207,14 +207,14 @@ class Sequencer:
         self._night.exposer.forget_aim()
         self.advance()
 
-    def calibration_has(self, count):
-        """So many observations have reached the calibration."""
-        if count < self._night.calibrated:
+    def calibration_has(self, taken):
+        """What the calibration has, `msg_tools.status.Taken`."""
+        if taken.kept < min(self._night.calibrated.kept, self._table.of_last(taken.power_ons)):
             # it was started anew and knows nothing of the night so far
-            self._calibration_is_new = not count
+            self._calibration_is_new = not taken.kept
             self._night.asked = None
             self._send_table(again=True)
-        self._night.calibrated = count
+        self._night.calibrated = taken
         self.advance()
 
     def asked_for(self, asked):
@@ -248,7 +248,7 @@ class Sequencer:
         left : Progress or None
             The last that was heard of the plan.
         """
-        self._table.restore(run, stamp)
+        self._table.restore(run, stamp, max(0, left.observations - len(run)) if left else 0)
         self._before = None
         self._taken_up(run, left)
 
@@ -264,12 +264,12 @@ class Sequencer:
         self._plan, self._table.rows = plan, list(rows)
         self._night.evening, self._before = evening, before
         # of the calibration nobody knows yet whether it has them
-        self._night.calibrated = len(rows)
+        self._night.calibrated = Taken(self._table.of_last(0))
         self._taken_up(self._table.all(), left)
         if left.state == 'done':
             self._left, self._night.progress = None, left
             self._night.set_state('done', OVER)
-            self._night.calibrated = 0
+            self._night.calibrated = Taken()
             self._send_table(again=True)
             self._tell()
         return left.state == 'done'
@@ -374,7 +374,7 @@ class Sequencer:
             self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
                                        rows[-1]['stamp'])
         self._night.progress = replace(self._night.progress, lost=left.lost)
-        judged = () if self._night.checks else rows[self._before or 0:]
+        judged = () if self._night.checks else self._table.rows_from(self._before or 0)
         for number in {int(row['block']) for row in judged
                        if row['check'] and row['block'] < first}:
             self._night.checks.append({'block': number, **blind_summary(

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..kept_rows import first_of_last
 from ..mounts import ALTAZ
 from ..run import PointingRun
 from ..zero_exposures import MARK
@@ -15,36 +16,46 @@ _FIRST, _MORE = 64, 0.25
 class Table:
     """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
 
-    A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB.
+    A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB. Rows are
+    counted from the first of the night on, whether it is still here or not.
 
     Parameters
     ----------
     mount : Mount, optional
         Whose axes the angles are of.
+    power_ons : int
+        So many have their rows kept, the last ones; 0: all.
+
+    Attributes
+    ----------
+    forgotten : int
+        Rows that are not kept.
     """
 
-    def __init__(self, mount=ALTAZ):
+    def __init__(self, mount=ALTAZ, power_ons=0):
         self._meta = {} if mount.altaz else {'mount': mount}
-        self._given = 0
+        self._given, self._power_ons = 0, power_ons
         self.rows = ()
 
     def __len__(self):
-        return self._count
+        return self.forgotten + self._count
 
     @property
     def rows(self):
-        """All of them, list of dict: names to numbers, and ``stamp``."""
+        """Those that are kept, list of dict: names to numbers, and ``stamp``."""
         return self.rows_from(0)
 
     @rows.setter
     def rows(self, rows):
-        self._names, self._count = [], 0
+        self._names, self._count, self.forgotten = [], 0, 0
         self._stamps, self._values = np.empty(_FIRST, np.int64), np.empty((_FIRST, 0))
         for row in rows:
             self._take(row)
 
     def rows_from(self, first):
         """Rows from number `first` on, as `rows`; below 0 it counts from the end."""
+        if first >= 0:
+            first = max(0, first - self.forgotten)
         part = slice(*slice(first, None).indices(self._count))
         return [{'stamp': stamp, **dict(zip(self._names, values))} for stamp, values in zip(
             self._stamps[part].tolist(), self._values[part].tolist())]
@@ -65,13 +76,28 @@ class Table:
         self._values[self._count] = [row.get(name, 0.0 if name == MARK else np.nan)
                                      for name in self._names]
         self._count += 1
+        runs = self._column('run')
+        if self._power_ons and runs[-1] != runs[self._count - 2]:
+            self._forget(first_of_last(runs, self._power_ons))
+
+    def _forget(self, rows):
+        """The first so many of those that are here."""
+        if rows:
+            left = self._count - rows
+            for values in (self._stamps, self._values):
+                values[:left] = values[rows:self._count]
+            self._count, self.forgotten = left, self.forgotten + rows
+
+    def of_last(self, power_ons):
+        """How many rows of the last so many power-ons are here; 0: of all."""
+        return self._count - first_of_last(self._column('run'), power_ons)
 
     def _column(self, name):
         if name not in self._names:
             return np.full(self._count, np.nan)
         return self._values[:self._count, self._names.index(name)]
 
-    def restore(self, run, stamp):
+    def restore(self, run, stamp, before=0):
         """Take the rows of the night so far, of another table.
 
         Parameters
@@ -80,6 +106,8 @@ class Table:
             With the column ``time``.
         stamp : int
             Of the last row, ns: as seconds it is not known to the last one.
+        before : int
+            Rows of the night that were not kept.
 
         Raises
         ------
@@ -95,6 +123,7 @@ class Table:
         self.rows = ({'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
                                                  run.columns.items()}}
                      for i, at in enumerate(stamps))
+        self.forgotten += before
 
     def trailing(self, block):
         """How many of the last rows are of step `block` of the plan."""
@@ -127,8 +156,8 @@ class Table:
         return last[0] if last and last[0]['run'] == run else None
 
     def all(self, again=False):
-        """All rows, a PointingRun; None where they were given before, unless `again`."""
-        if not self._count or (self._count == self._given and not again):
+        """Rows that are kept, a PointingRun; None where they were given before, unless `again`."""
+        if not self._count or (len(self) == self._given and not again):
             return None
-        self._given = self._count
+        self._given = len(self)
         return PointingRun({name: self._column(name).copy() for name in self._names}, self._meta)

@@ -214,6 +214,33 @@ def test_a_table_that_overtakes_the_last_row_leaves_the_zero(three):
     assert overtaken['nights'] == report['nights']
 
 
+def test_nights_long_ago_are_not_kept():
+    nights = [night(run) for run in (-1, 0, 1, 2)]
+    series, whole = NightSeries(2, power_ons=3), NightSeries(2)
+    for number, rows in enumerate(nights):
+        for one in (series, whole):
+            one.add(rows, number + 1)
+        zero, same = series.calibrate_zero()[1], whole.calibrate_zero()[1]
+        told, report = series.fit()[1], whole.fit()[1]
+        # the reference of tonight is there: the same numbers
+        assert (zero.az, zero.el) == (same.az, same.el)
+        assert told['nights'] == report['nights'] and told['power_ons'] == report['power_ons']
+    assert len(series) == sum(map(len, nights[1:]))
+    assert series.taken == (len(series), 3, len(nights[0])) and sorted(series.zeros) == [0, 1, 2]
+    assert [note for note in told['notes'] if note not in report['notes']] == [
+        'the nights are of the last 3 power-ons alone (kept_power_ons): rows of earlier ones are '
+        'in the log']
+    late = NightSeries(2, power_ons=3)
+    late.take_table(PointingRun.concatenate(nights), 4)
+    assert len(late) == len(series) and late.newest == 2
+
+
+@pytest.mark.parametrize('power_ons', [1, 2])
+def test_the_reference_must_be_among_the_nights_that_are_kept(power_ons):
+    with pytest.raises(ValueError, match='keep 3 or more'):
+        NightSeries(2, power_ons=power_ons)
+
+
 def test_nothing_observed_is_said():
     for work in (NightSeries(2).calibrate_zero, NightSeries(2).fit):
         with pytest.raises(ValueError, match='observe first'):

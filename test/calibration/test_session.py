@@ -237,6 +237,60 @@ def test_a_table_brings_back_the_night_after_a_restart():
     assert len(collected) == len(whole)
 
 
+def many_power_ons(count):
+    """Stars and Polaris of each, with another zero."""
+    rng, out = np.random.default_rng(8), []
+    for run in range(1, count + 1):
+        zero = rng.normal(size=2) * 20.0 * ARCSEC
+        out += [rows(*polaris(8), run, [POLARIS_HIP] * 8, rng, zero),
+                rows(*field(rng, 12), run, 1000 * run + np.arange(12), rng, zero)]
+    return out
+
+
+def test_of_power_ons_long_over_nothing_is_left():
+    """The numbers are those of the rows that are kept, as if the others had never been."""
+    blocks = many_power_ons(7)
+    kept, fresh = CalibrationSession(power_ons=3), session(blocks[8:])
+    for number, block in enumerate(blocks):
+        kept.add(block, (number - 7) * 10**9 if number >= 8 else number + 1)
+        if number % 2:
+            kept.calibrate_zero()
+            model, report = kept.fit()
+    assert kept.taken == (60, 3, 80) and len(kept) == len(fresh) == 60
+    assert sorted(kept.zeros) == [5, 6, 7]
+    assert len(kept._finished) <= 9
+    own_model, own = fresh.fit()
+    for name in ('terms', 'zeros', 'zeros_in_force', 'changes', 'steps', 'external_check'):
+        assert report[name] == own[name], name
+    assert model.terms == own_model.terms
+    told = [note for note in report['notes'] if 'last 3 power-ons' in note]
+    assert len(told) == 1 and not any('kept_power_ons' in note for note in own['notes'])
+
+
+def test_a_table_with_more_power_ons_than_are_kept_is_taken_once():
+    blocks = many_power_ons(5)
+    whole, late = PointingRun.concatenate(blocks), CalibrationSession(power_ons=2)
+    late.take_table(whole, 10 * 10**9)
+    assert len(late) == 40 and late.newest == 5
+    known = late.observations()
+    late.take_table(whole, 10 * 10**9)
+    assert len(late) == 40 and late.observations()['star'].tolist() == known['star'].tolist()
+
+
+def test_blind_stars_after_a_diagnosis_are_known_as_such_when_rows_before_it_go():
+    blocks = many_power_ons(3)
+    for block, blind in zip(blocks, (0, 0, 0, 5, 0, 12)):
+        block.columns['check'] = (np.arange(len(block)) < blind).astype(float)
+    collected = session(blocks[:4], power_ons=2)
+    collected.fit()
+    collected.diagnose()
+    for number, block in enumerate(blocks[4:], 5):
+        collected.add(block, number * 10**9)
+    assert set(collected.observations()['run']) == {2.0, 3.0}
+    # the 5 that were there before are no judges
+    assert collected.judge().document['judged']['rows'] == 12
+
+
 def test_a_zero_after_the_fit_goes_with_the_model_in_force():
     rng = np.random.default_rng(6)
     collected = session(night(second=False), zeros=False)

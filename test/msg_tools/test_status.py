@@ -3,7 +3,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.status import OBSERVATIONS, Progress, handover, handover_rows, observations_taken
+from msg_tools.status import OBSERVATIONS, Progress, Taken, handover, handover_rows
 
 
 def status(**rows):
@@ -20,7 +20,7 @@ def test_progress_goes_there_and_back():
 
 
 @pytest.mark.parametrize('name', [field.name for field in fields(Progress)
-                                  if field.name not in ('plan', 'refused')])
+                                  if field.name not in ('plan', 'refused', 'forgotten')])
 def test_a_row_that_is_missing_is_told(name):
     rows = Progress().rows()
     del rows[name]
@@ -32,17 +32,19 @@ def test_the_rows_that_others_read():
     # what is written in logs and read by those who watch: a change of these is one of the format
     assert list(Progress().rows()) == [
         'state', 'step', 'block', 'done', 'total', 'observations', 'run', 'lost', 'plan',
-        'refused']
+        'refused', 'forgotten']
     assert OBSERVATIONS == 'observations'
 
 
 def test_what_the_calibration_has():
-    assert observations_taken(status(observations=12, verdict='none')) == 12
-    assert observations_taken(None) == 0
+    taken = Taken(12, 10, 240)
+    assert Taken.read(status(**taken.rows(), verdict='none')) == taken
+    assert Taken.read(status(observations=12)) == Taken(12)  # of an older log
+    assert Taken.read(None) == Taken()
     with pytest.raises(ValueError, match='without the row observations'):
-        observations_taken(status(taken=12))
+        Taken.read(status(taken=12))
     with pytest.raises(ValueError):
-        observations_taken(status(observations='many'))
+        Taken.read(status(observations='many'))
 
 
 @pytest.mark.parametrize('left', ['{"done": "x"}', '{"block": 1e999}', '[]', '[' * 100_000,

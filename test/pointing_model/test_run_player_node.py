@@ -89,11 +89,11 @@ class Desk:
     def value(self, key):
         return {row.key: row.value for row in self.status[-1].values}[key] if self.status else ''
 
-    def take(self, count):
+    def take(self, count, **taken):
         self.graph.wait_for(lambda: len(self.rows) == count)
         assert self.asked == []  # nothing is asked before all rows have been taken
         self.said.publish(convert.status(
-            DiagnosticStatus.OK, 'calibration', '', observations=count))
+            DiagnosticStatus.OK, 'calibration', '', **{'observations': count, **taken}))
 
 
 def test_a_run_is_published_then_fitted_then_diagnosed(graph, tmp_path):
@@ -112,6 +112,14 @@ def test_a_run_is_published_then_fitted_then_diagnosed(graph, tmp_path):
     assert desk.tables[-1].width == 12
     assert desk.value('observations') == '12'
     graph.report('run_player', '', 'kept out', 4)
+
+
+def test_a_calibration_that_keeps_the_last_power_ons_alone_has_taken_all(graph, tmp_path):
+    write_csv(run(12, run=np.repeat([1.0, 2.0, 3.0], 4)), tmp_path / 'run.csv')
+    desk = Desk(graph, tmp_path / 'run.csv')
+    desk.take(12, observations=8, kept_power_ons=2)
+    graph.wait_for(lambda: desk.value('state') == 'done')
+    assert desk.asked == [('fit', 12), ('diagnose', 12)]
 
 
 def test_a_calibration_that_refuses_ends_it_with_the_reason(graph, tmp_path):

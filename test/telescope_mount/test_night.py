@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import signal
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from pointing_model.model import PointingModel
 from pointing_model.run_files import read_run
 from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
-from telescope_mount.night import NightFailed, observe, prepare_folder
+from telescope_mount.night import NightFailed, observe, prepare_folder, write_results
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 #: nodes that wait for one another share one
@@ -240,6 +241,29 @@ def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, mode
     del run.columns['time']
     latest[topics.OBSERVATIONS.name] = run_to_cloud(run, stamp(2))
     assert _up_to_date(latest, ['fit', 'diagnose'])
+
+
+def test_what_the_nodes_do_not_keep_comes_from_the_log(cli, tmp_path):
+    """Four power-ons, of which observer and calibration keep two."""
+    out = prepare_folder(tmp_path / 'night')
+    night = 'home, stars 6, zero 2, calibrate_zero, fit'
+    plan = ', power_cycle, '.join([night] * 4)
+    specs = night_graph(bag=str(out / 'bag'), plan=plan, sample_rate_hz=1.0, kept_power_ons=2)
+    observe(out, specs, plan, partial(write_results, out))
+    run = read_run(out / 'observations.csv')
+    report = json.loads((out / 'report.json').read_text())
+    assert [run['run'].tolist().count(number) for number in (1, 2, 3, 4)] == [8] * 4
+    assert (np.diff(run['time']) > 0.0).all()
+    assert report['stars'] == 12 and [zero['run'] for zero in report['zeros']] == [3, 4]
+    assert any('the last 2 power-ons' in note for note in report['notes'])
+    last = list(BagReader(out / 'bag').messages(['/mount/observations'], decode=True))[-1].data
+    assert last.width == 16
+    again = cli('verify', out / 'bag')
+    assert again.returncode == 0, again.stdout + again.stderr
+    replayed = cli('replay', out / 'bag', '--save', tmp_path / 'model.json')
+    assert replayed.returncode == 0, replayed.stderr
+    assert PointingModel.load(tmp_path / 'model.json').terms == PointingModel.load(
+        out / 'model.json').terms
 
 
 def test_a_night_read_from_frames_is_the_same_night(night, other_night):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
@@ -54,7 +55,7 @@ class Bench:
     """Mount, encoders, camera, clocks and the other side of every topic."""
 
     def __init__(self, plan='', homed=True, kind=ALTAZ, absolute=True, live=False,
-                 memory=None, **settings):
+                 memory=None, power_ons=0, **settings):
         self.kind = kind
         self.settings = SETTINGS | settings
         self.stamp, self.wall = START, 1000.0
@@ -71,7 +72,7 @@ class Bench:
         self.statuses, self.refused, self.pending = [], [], None
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
-        self.in_force, self.table = InForce(mount=kind), Table(kind)
+        self.in_force, self.table = InForce(mount=kind), Table(kind, power_ons)
         self.plan = Sequencer(
             self, self.instruments, self.in_force, self.table, memory, looks=0.0)
         if homed:
@@ -192,7 +193,7 @@ class Bench:
         self.offers('home', home)
 
     def calibrates(self):
-        self.plan.calibration_has(len(self.rows))
+        self.plan.calibration_has(Taken(len(self.rows)))
 
     def takes_model(self, stamp, zeros=()):
         self.in_force.take_model(PointingModel({'IA': 0.0}, provenance={

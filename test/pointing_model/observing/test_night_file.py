@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from msg_tools.status import Progress
+from msg_tools.status import Progress, Taken
 from msg_tools.units import ARCSEC
 from pointing_model.observing.night_file import NightFile
 
@@ -39,7 +39,7 @@ def go_on(bench, ticks=1000):
         if not bench.plan.busy:
             break
         bench.tick()
-        bench.plan.calibration_has(len(bench.table))
+        bench.plan.calibration_has(Taken(len(bench.table)))
     return bench
 
 
@@ -60,7 +60,7 @@ def test_killed_at_any_moment_no_pointing_is_doubled_and_at_most_one_lost(tmp_pa
         again = observer(path, after=first)
         assert len(again.table) == seen
         if whole:
-            again.plan.calibration_has(0)
+            again.plan.calibration_has(Taken(0))
             assert len(again.tables) == (seen > 0)
         go_on(again)
         assert again.plan.progress.state == 'done', again.plan.text
@@ -99,7 +99,7 @@ def test_a_plan_that_is_over_is_not_begun_again_by_itself(tmp_path):
     assert not again.plan.busy and len(again.table) == 7
     assert again.statuses[-1][0].state == 'done'
     assert 'star_observer/anew, begins it anew' in again.statuses[-1][1]
-    again.plan.calibration_has(0)  # started anew as well
+    again.plan.calibration_has(Taken(0))  # started anew as well
     assert len(again.tables) == 1
     again.plan.start(PLAN)
     go_on(again)

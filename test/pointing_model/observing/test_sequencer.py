@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from msg_tools.status import Taken
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.kept_rows import first_of_last
 from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
 
@@ -232,7 +234,7 @@ def test_the_zero_is_asked_for_when_every_row_was_taken_and_awaited():
     bench = Bench('polaris 2, calibrate_zero')
     bench.offers('calibrate_zero')
     bench.waits('calibration to take the last observation')
-    bench.plan.calibration_has(1)
+    bench.plan.calibration_has(Taken(1))
     assert bench.calls == []
     bench.calibrates()
     bench.waits('the new zero')
@@ -277,10 +279,59 @@ def test_a_calibration_that_was_started_anew_gets_the_table_again():
     bench = Bench('stars 2, fit')
     bench.waits('calibration to take the last observation')
     assert [len(table) for table in bench.tables] == [2]
-    bench.plan.calibration_has(1)
+    bench.plan.calibration_has(Taken(1))
     assert len(bench.tables) == 1
-    bench.plan.calibration_has(0)
+    bench.plan.calibration_has(Taken(0))
     assert [len(table) for table in bench.tables] == [2, 2]
+
+
+class Months(Bench):
+    """So many power-ons, two rows and a fit in each, and a calibration that keeps the rows of some.
+
+    Parameters
+    ----------
+    kept : int
+        Power-ons, by the calibration; `power_ons` by the observer.
+    """
+
+    def __init__(self, count, kept, **options):
+        super().__init__(', power_cycle, '.join(['home, polaris 2, fit'] * count), **options)
+        self.kept = kept
+        self.homes()
+        self.offers('power_cycle', self.power_cycle)
+        self.offers('fit')
+
+    def power_cycle(self):
+        self.error = np.full(2, np.nan)
+        self.read(self.stamp + SECOND, self.position)
+
+    def tick(self):
+        super().tick()
+        runs = [row['run'][0] for row in self.rows]
+        forgotten = first_of_last(runs, self.kept)
+        self.plan.calibration_has(Taken(len(runs) - forgotten, self.kept, forgotten))
+        if self.plan.text == 'the new model':
+            self.takes_model(self.table.newest, [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}])
+            self.takes_zero(self.table.newest, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(('observer', 'calibration'), [(0, 0), (2, 2), (2, 3), (3, 2), (0, 2),
+                                                       (2, 0)])
+def test_months_end_whatever_observer_and_calibration_keep(observer, calibration):
+    bench = Months(5, calibration, power_ons=observer)
+    assert bench.run() == ('done', 'plan finished')
+    assert bench.calls.count('fit') == 5 and len(bench.rows) == 10
+    progress = bench.statuses[-1][0]
+    assert (progress.observations, progress.forgotten) == (10, 6 * (observer == 2) or (
+        4 * (observer == 3)))
+    assert max(map(len, bench.tables)) == (2 * observer or 10)
+
+
+def test_rows_that_both_forget_are_no_calibration_that_was_started_anew():
+    bench = Months(5, 2, power_ons=2)
+    bench.run()
+    # one at the end of the step that has made rows
+    assert len(bench.tables) == 5
 
 
 # --- started anew in the middle of a night --------------------------------------------------------
@@ -312,9 +363,20 @@ def test_a_plan_goes_on_where_it_stood():
     assert [row['block'][0] for row in again.rows] == [2.0]  # one more of Polaris
     assert again.table.newest > bench.table.newest
     assert len(again.tables[-1]) == 7 and again.calls == ['home']
-    again.plan.calibration_has(7)
+    again.plan.calibration_has(Taken(7))
     again.waits('the new model')
     assert [row['star'] for row in again.table.rows[:6]] == [row['star'][0] for row in bench.rows]
+
+
+def test_a_plan_of_months_goes_on_with_the_rows_that_are_kept():
+    bench = Months(5, 2, power_ons=2)
+    bench.until(lambda: len(bench.rows) == 7)
+    again = after_a_crash(bench)
+    assert [len(again.table), again.table.forgotten] == [7, 4]
+    again.plan.calibration_has(Taken(3, 2, 4))
+    again.until(lambda: len(again.rows) == 1)
+    assert again.rows[0]['block'] == bench.rows[-1]['block']
+    assert len(again.table) == 8 and again.plan.progress.observations == 8
 
 
 def test_rows_that_turn_up_when_the_plan_has_begun_are_taken_before_a_row_is_made():

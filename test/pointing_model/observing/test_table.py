@@ -37,6 +37,32 @@ def test_rows_are_as_they_came():
     assert again.all()['star'].tolist() == run['star'].tolist()
 
 
+def test_of_a_power_on_long_over_the_rows_are_counted_and_not_kept():
+    table, angles = Table(power_ons=3), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
+    for i in range(60):
+        table.add({'stamp': 10 + i, 'time': (10 + i) * 1e-9, 'run': 1 + i // 10, 'block': i // 10,
+                   'star': i, **angles})
+        assert len(table) == i + 1 and len(table.rows) <= 30
+    assert table.forgotten == 30 and table.rows[0]['star'] == 30
+    # rows have the numbers that they had
+    assert [row['star'] for row in table.rows_from(58)] == [58, 59]
+    assert table.rows_from(5) == table.rows and table.rows_from(-1)[0]['star'] == 59
+    assert [table.of_last(n) for n in (0, 1, 2, 9)] == [30, 10, 20, 30]
+    run = table.all()
+    assert run['run'].tolist() == sorted(10 * [4.0, 5.0, 6.0])
+    assert table.all() is None
+    table.add({'stamp': 99, 'time': 99e-9, 'run': 7, 'block': 6, 'star': 60, **angles})
+    assert len(table.all()) == 21
+
+    again = Table(power_ons=3)
+    again.restore(run, 69, before=30)
+    assert (len(again), again.forgotten) == (60, 30)
+    from_file = Table(power_ons=3)
+    from_file.rows = [{'stamp': i, 'run': i // 10, 'block': 0, 'star': i, **angles}
+                      for i in range(50)]
+    assert (len(from_file), from_file.forgotten) == (50, 20)
+
+
 @pytest.mark.parametrize('missing', NEEDED)
 def test_rows_of_nobody_are_refused(missing):
     with pytest.raises(ValueError, match=f'without column {missing}: they are of no observer'):
