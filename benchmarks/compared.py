@@ -4,6 +4,7 @@ Each takes `full` and returns a list of `race.Row`. A peer that is not installed
 empty; the extras `bench` and `test` bring them.
 """
 
+import json
 import resource
 import shutil
 import subprocess
@@ -197,6 +198,28 @@ def nights(full):
     return rows
 
 
+def months(full):
+    """200 nights in one graph: what grows; nothing in a short run."""
+    if not full:
+        return []
+    with tempfile.TemporaryDirectory() as folder:
+        kept = Path(folder) / 'measured.json'
+        subprocess.run([sys.executable, Path(__file__).with_name('long_run.py'), '--full',
+                        '--keep', kept], check=True, stdout=subprocess.DEVNULL)
+        told = json.loads(kept.read_text())
+    first, last = told['nights'][4], told['nights'][-1]
+    growth = {name: 100.0 * (last[name]['rss'] / first[name]['rss'] - 1.0) for name in last}
+    worst = max(growth, key=growth.get)
+    more = {name: sum(last[one][name] - first[one][name] for one in last)
+            for name in ('files', 'threads')}
+    size = f'{len(told["nights"])} nights'
+    return [
+        Row('months', 'growth of memory since night 5', size, growth[worst], 'limit 2 %', 2.0, 1.0,
+            f'{worst}; more files {more["files"]}, threads {more["threads"]}', '%'),
+        Row('months', 'a night, the last', size, float(np.median(told['seconds'][-5:])),
+            'limit: the fifth', float(np.median(told['seconds'][2:7])))]
+
+
 #: in the order of the table
 PARTS = {'fit': fits, 'model': angles, 'sky': sky, 'encoder': frames, 'log': logs, 'graph': nights,
-         'load': load.rows}
+         'load': load.rows, 'months': months}

@@ -83,13 +83,15 @@ class Nights:
         That the night took.
     """
 
-    def __init__(self, every, folder):
+    def __init__(self, count, every, folder):
+        self._count = count
         self.taken, self.shared, self.seconds = [], [], []
         self._pids, self._began, self._every = {}, time.monotonic(), every
         self._folder = folder
 
     def __call__(self, text, done, total):
-        if not (done >= (len(self.taken) + 1) * ROWS or text.startswith('writing')):
+        over = done >= (len(self.taken) + 1) * ROWS or text.startswith('writing')
+        if not over or len(self.taken) == self._count:
             return
         self._pids = self._pids or nodes()
         self.taken.append({name: measured(pid) for pid, name in self._pids.items()})
@@ -153,7 +155,7 @@ def main():
         folder = prepare_folder(args.out or Path(place) / 'night')
         specs = night_graph(bag=str(folder / 'bag'), scenario='default', seed=args.seed,
                             plan=plan, sample_rate_hz=1.0, kept_power_ons=args.kept)
-        nights = Nights(args.every, folder)
+        nights = Nights(count, args.every, folder)
         try:
             observe(folder, specs, plan, lambda latest: None, nights)
         finally:

@@ -26,14 +26,16 @@ class Row:
     part, what, size : str
         Of the table; together they name the line in the history.
     ours : float
-        Seconds.
+        Seconds, or in `unit`.
     peer : str
         What is beside it: a program, or a limit.
     theirs : float or None
-        Seconds of the peer; None where it is not installed.
+        As `ours`, of the peer; None where it is not installed.
     least : float or None
         What the ratio must be at least.
     note : str
+    unit : str
+        '' for seconds.
     """
 
     part: str
@@ -44,6 +46,7 @@ class Row:
     theirs: float | None
     least: float | None = None
     note: str = ''
+    unit: str = ''
 
     @property
     def key(self):
@@ -83,7 +86,9 @@ def show(rows):
         out.add_column(name, justify='right' if name in ('ours', 'theirs', 'ratio', 'at least')
                        else 'left')
     for row in rows:
-        out.add_row(row.part, row.what, row.size, seconds(row.ours), row.peer, seconds(row.theirs),
+        ours, theirs = (f'{value:.3g} {row.unit}' if row.unit and value is not None
+                        else seconds(value) for value in (row.ours, row.theirs))
+        out.add_row(row.part, row.what, row.size, ours, row.peer, theirs,
                     '-' if row.ratio is None else f'{row.ratio:.2f}',
                     '' if row.least is None else
                     f'{row.least:.2f}' + (' MISSED' if row.met is False else ''), row.note)

@@ -37,7 +37,7 @@ TOPICS = {
                            '`weather` alone, else a driver of yours may',
     'inclinometer': 'what the base leans to the north (x) and west (y), rad',
     'observation': 'one star: catalogue place, readings, miss distance, air',
-    'observations': 'all rows of the night so far',
+    'observations': 'rows so far of the last power-ons (`kept_power_ons`)',
     'offset': 'encoder − catalogue of the last star, on the sky, rad',
     'observer/status': 'the step of the plan, and what holds it up',
     'observer/checks': 'results of the steps `check` and `clocks`, JSON',
