@@ -141,6 +141,17 @@ def test_noise_that_soon_forgets_is_no_walk():
     assert alarms == 0
 
 
+def test_a_walk_in_doubt_is_not_told_where_no_star_shows_it():
+    """Noise with a memory of three rows, half of a second of arc: in these nights likelier a walk
+    than not, and not a hundred times."""
+    for seed in (19, 20):
+        memory = np.random.default_rng(seed + 900).normal(size=106)
+        memory *= np.sqrt(1.0 - 0.7**2)
+        for k in range(1, len(memory)):
+            memory[k] += 0.7 * memory[k - 1]
+        assert check_witnesses(night(seed, 0.5 * memory)).alarms == []
+
+
 def test_the_reference_is_of_a_power_on_of_the_absolute_encoder():
     rows = night(1, walk_of(1, 0.6, 166), kept=60)
     start = np.where(np.arange(166) < 120, START, START + 1800.0)
