@@ -114,10 +114,10 @@ class Calibration(MountNode):
 
     def _on_table(self, message):
         if message.width:
-            run, before = self._rows(message), len(self._session)
-            self._session.take_table(run, convert.from_stamp(message.header.stamp))
+            run = self._rows(message)
+            new = self._session.take_table(run, convert.from_stamp(message.header.stamp))
             self._note_starts(run)
-            if len(self._session) > before + 1:  # it may overtake its last row
+            if new > 1:  # it may overtake its last row
                 self._take_up_rows()
             else:
                 self._say('collecting')
@@ -179,7 +179,7 @@ class Calibration(MountNode):
             known = np.isfinite(run['encoder_start'])
             self._starts.update(zip(run['run'][known].astype(int).tolist(),
                                     run['encoder_start'][known].tolist()))
-            for number in list(self._starts)[:-STARTS]:
+            for number in sorted(self._starts)[:-STARTS]:
                 del self._starts[number]
 
     def _rows(self, message):

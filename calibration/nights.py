@@ -19,6 +19,7 @@ from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
 from .fit import fit_harmonics
+from .row_store import missing
 from .rows import for_fitting, is_kept_out, zero_exposures_by_run
 from .satellite_check import tracking_errors
 from .season import SeasonLog, season_rows
@@ -77,7 +78,7 @@ class NightSeries:
     @property
     def taken(self):
         """As of `CalibrationSession`."""
-        return Taken(len(self), self.power_ons, self._forgotten)
+        return Taken(len(self), self.power_ons, self._forgotten, self.last_stamp)
 
     def observations(self):
         """All rows so far, a PointingRun; ValueError before the first."""
@@ -157,31 +158,46 @@ class NightSeries:
     def take_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
 
-        The nights that are over are calibrated and fitted again: their models are the references
-        of those to come.
+        Where rows are missing that are not the last ones, the nights of the table that are over
+        are calibrated and fitted again: their models are the references of those to come.
+
+        Returns
+        -------
+        int
+            As of `CalibrationSession.take_table`.
         """
         if 'run' not in run:
             raise ValueError('observation without column run')
-        run = run.select(slice(first_of_last(run['run'], self.power_ons), None))
-        if stamp < self.last_stamp or len(run) <= len(self):
-            return
+        table = run.select(slice(first_of_last(run['run'], self.power_ons), None))
+        numbers = list(map(int, np.unique(table['run'])))
+        here = [self._sessions[number].observations() for number in numbers
+                if number in self._sessions]
+        count, new = missing(table, PointingRun.concatenate(here) if here else None)
+        if stamp < self.last_stamp or count <= 0:
+            return 0
+        if new is not None and here and set(new['run']) <= {self.newest}:
+            self.last_stamp = 0
+            self.add(new, stamp)
+            return count
         calibrated = {number for number, session in self._sessions.items()
                       if number in session.zeros}
         for known in (self._sessions, self._models, self._zeros, self._rows):
-            known.clear()
-        self._season.clear_zeros()
-        for number in np.unique(run['run']):
-            if self._sessions:
+            for number in numbers:
+                known.pop(number, None)
+        self._season.clear_zeros(numbers)
+        for number in numbers:
+            if number != numbers[0]:
                 with suppress(ValueError):
                     self.calibrate_zero()
                 with suppress(ValueError):
                     self.fit()
             self.last_stamp = 0
-            self.add(run.select(run['run'] == number), stamp)
+            self.add(table.select(table['run'] == number), stamp)
         # tonight's too, if it had been: a table may overtake the last row before the fit
         if self.newest in calibrated:
             with suppress(ValueError):
                 self.calibrate_zero()
+        return count
 
     def calibrate_zero(self):
         """Zero of tonight; see `CalibrationSession.calibrate_zero`."""

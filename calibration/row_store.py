@@ -3,7 +3,7 @@
 import numpy as np
 
 from pointing_model.kept_rows import first_of_last
-from pointing_model.run import PointingRun
+from pointing_model.run import REQUIRED, PointingRun
 
 #: rows for which there is room at first, and by what share it grows
 _FIRST, _MORE = 64, 0.25
@@ -70,13 +70,19 @@ class RowStore:
                 self._forget(first_of_last(runs, self._power_ons))
 
     def _forget(self, rows):
-        """The first so many."""
+        """The first so many. Who holds a run has the arrays of before: it stays as it is."""
         if not rows:
             return
-        left = self._count - rows
-        for values in (self._stamps, *self._columns.values()):
-            values[:left] = values[rows:self._count]
-        self._count, self.forgotten = left, self.forgotten + rows
+        self._stamps = self._stamps[rows:].copy()
+        self._columns = {name: values[rows:].copy() for name, values in self._columns.items()}
+        self._count, self.forgotten = self._count - rows, self.forgotten + rows
+
+    def keep(self, rows):
+        """Keep some rows, a mask; the others have never been here."""
+        self._stamps = self._stamps[:self._count][rows]
+        self._columns = {name: values[:self._count][rows]
+                         for name, values in self._columns.items()}
+        self._count = len(self._stamps)
 
     def _with_more(self, values, more):
         """A column with more values, in its place or in a larger one."""
@@ -88,11 +94,43 @@ class RowStore:
         values[self._count:count] = more
         return values
 
+    def lacks(self, table):
+        """Rows of a table that are not here; see `missing`."""
+        here = None
+        if self._count:
+            here = self._run(np.isin(self._columns['run'][:self._count], table['run']))
+        return missing(table, here)
+
     def all(self, until=0):
         """Rows so far (with `until`, those that had come by that stamp, if any), a PointingRun."""
         count = np.searchsorted(self._stamps[:self._count], until, 'right') if until else 0
         return self._run(slice(int(count) or self._count))
 
     def _run(self, rows):
-        return PointingRun({name: values[rows] for name, values in self._columns.items()},
-                           dict(self._meta))
+        return PointingRun({name: values[:self._count][rows]
+                            for name, values in self._columns.items()}, dict(self._meta))
+
+
+def missing(table, here):
+    """Rows of a table that somebody lacks.
+
+    Parameters
+    ----------
+    table : PointingRun
+        All rows of some power-ons.
+    here : PointingRun or None
+        Those of these power-ons that somebody has.
+
+    Returns
+    -------
+    count : int
+        How many are missing; 0 or less: none.
+    rows : PointingRun or None
+        They, where they come after those that are there; None where some in between are missing.
+    """
+    known = 0 if here is None else len(here)
+    count = len(table) - known
+    if count <= 0 or any(not np.array_equal(here[name], table[name][:known])
+                         for name in REQUIRED if known):
+        return count, None
+    return count, table.select(slice(known, None))

@@ -30,10 +30,12 @@ class SeasonLog:
     def __len__(self):
         return len(self._zeros)
 
-    def clear_zeros(self):
-        """They will be measured again; what the encoders told of their marks stays known."""
-        self._model = None
-        self._zeros.clear()
+    def clear_zeros(self, numbers):
+        """Those of some power-ons will be measured again; what their marks told stays known."""
+        for number in numbers:
+            self._zeros.pop(number, None)
+        if not self._zeros:
+            self._model = None
 
     def hear(self, homings):
         """Take what the incremental encoders say of their marks, whenever they say it.

@@ -105,7 +105,7 @@ class CalibrationSession:
     @property
     def taken(self):
         """How many rows are here, and how many were, `msg_tools.status.Taken`."""
-        return Taken(len(self._rows), self.power_ons, self._rows.forgotten)
+        return Taken(len(self._rows), self.power_ons, self._rows.forgotten, self.last_stamp)
 
     @property
     def newest(self):
@@ -127,18 +127,21 @@ class CalibrationSession:
         ValueError
             A column is missing.
         """
-        for name in ('star', 'run'):
-            if name not in run:
-                raise ValueError(f'observation without column {name}')
-        check_mount(run.mount, {
-            'the observations before': self._rows.mount,
-            'the reference model': self.reference and self.reference.mount})
+        self._check(run)
         if stamp > self.last_stamp:
             before = self._rows.forgotten
             self._rows.add(with_marks(run), stamp)
             self.last_stamp = stamp
             if self._rows.forgotten > before:
                 self._forget(self._rows.forgotten - before)
+
+    def _check(self, run):
+        for name in ('star', 'run'):
+            if name not in run:
+                raise ValueError(f'observation without column {name}')
+        check_mount(run.mount, {
+            'the observations before': self._rows.mount,
+            'the reference model': self.reference and self.reference.mount})
 
     def _forget(self, rows):
         """Rows of power-ons before those that are kept are gone: so is what was made of them."""
@@ -154,15 +157,32 @@ class CalibrationSession:
         Parameters
         ----------
         run : PointingRun
-            All rows of the night.
+            All rows of the night, or of its last power-ons: what is here of earlier ones stays.
         stamp : int
             Of the newest row, ns.
+
+        Returns
+        -------
+        int
+            How many rows were not here.
+
+        Raises
+        ------
+        ValueError
+            A column is missing.
         """
-        kept = slice(first_of_last(run['run'], self.power_ons) if 'run' in run else 0, None)
-        if stamp >= self.last_stamp and len(run['az'][kept]) > len(self):
-            self._rows.clear()
-            self.last_stamp = 0
-            self.add(run.select(kept), stamp)
+        self._check(run)
+        table = run.select(slice(first_of_last(run['run'], self.power_ons), None))
+        count, new = self._rows.lacks(table)
+        if stamp < self.last_stamp or count <= 0:
+            return 0
+        if new is None:
+            self._rows.keep(~np.isin(self._rows.all()['run'], table['run']))
+            new = table
+        self.last_stamp = 0
+        self.add(new, stamp)
+        self._forget(0)
+        return count
 
     def observations(self, until=0):
         """All rows so far (with `until`, those that had come by that stamp), a PointingRun.

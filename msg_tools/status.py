@@ -9,7 +9,8 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 #: rows of `calibration/status`, see `Taken`
-OBSERVATIONS, POWER_ONS, FORGOTTEN = 'observations', 'kept_power_ons', 'forgotten'
+OBSERVATIONS, POWER_ONS, FORGOTTEN, NEWEST = ('observations', 'kept_power_ons', 'forgotten',
+                                              'newest_ns')
 #: rows of `calibration/status` after an observer came that knows nothing of the night: observations
 #: on `calibration/table`, and where its plan stood
 GIVEN_BACK, PLAN_LEFT = 'given_back', 'plan_left'
@@ -85,15 +86,25 @@ class Taken(NamedTuple):
         They are of the last so many power-ons; 0: of all.
     forgotten : int
         That it had before.
+    newest : int
+        Stamp of the newest, ns; 0: there is none, or it does not tell.
     """
 
     kept: int = 0
     power_ons: int = 0
     forgotten: int = 0
+    newest: int = 0
+
+    def has(self, count, newest):
+        """Whether it has so many of the power-ons that it keeps, the newest of that stamp (ns).
+
+        By their number alone it could not be told: with a new power-on it becomes less.
+        """
+        return self.kept >= count and (self.newest >= newest or not self.newest)
 
     def rows(self):
         """Key and value of each row, dict."""
-        return dict(zip((OBSERVATIONS, POWER_ONS, FORGOTTEN), self))
+        return dict(zip((OBSERVATIONS, POWER_ONS, FORGOTTEN, NEWEST), self))
 
     @classmethod
     def read(cls, message):
@@ -108,7 +119,7 @@ class Taken(NamedTuple):
             return cls()
         rows = {row.key: row.value for row in message.values}
         return cls(int(_row(rows, OBSERVATIONS)), int(rows.get(POWER_ONS, 0)),
-                   int(rows.get(FORGOTTEN, 0)))
+                   int(rows.get(FORGOTTEN, 0)), int(rows.get(NEWEST, 0)))
 
 
 def handover_rows(count, progress):

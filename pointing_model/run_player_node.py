@@ -172,7 +172,9 @@ class RunPlayer(MountNode):
     def _taken(self):
         """Whether the calibration has all that was sent, of the power-ons that it keeps."""
         sent = self._run['run'][:self._sent]
-        return self._calibrated.kept >= len(sent) - first_of_last(sent, self._calibrated.power_ons)
+        return self._calibrated.has(
+            len(sent) - first_of_last(sent, self._calibrated.power_ons),
+            int(self._stamps[self._sent - 1]))
 
     def _publish(self, row):
         stamp = int(self._stamps[row])

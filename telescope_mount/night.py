@@ -357,11 +357,13 @@ def _complete(watcher, plan):
     table = latest.get(topics.OBSERVATIONS.name)
     progress = _progress(watcher)
     checks = latest.get(topics.CHECKS.name)
-    checked = 0 if checks is None else len(json.loads(checks.data)['checks'])
+    checks = [] if checks is None else json.loads(checks.data)['checks']
+    # an observer that was started again may lack the first ones, whose rows it does not keep
+    last = max((number for number, verb in enumerate(verbs) if verb == 'check'), default=None)
     return (table is not None and table.width == progress.observations - progress.forgotten
             and topics.MODEL.name in latest
             and (topics.CALIBRATION_REPORT if 'fit' in verbs else topics.TRACKING).name in latest
-            and checked >= verbs.count('check')
+            and (last is None or bool(checks) and checks[-1]['block'] == last)
             and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))
             and _up_to_date(latest, verbs))
 

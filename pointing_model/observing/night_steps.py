@@ -415,7 +415,8 @@ class NightSteps:
 
     def _calibration_has_all(self):
         yield from self._until(
-            lambda: self.calibrated.kept >= self._table.of_last(self.calibrated.power_ons),
+            lambda: self.calibrated.has(self._table.of_last(self.calibrated.power_ons),
+                                        self._table.newest),
             'calibration to take the last observation')
 
     def _need_home(self):

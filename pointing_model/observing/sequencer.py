@@ -209,7 +209,9 @@ class Sequencer:
 
     def calibration_has(self, taken):
         """What the calibration has, `msg_tools.status.Taken`."""
-        if taken.kept < min(self._night.calibrated.kept, self._table.of_last(taken.power_ons)):
+        before = self._night.calibrated
+        if taken.newest < before.newest or (
+                not before.newest and taken.kept < min(before.kept, len(self._table))):
             # it was started anew and knows nothing of the night so far
             self._calibration_is_new = not taken.kept
             self._night.asked = None
@@ -264,7 +266,7 @@ class Sequencer:
         self._plan, self._table.rows = plan, list(rows)
         self._night.evening, self._before = evening, before
         # of the calibration nobody knows yet whether it has them
-        self._night.calibrated = Taken(self._table.of_last(0))
+        self._night.calibrated = Taken(self._table.of_last(0), newest=self._table.newest)
         self._taken_up(self._table.all(), left)
         if left.state == 'done':
             self._left, self._night.progress = None, left

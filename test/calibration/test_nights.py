@@ -214,6 +214,25 @@ def test_a_table_that_overtakes_the_last_row_leaves_the_zero(three):
     assert overtaken['nights'] == report['nights']
 
 
+@pytest.mark.parametrize('power_ons', [0, 3])
+def test_a_table_that_overtakes_the_last_row_changes_no_number(power_ons):
+    nights = [night(run) for run in (-1, 0, 1, 2)]
+    reports = []
+    for overtakes in (False, True):
+        series = NightSeries(2, power_ons=power_ons)
+        for number, rows in enumerate(nights):
+            last = 10 * (number + 1)
+            if number == 3 and overtakes:
+                series.add(rows.select(slice(0, -1)), last - 1)
+                table = PointingRun.concatenate(nights[1:] if power_ons else nights)
+                assert series.take_table(table, last) == 1
+            series.add(rows, last)
+            zero = series.calibrate_zero()[1]
+            _, report = series.fit()
+        reports.append((zero.az, zero.el, json.dumps(report)))
+    assert reports[0] == reports[1]
+
+
 def test_nights_long_ago_are_not_kept():
     nights = [night(run) for run in (-1, 0, 1, 2)]
     series, whole = NightSeries(2, power_ons=3), NightSeries(2)
@@ -226,7 +245,7 @@ def test_nights_long_ago_are_not_kept():
         assert (zero.az, zero.el) == (same.az, same.el)
         assert told['nights'] == report['nights'] and told['power_ons'] == report['power_ons']
     assert len(series) == sum(map(len, nights[1:]))
-    assert series.taken == (len(series), 3, len(nights[0])) and sorted(series.zeros) == [0, 1, 2]
+    assert series.taken == (len(series), 3, len(nights[0]), 4) and sorted(series.zeros) == [0, 1, 2]
     assert [note for note in told['notes'] if note not in report['notes']] == [
         'the nights are of the last 3 power-ons alone (kept_power_ons): rows of earlier ones are '
         'in the log']

@@ -256,7 +256,7 @@ def test_of_power_ons_long_over_nothing_is_left():
         if number % 2:
             kept.calibrate_zero()
             model, report = kept.fit()
-    assert kept.taken == (60, 3, 80) and len(kept) == len(fresh) == 60
+    assert kept.taken == (60, 3, 80, 6 * 10**9) and len(kept) == len(fresh) == 60
     assert sorted(kept.zeros) == [5, 6, 7]
     assert len(kept._finished) <= 9
     own_model, own = fresh.fit()
@@ -275,6 +275,56 @@ def test_a_table_with_more_power_ons_than_are_kept_is_taken_once():
     known = late.observations()
     late.take_table(whole, 10 * 10**9)
     assert len(late) == 40 and late.observations()['star'].tolist() == known['star'].tolist()
+
+
+@pytest.mark.parametrize('power_ons', [0, 2])
+def test_rows_that_were_lost_come_with_the_table(power_ons):
+    """Whether they are the last ones, or of a new power-on with fewer rows than the one that goes,
+    or some in between."""
+    blocks, whole = many_power_ons(3), CalibrationSession(power_ons=power_ons)
+    blocks[5] = blocks[5].select(slice(0, 6))
+    for number, block in enumerate(blocks, 1):
+        whole.add(block, number)
+    whole.calibrate_zero()
+    kept = PointingRun.concatenate(blocks[2:] if power_ons else blocks)
+    for heard in (range(6), range(5), range(4), (0, 1, 2, 4, 5), (0, 1, 3, 5), ()):
+        late = CalibrationSession(power_ons=power_ons)
+        for number in heard:
+            late.add(blocks[number], number + 1)
+        count = sum(map(len, blocks if power_ons == 0 else blocks[2:])) - sum(
+            len(blocks[n]) for n in heard if not power_ons or n >= 2)
+        assert late.take_table(kept, 6) == count
+        assert late.take_table(kept, 6) == 0
+        np.testing.assert_array_equal(late.observations()['az_enc'], kept['az_enc'])
+        assert late.newest == 3 and late.taken.newest == 6
+        late.calibrate_zero()
+        assert late.fit()[0].terms == whole.fit()[0].terms
+        assert late.zeros.keys() == whole.zeros.keys()
+
+
+def test_a_table_of_an_observer_that_keeps_less_takes_nothing_away():
+    blocks = many_power_ons(3)
+    collected = session(blocks[:5])
+    assert collected.take_table(PointingRun.concatenate(blocks[4:]), 6 * 10**9) == 12
+    assert len(collected) == 60 and sorted(collected.zeros) == [1, 2, 3]
+    # nor one that has lost its rows
+    assert collected.take_table(blocks[5].select(slice(5, 9)), 8 * 10**9) == 0
+    # nor one that is refused
+    with pytest.raises(ValueError, match='without column star'):
+        collected.take_table(PointingRun({k: v for k, v in PointingRun.concatenate(
+            [*blocks, blocks[5]]).columns.items() if k != 'star'}), 9 * 10**9)
+    assert len(collected) == 60 and collected.last_stamp == 6 * 10**9
+
+
+def test_a_run_that_somebody_holds_stays_as_it_is_when_rows_go():
+    blocks, collected = many_power_ons(3), CalibrationSession(power_ons=2)
+    for number, block in enumerate(blocks[:4], 1):
+        collected.add(block, number)
+    held = collected.observations()
+    before = held['run'].copy()
+    collected.add(blocks[4], 5)
+    assert collected.taken.forgotten == 20
+    np.testing.assert_array_equal(held['run'], before)
 
 
 def test_blind_stars_after_a_diagnosis_are_known_as_such_when_rows_before_it_go():

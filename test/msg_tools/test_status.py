@@ -37,7 +37,7 @@ def test_the_rows_that_others_read():
 
 
 def test_what_the_calibration_has():
-    taken = Taken(12, 10, 240)
+    taken = Taken(12, 10, 240, 10**18 + 1)
     assert Taken.read(status(**taken.rows(), verdict='none')) == taken
     assert Taken.read(status(observations=12)) == Taken(12)  # of an older log
     assert Taken.read(None) == Taken()
@@ -45,6 +45,13 @@ def test_what_the_calibration_has():
         Taken.read(status(taken=12))
     with pytest.raises(ValueError):
         Taken.read(status(observations='many'))
+
+
+def test_with_a_new_power_on_it_has_less_and_has_not_the_newest_yet():
+    before, after = Taken(20, 2, 40, 700), Taken(11, 2, 50, 800)
+    assert before.has(20, 700) and not before.has(11, 800) and after.has(11, 800)
+    assert not Taken(10, 2, 50, 800).has(11, 800)  # one in between is missing
+    assert Taken(11).has(11, 800)  # of who does not tell it the number decides
 
 
 @pytest.mark.parametrize('left', ['{"done": "x"}', '{"block": 1e999}', '[]', '[' * 100_000,

@@ -292,14 +292,25 @@ class Months(Bench):
     ----------
     kept : int
         Power-ons, by the calibration; `power_ons` by the observer.
+    late : int
+        Ticks until the calibration has a row.
     """
 
-    def __init__(self, count, kept, **options):
+    def __init__(self, count, kept, late=0, **options):
+        self.kept, self.late, self.fits = kept, late, []
+        self.made, self.sent = [], []  # power-on and stamp of each row; what of them, by tick
         super().__init__(', power_cycle, '.join(['home, polaris 2, fit'] * count), **options)
-        self.kept = kept
         self.homes()
         self.offers('power_cycle', self.power_cycle)
-        self.offers('fit')
+        self.offers('fit', lambda: self.fits.append(len(self.taken) == len(self.rows)))
+
+    def send_row(self, run, stamp):
+        super().send_row(run, stamp)
+        self.made.append((run['run'][0], stamp))
+
+    @property
+    def taken(self):
+        return self.sent[-1 - self.late] if len(self.sent) > self.late else []
 
     def power_cycle(self):
         self.error = np.full(2, np.nan)
@@ -307,28 +318,33 @@ class Months(Bench):
 
     def tick(self):
         super().tick()
-        runs = [row['run'][0] for row in self.rows]
+        self.sent.append(list(self.made))
+        runs = [run for run, _ in self.taken]
         forgotten = first_of_last(runs, self.kept)
-        self.plan.calibration_has(Taken(len(runs) - forgotten, self.kept, forgotten))
+        self.plan.calibration_has(Taken(
+            len(runs) - forgotten, self.kept, forgotten,
+            self.taken[-1][1] if runs else 0))
         if self.plan.text == 'the new model':
             self.takes_model(self.table.newest, [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}])
             self.takes_zero(self.table.newest, 0.0, 0.0)
 
 
+@pytest.mark.parametrize('late', [0, 1, 3])
 @pytest.mark.parametrize(('observer', 'calibration'), [(0, 0), (2, 2), (2, 3), (3, 2), (0, 2),
                                                        (2, 0)])
-def test_months_end_whatever_observer_and_calibration_keep(observer, calibration):
-    bench = Months(5, calibration, power_ons=observer)
+def test_months_end_whatever_observer_and_calibration_keep(observer, calibration, late):
+    bench = Months(5, calibration, late, power_ons=observer)
     assert bench.run() == ('done', 'plan finished')
-    assert bench.calls.count('fit') == 5 and len(bench.rows) == 10
+    assert bench.fits == 5 * [True] and len(bench.rows) == 10
     progress = bench.statuses[-1][0]
     assert (progress.observations, progress.forgotten) == (10, 6 * (observer == 2) or (
         4 * (observer == 3)))
     assert max(map(len, bench.tables)) == (2 * observer or 10)
 
 
-def test_rows_that_both_forget_are_no_calibration_that_was_started_anew():
-    bench = Months(5, 2, power_ons=2)
+@pytest.mark.parametrize('late', [0, 1, 3])
+def test_rows_that_both_forget_are_no_calibration_that_was_started_anew(late):
+    bench = Months(5, 2, late, power_ons=2)
     bench.run()
     # one at the end of the step that has made rows
     assert len(bench.tables) == 5
