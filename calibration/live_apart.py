@@ -20,7 +20,7 @@ class LiveApart:
 
     def __init__(self):
         self._apart = self._last = self._of = None
-        self._diagnosed = 0
+        self._diagnosed = self._forgotten = 0
 
     def begin(self, session, found, site, until=0):
         """Take a diagnosis.
@@ -43,6 +43,7 @@ class LiveApart:
         from .diagnosis.apart import Apart
         self._apart, self._diagnosed = None, until or session.last_stamp
         self._of = found.zeros, site, Following.of(found.model)
+        self._forgotten = session.taken.forgotten
         verdict = found.document['verdict']
         if verdict == 'ambiguous' and len(session) <= MOST_ROWS:
             try:
@@ -60,6 +61,9 @@ class LiveApart:
 
     def _judged(self, session, until=0):
         try:
+            if session.taken.forgotten != self._forgotten:
+                raise ValueError('some that were diagnosed are of a power-on that is not kept any '
+                                 'more (kept_power_ons); diagnose again')
             told = self._apart.judge(stars_of(session.observations(until), *self._of)).to_dict()
         except (ValueError, np.linalg.LinAlgError) as err:
             told = {'state': CANNOT, 'says': f'the stars cannot be judged: {err}',

@@ -32,6 +32,7 @@ class RowStore:
     def clear(self):
         """Forget all rows."""
         self._columns, self._meta, self._count, self.forgotten = {}, {}, 0, 0
+        self._since = {}  # number of the first row from which on each has the column
         self._stamps = np.empty(_FIRST, np.int64)  # with which each row came
 
     def __len__(self):
@@ -57,9 +58,14 @@ class RowStore:
             self._meta = dict(run.meta)
             self._columns = {name: np.empty(max(_FIRST, count), values.dtype)
                              for name, values in run.columns.items()}
+            self._since = dict.fromkeys(self._columns, 0)
         for name in [name for name in self._meta if name.startswith('graduation')]:
             if run.meta.get(name) != self._meta[name]:
                 del self._meta[name]
+        # one that rows before have not may be of all that are kept, later
+        new = [name for name in run.columns if name not in self._columns] if self._power_ons else ()
+        self._columns |= {name: np.full(len(self._stamps), np.nan) for name in new}
+        self._since |= dict.fromkeys(new, self._count)
         self._columns = {name: self._with_more(values, run[name])
                          for name, values in self._columns.items() if name in run}
         self._stamps = self._with_more(self._stamps, np.full(len(run), stamp, np.int64))
@@ -75,6 +81,7 @@ class RowStore:
             return
         self._stamps = self._stamps[rows:].copy()
         self._columns = {name: values[rows:].copy() for name, values in self._columns.items()}
+        self._since = {name: max(0, first - rows) for name, first in self._since.items()}
         self._count, self.forgotten = self._count - rows, self.forgotten + rows
 
     def keep(self, rows):
@@ -107,8 +114,8 @@ class RowStore:
         return self._run(slice(int(count) or self._count))
 
     def _run(self, rows):
-        return PointingRun({name: values[:self._count][rows]
-                            for name, values in self._columns.items()}, dict(self._meta))
+        return PointingRun({name: values[:self._count][rows] for name, values in
+                            self._columns.items() if not self._since[name]}, dict(self._meta))
 
 
 def missing(table, here):

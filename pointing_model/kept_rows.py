@@ -45,5 +45,5 @@ def kept_words(runs, count):
     """
     if not count or len(np.unique(runs)) < count:
         return ''
-    return (f'of the last {count} power-ons alone (kept_power_ons): rows of earlier ones are in '
-            'the log')
+    return (f'of the last {count} power-ons alone (kept_power_ons): rows of earlier ones, if there '
+            'are any, are in the log')

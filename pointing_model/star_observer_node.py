@@ -104,7 +104,7 @@ class StarObserver(MountNode):
         self.subscribe(topics.COMMAND, self._on_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
-        self._calibration_spoke = self._has_rows = False
+        self._calibration_spoke, self._has_rows, self._forgotten = False, False, 0
         self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
@@ -257,6 +257,7 @@ class StarObserver(MountNode):
     def _on_calibration(self, message):
         taken = Taken.read(message)
         self._calibration_spoke, self._has_rows = True, taken.kept > 0
+        self._forgotten = taken.forgotten
         self._handover = handover(message) or self._handover
         if self._has_rows:
             self._sequencer.rows_turned_up()
@@ -277,7 +278,8 @@ class StarObserver(MountNode):
         count, left = self._handover
         if self._given.width == count and not self._sequencer.begun:
             self._sequencer.take_up(cloud_to_run(self._given),
-                                    convert.from_stamp(self._given.header.stamp), left)
+                                    convert.from_stamp(self._given.header.stamp), left,
+                                    self._forgotten)
 
     def _on_observe(self, anew, request, response):
         plan = self.value('plan')

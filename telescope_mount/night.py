@@ -4,7 +4,7 @@ import json
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -269,18 +269,26 @@ def _results(watcher, specs, plan, write, bag):
 
 
 def _with_forgotten(latest, bag):
-    """`latest` with the rows that the observer does not keep any more, as the log has them."""
+    """`latest` with the rows that the observer does not keep any more, as the logs have them.
+
+    A night that was started again has several, side by side.
+    """
     from msg_tools import topics
     from msg_tools.bag import BagReader
     from msg_tools.convert import from_stamp
     from pointing_model.run import PointingRun
     from pointing_model.run_messages import cloud_to_run, run_to_cloud
     table = latest[topics.OBSERVATIONS.name]
-    kept, log = cloud_to_run(table), BagReader(bag)
-    names = [topic.name for topic in log.topics
-             if topic.name.endswith(f'/{topics.OBSERVATION.name}')]
-    rows = [cloud_to_run(message.data) for message in log.messages(names, decode=True)]
-    rows = [row for row in rows if row['time'][0] < kept['time'][0]]
+    kept, rows = cloud_to_run(table), {}
+    for folder in sorted(Path(bag).parent.glob('bag*')):
+        with suppress(ValueError, OSError):  # one that was killed may be damaged
+            log = BagReader(folder)
+            names = [] if log.has_truth else [topic.name for topic in log.topics if topic.name
+                                              .endswith(f'/{topics.OBSERVATION.name}')]
+            for message in log.messages(names, decode=True) if names else ():
+                row = cloud_to_run(message.data)
+                rows[row['time'][0]] = row
+    rows = [rows[time] for time in sorted(rows) if time < kept['time'][0]]
     return {**latest, topics.OBSERVATIONS.name: run_to_cloud(
         PointingRun.concatenate([*rows, kept]), from_stamp(table.header.stamp))}
 
@@ -363,7 +371,7 @@ def _complete(watcher, plan):
     return (table is not None and table.width == progress.observations - progress.forgotten
             and topics.MODEL.name in latest
             and (topics.CALIBRATION_REPORT if 'fit' in verbs else topics.TRACKING).name in latest
-            and (last is None or bool(checks) and checks[-1]['block'] == last)
+            and (last is None or any(check['block'] == last for check in checks))
             and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))
             and _up_to_date(latest, verbs))
 

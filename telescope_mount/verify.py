@@ -83,7 +83,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
         check.unchecked.append('the log does not tell the parameters of the calibration: its '
-                               'defaults are taken (see --seed, --reference)')
+                               'defaults are taken, and all power-ons kept (see --seed, '
+                               '--reference)')
     if parameters.get('graduation'):
         for part in (*rows.observations.values(), *rows.tables.values()):
             part.meta['graduation'] = declared_graduation(parameters['graduation'])

@@ -68,7 +68,7 @@ class Instruments:
     def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True,
                  live=False):
         self.health, self.look, self._now = InstrumentHealth(live), lambda: None, now
-        self._live = live
+        self.live = live
         self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
         self.exposures = Exposures(ENCODERS if absolute else ENCODERS[:1])
         self.stamp, self.here, self.rate = 0, None, None
@@ -173,7 +173,7 @@ class Instruments:
 
     def _check_stamp(self, name, stamp):
         now = self._now()
-        if now and not self._live:
+        if now and not self.live:
             now = max(now, self.exposures.end)  # commanded for tomorrow it answers of tomorrow
         reason = self.health.stamp(name, stamp, now)
         if reason:
@@ -218,7 +218,7 @@ class Instruments:
         answer : float
             What an answer may take, wall s.
         """
-        if not self._live:
+        if not self.live:
             return
         now = self._wall()
         # a look that comes late has messages before it that nobody has taken yet

@@ -423,7 +423,9 @@ class NightSteps:
         health = self._instruments.health
         if health.blocked:
             yield from self._until(lambda: not health.blocked, f'an end: {health.blocked}')
-        if self.homes and self._instruments.here is None:  # taken up again: nothing was read yet
+        # taken up again, nothing was read yet; where the time of the graph waits for events,
+        # nothing would be before something moves
+        if self.homes and self._instruments.here is None and self._instruments.live:
             yield from self._until(lambda: self._instruments.here is not None,
                                    'the encoder to say where it stands')
         if not self._instruments.homed and self.homes:

@@ -86,6 +86,7 @@ class Sequencer:
         self._plan, self._left = '', None
         self._before = None  # rows of the night before this plan, None where nobody knows
         self._calibration_is_new = False
+        self._mended = 0  # the newest row as the table was sent to a calibration that lacked some
 
     @property
     def text(self):
@@ -209,10 +210,12 @@ class Sequencer:
 
     def calibration_has(self, taken):
         """What the calibration has, `msg_tools.status.Taken`."""
-        before = self._night.calibrated
-        if taken.newest < before.newest or (
-                not before.newest and taken.kept < min(before.kept, len(self._table))):
-            # it was started anew and knows nothing of the night so far
+        before, table = self._night.calibrated, self._table
+        lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)
+        if taken.newest < before.newest or (lacks and self._mended != table.newest) or (
+                not before.newest and taken.kept < min(before.kept, len(table))):
+            # it was started anew and knows nothing of the night so far, or a row was lost
+            self._mended = table.newest
             self._calibration_is_new = not taken.kept
             self._night.asked = None
             self._send_table(again=True)
@@ -239,7 +242,7 @@ class Sequencer:
         self._steps = Steps(self._ended)
         self.start(self._plan)
 
-    def take_up(self, run, stamp, left):
+    def take_up(self, run, stamp, left, forgotten=0):
         """Take the rows of the night so far, and where its plan stood, before a plan begins.
 
         Parameters
@@ -249,8 +252,12 @@ class Sequencer:
             Of the last row, ns.
         left : Progress or None
             The last that was heard of the plan.
+        forgotten : int
+            Rows before them, as far as the calibration knows.
         """
-        self._table.restore(run, stamp, max(0, left.observations - len(run)) if left else 0)
+        # the plan may have been told before its last row was made
+        forgotten = max(forgotten, left.observations - len(run) if left else 0)
+        self._table.restore(run, stamp, forgotten)
         self._before = None
         self._taken_up(run, left)
 
@@ -377,8 +384,8 @@ class Sequencer:
                                        rows[-1]['stamp'])
         self._night.progress = replace(self._night.progress, lost=left.lost)
         judged = () if self._night.checks else self._table.rows_from(self._before or 0)
-        for number in {int(row['block']) for row in judged
-                       if row['check'] and row['block'] < first}:
+        for number in sorted({int(row['block']) for row in judged
+                              if row['check'] and row['block'] < first}):
             self._night.checks.append({'block': number, **blind_summary(
                 [[row['miss_x'], row['miss_y']] for row in judged if row['block'] == number])})
         if self._night.checks:

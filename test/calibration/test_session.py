@@ -316,6 +316,18 @@ def test_a_table_of_an_observer_that_keeps_less_takes_nothing_away():
     assert len(collected) == 60 and collected.last_stamp == 6 * 10**9
 
 
+def test_a_column_is_there_as_soon_as_all_rows_that_are_kept_have_it():
+    blocks = many_power_ons(4)
+    for block in blocks[3:]:
+        block.columns['lean_north'] = np.full(len(block), 2.0)
+    collected, there = CalibrationSession(power_ons=2), []
+    for number, block in enumerate(blocks, 1):
+        collected.add(block, number)
+        there.append('lean_north' in collected.observations())
+    assert there == [False] * 6 + [True] * 2  # power-on 2 has it in a part of its rows alone
+    assert (collected.observations()['lean_north'] == 2.0).all()
+
+
 def test_a_run_that_somebody_holds_stays_as_it_is_when_rows_go():
     blocks, collected = many_power_ons(3), CalibrationSession(power_ons=2)
     for number, block in enumerate(blocks[:4], 1):
