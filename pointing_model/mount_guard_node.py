@@ -117,7 +117,8 @@ class MountGuard(ManagedNode):
         keeper = GotoKeeper if value('goto') else Keeper
         self._keeper = keeper(limits, Sun(_site(self)), Settings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
-            value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known')),
+            value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
+            self._whole and value('use_sim_time')),
             time.monotonic)
         self._said, self._renewed, self._crowd = None, 0.0, ''
         self._idle, self._asked = time.monotonic(), False  # not active since, and asked then

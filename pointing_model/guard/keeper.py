@@ -74,6 +74,7 @@ class Keeper:
         self._goal = self._path = None
         self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
         self._sent = 0  # when something was sent last, ns
+        self._unread = None  # stamp of the newest reading as a whole track was sent
         self._turns = None  # of the first axis, where a way led to the goal on another turn
         self._out, self._halt, self._back = [], False, -math.inf
 
@@ -134,6 +135,10 @@ class Keeper:
         if again:
             if self.state == 'stopped' and not self.readings.quiet(self._settings.silence):
                 self._begin(now)
+            elif self._unread == self.readings.stamp and self.state in ('following', 'around'):
+                self._begin(now)  # nothing was read since it was sent: it may have been lost
+            elif self._settings.asleep and self.readings.here is None:
+                self._begin(now, True)  # a guard that was started again: nothing would ever be read
             return
         if track.start < self._last:
             text = 'a request older than the one before: check its stamp'
@@ -193,10 +198,13 @@ class Keeper:
 
     # --- a request ----------------------------------------------------------------------------
 
-    def _begin(self, now):
-        """Judge what is asked for from where the axes are, and set out."""
+    def _begin(self, now, unread=False):
+        """Judge what is asked for from where the axes are, and set out.
+
+        `unread`: from where it begins, where nothing was read yet.
+        """
         goal, late = self._goal, 0.0
-        if self.readings.here is None or not self._settings.whole and (
+        if self.readings.here is None and not unread or not self._settings.whole and (
                 self._halt or self.readings.doubtful
                 or self.readings.quiet(self._settings.silence)):
             return self._told('waiting', WARN, UNKNOWN)
@@ -204,7 +212,8 @@ class Keeper:
             late = (now - goal.start) * 1e-9
             if late < -LATER:
                 return self._told('waiting', OK, 'the track begins later')
-        state = self._here(now)
+        state = (self._here(now) if self.readings.here is not None
+                 else State(tuple(map(float, goal.angles[0]))))
         sun = self._sun_at(max(now, goal.start))
         found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
                                   self._pole, self._turns)
@@ -262,7 +271,7 @@ class Keeper:
         if self._settings.whole:
             start = self._goal.start if name == 'following' else now
             self._out.append(Track(start, cubic.times, cubic.angles, cubic.rates))
-            self._path = start, None, cubic
+            self._path, self._unread = (start, None, cubic), self.readings.stamp
         else:
             moves = [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
                                SHARE * axis.acceleration, 1e-9)

@@ -20,6 +20,8 @@ class Settings(NamedTuple):
         Largest distance of an axis from where it was sent, rad.
     turn_known : bool
         The first axis reads the turn that it is on.
+    asleep : bool
+        Time waits for events: of a mount that is not asked to move nothing is read.
     """
 
     whole: bool = True
@@ -28,3 +30,4 @@ class Settings(NamedTuple):
     commander: float = 0.45
     behind: float = 2.0 * DEG
     turn_known: bool = True
+    asleep: bool = False

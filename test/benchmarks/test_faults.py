@@ -11,7 +11,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from msg_tools import convert, topics
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-from faults import FAULTS, Result
+from faults import FAULTS, Result, night
 
 NOW = 1_768_482_000 * 10**9
 
@@ -50,3 +50,10 @@ def test_ten_kinds_and_what_is_a_falsehood():
     assert len(FAULTS) == 10
     assert Result(off_sigma=4.1).false and not Result(off_sigma=3.9).false
     assert not Result(off_sigma=40.0, words=['refused']).false and not Result().false
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_night_whose_observer_is_killed_ends_and_teaches_nothing_false(tmp_path):
+    result = night(tmp_path, seed=1, moment=20, node='star_observer')
+    assert result.completed, result.ended
+    assert result.off_sigma < 4.0 and result.off_arcsec < 2.0 and result.words == []

@@ -199,6 +199,41 @@ def test_an_axis_that_does_not_follow_is_stopped_for_good(mount):
     assert mount.state == 'aborted' and 'from where it was sent' in mount.keeper.reason
 
 
+def test_a_whole_track_that_may_have_been_lost_is_sent_once_more():
+    """A simulated mount that is killed and started again knows nothing of it, and nobody renews."""
+    mount = Mount(whole=True).run(0.2)
+    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+    track = Track(mount.now, times, np.full((len(times), 2), [0.5, 0.9]), np.zeros((len(times), 2)))
+    keeper.take_request(track, mount.now)
+    assert len(keeper.step(mount.now)) == 1
+    keeper.take_request(track, mount.now)  # no reading since
+    sent, = keeper.step(mount.now)
+    assert keeper.is_request(sent) and sent.start == track.start
+    keeper.take_reading(mount.now + 10**8, mount.here, (0.0, 0.0))
+    keeper.take_request(track, mount.now)  # it is on its way
+    assert keeper.step(mount.now) == []
+
+
+@pytest.mark.parametrize('asleep', [False, True])
+def test_a_guard_that_is_started_again_lets_a_mount_move_that_is_read_only_when_it_does(asleep):
+    mount = Mount(whole=True, asleep=asleep)
+    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+
+    def ask(el, number):
+        track = Track(mount.now + number, times, np.full((len(times), 2), [0.5, el]), np.zeros((len(times), 2)))
+        keeper.take_request(track, mount.now)
+        first = keeper.step(mount.now)
+        keeper.take_request(track, mount.now)
+        return first, keeper.step(mount.now)
+    assert ask(0.9, 1)[0] == [] and keeper.state == ('following' if asleep else 'waiting')
+    keeper.withdraw(mount.now)
+    assert len(ask(1.0, 2)[1]) == asleep
+    keeper.withdraw(mount.now)
+    if asleep:  # and below the horizon not even then
+        with pytest.raises(ValueError, match='horizon'):
+            ask(0.1, 3)
+
+
 def test_whole_tracks_are_passed_as_they_were_asked_for():
     mount = Mount(whole=True).run(0.2)
     mount.ask(80.0, 30.0)
