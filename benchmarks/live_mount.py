@@ -233,8 +233,8 @@ class Night:
         site = midnight_site(time.time())
         for spec in specs:
             if spec.name in ('mount_guard', 'star_observer'):
-                spec.parameters |= {'latitude_deg': site.latitude / DEG,
-                                    'longitude_deg': site.longitude / DEG}
+                spec.parameters.update(latitude_deg=site.latitude / DEG,
+                                       longitude_deg=site.longitude / DEG)
         self.mount = LiveMount(self.watcher.node, seed, site)
         self.heard = []  # (time, where, text)
         for topic, name in ((topics.OBSERVER_STATUS, 'observer'), (topics.GUARD_STATUS, 'guard')):

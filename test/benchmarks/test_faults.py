@@ -53,7 +53,8 @@ def test_ten_kinds_and_what_is_a_falsehood():
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_a_night_whose_observer_is_killed_ends_and_teaches_nothing_false(tmp_path):
-    result = night(tmp_path, seed=1, moment=20, node='star_observer')
+@pytest.mark.parametrize('node', ['star_observer', 'mount_guard'])
+def test_a_simulated_night_goes_on_when_a_node_is_killed_and_teaches_nothing_false(tmp_path, node):
+    result = night(tmp_path, seed=1, moment=20, node=node)
     assert result.completed, result.ended
     assert result.off_sigma < 4.0 and result.off_arcsec < 2.0 and result.words == []

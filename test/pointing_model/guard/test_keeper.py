@@ -220,7 +220,8 @@ def test_a_guard_that_is_started_again_lets_a_mount_move_that_is_read_only_when_
     keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
 
     def ask(el, number):
-        track = Track(mount.now + number, times, np.full((len(times), 2), [0.5, el]), np.zeros((len(times), 2)))
+        track = Track(mount.now + number, times, np.full((len(times), 2), [0.5, el]),
+                      np.zeros((len(times), 2)))
         keeper.take_request(track, mount.now)
         first = keeper.step(mount.now)
         keeper.take_request(track, mount.now)
