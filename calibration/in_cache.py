@@ -7,7 +7,7 @@ the memory gives, and each new array as long as the system takes to give its pag
 import numpy as np
 
 #: rows at a time; an array of them is smaller than what `msg_tools.memory` keeps apart
-BLOCK = 8192
+BLOCK = 16_000
 #: values up to which a call of numpy costs more than it works on
 FEW = 20_000
 #: values, x and y, from which a fit goes by parts: its design is 8 MB then
