@@ -6,8 +6,8 @@
 Simulated nights with a power cycle between them, 8 stars and 4 exposures of Polaris each, as the
 command `experiment` makes them. After each night, of every process: memory (RSS, and what is its
 own alone, USS), open files, threads; and what is in `/dev/shm`. Printed is the growth from the end
-of the night `--from` on, against the limit of 2 %. Whoever keeps the rows of all nights (observer,
-calibration) grows with them: so much a row is printed too.
+of the night `--from` on, against the limit of 2 %. With `--kept 0` observer and calibration keep
+the rows of all nights, and grow with them: so much a row is printed too.
 """
 
 import argparse

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .few_rows import satterthwaite
-from .in_cache import BLOCK, MANY, parts
+from .in_cache import BLOCK, MANY, change
 from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -207,8 +207,7 @@ def _left(b, p, rows):
         taken = p @ rows
         return np.subtract(b, taken, out=taken)
     out = np.empty_like(b)
-    for part in parts(len(b)):
-        np.subtract(b[part], p @ rows[:, part], out=out[part])
+    change(b, p, rows, out)
     return out
 
 

@@ -27,10 +27,6 @@ class RowStore:
 
     def __init__(self, power_ons=0):
         self._power_ons = power_ons
-        self.clear()
-
-    def clear(self):
-        """Forget all rows."""
         self._columns, self._meta, self._count, self.forgotten = {}, {}, 0, 0
         self._since = {}  # number of the first row from which on each has the column
         self._stamps = np.empty(_FIRST, np.int64)  # with which each row came
@@ -84,11 +80,14 @@ class RowStore:
         self._since = {name: max(0, first - rows) for name, first in self._since.items()}
         self._count, self.forgotten = self._count - rows, self.forgotten + rows
 
-    def keep(self, rows):
-        """Keep some rows, a mask; the others have never been here."""
-        self._stamps = self._stamps[:self._count][rows]
-        self._columns = {name: values[:self._count][rows]
+    def drop(self, runs):
+        """Rows of some power-ons, which will come again."""
+        kept = ~np.isin(self._columns['run'][:self._count], runs)
+        self._stamps = self._stamps[:self._count][kept]
+        self._columns = {name: values[:self._count][kept]
                          for name, values in self._columns.items()}
+        self._since = {name: int(np.count_nonzero(kept[:first]))
+                       for name, first in self._since.items()}
         self._count = len(self._stamps)
 
     def _with_more(self, values, more):

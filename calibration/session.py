@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
-from pointing_model.kept_rows import first_of_last, kept_words
+from pointing_model.kept_rows import kept_words
 from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero
@@ -20,10 +19,10 @@ from .fit_document import told_entries, told_lines
 from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .held_out import held_out_steps
 from .judgement import FEWEST, judge
+from .night_rows import NightRows
 from .publication import Candidate, Published
-from .row_store import RowStore
-from .rows import check_mount, counts, for_fitting, with_marks
-from .sky_model import origin_of_night, with_errors
+from .rows import counts, for_fitting
+from .sky_model import origin_of_night
 from .stars_zero import zero_from_exposures
 from .wandering import followed
 from .witnesses import check_witnesses
@@ -37,7 +36,7 @@ CORRELATED = 40
 NO_HARMONICS = HarmonicChoice()
 
 
-class CalibrationSession:
+class CalibrationSession(NightRows):
     """Collects observations and computes from them alone; the same rows give the same numbers.
 
     Parameters
@@ -53,8 +52,7 @@ class CalibrationSession:
     harmonics : HarmonicChoice
         Of the model that is published; by default none.
     power_ons : int
-        So many have their rows kept, the last ones: what is older has no part in anything any
-        more. 0: all.
+        As of `NightRows`: what is older has no part in anything any more.
     """
 
     #: of the last fit, judged again with the model that came after it, dict; None before
@@ -62,20 +60,16 @@ class CalibrationSession:
 
     def __init__(self, reference=None, split_seed=1, yesterday=None, harmonics=NO_HARMONICS,
                  power_ons=0):
-        self.reference = reference
-        self.power_ons = power_ons
+        super().__init__(reference, power_ons)
         self._harmonics = harmonics
         self._degree = None  # of the harmonics of the last fit
         #: the terms alone, as `fit` found them last, and the zeros that belong to them
         self.terms_alone = None
-        #: whose the errors of the mount are, as the last fit found or an earlier model has it
-        self._errors = None if reference is None else reference.mount.errors
         self._split_seed = split_seed
         self._yesterday = yesterday
         #: how Polaris and the encoders stand to each other tonight, from `fit` on
         self.witness = None
-        self._rows, self._finished = RowStore(power_ons), Finished()
-        self.last_stamp = 0
+        self._finished = Finished()
         #: that `fit` made last, PointingModel
         self.model = None
         #: that was published last, PointingModel: a zero that is calibrated goes with it
@@ -89,9 +83,6 @@ class CalibrationSession:
         self._homings = ()
         self._diagnosis = self._result = None
 
-    def __len__(self):
-        return len(self._rows)
-
     @property
     def mount(self):
         """That of the observations, else of the model in force or the reference, `Mount`."""
@@ -102,100 +93,13 @@ class CalibrationSession:
         """Of its axes and terms, `mounts.Names`."""
         return self.mount.names
 
-    @property
-    def taken(self):
-        """How many rows are here, and how many were, `msg_tools.status.Taken`."""
-        return Taken(len(self._rows), self.power_ons, self._rows.forgotten, self.last_stamp)
-
-    @property
-    def newest(self):
-        """Number of the newest power-on; ValueError before the first row."""
-        return int(self.observations()['run'].max())
-
-    def add(self, run, stamp):
-        """Take rows of the night; rows that are not newer than those here are known already.
-
-        Parameters
-        ----------
-        run : PointingRun
-            With columns `star` and `run`.
-        stamp : int
-            Of the newest row, ns.
-
-        Raises
-        ------
-        ValueError
-            A column is missing.
-        """
-        self._check(run)
-        if stamp > self.last_stamp:
-            before = self._rows.forgotten
-            self._rows.add(with_marks(run), stamp)
-            self.last_stamp = stamp
-            if self._rows.forgotten > before:
-                self._forget(self._rows.forgotten - before)
-
-    def _check(self, run):
-        for name in ('star', 'run'):
-            if name not in run:
-                raise ValueError(f'observation without column {name}')
-        check_mount(run.mount, {
-            'the observations before': self._rows.mount,
-            'the reference model': self.reference and self.reference.mount})
-
     def _forget(self, rows):
-        """Rows of power-ons before those that are kept are gone: so is what was made of them."""
+        """As of `NightRows`: what was made of them is gone too."""
         kept = set(self.observations()['run'].astype(int).tolist())
         self._finished.forget(kept)
         self._published.since = max(0, self._published.since - rows)
         for number in [number for number in self.zeros if number not in kept]:
             del self.zeros[number]
-
-    def take_table(self, run, stamp):
-        """Take the table of all rows so far, if there is more in it than here.
-
-        Parameters
-        ----------
-        run : PointingRun
-            All rows of the night, or of its last power-ons: what is here of earlier ones stays.
-        stamp : int
-            Of the newest row, ns.
-
-        Returns
-        -------
-        int
-            How many rows were not here.
-
-        Raises
-        ------
-        ValueError
-            A column is missing.
-        """
-        self._check(run)
-        table = run.select(slice(first_of_last(run['run'], self.power_ons), None))
-        count, new = self._rows.lacks(table)
-        if stamp < self.last_stamp or count <= 0:
-            return 0
-        if new is None:
-            self._rows.keep(~np.isin(self._rows.all()['run'], table['run']))
-            new = table
-        self.last_stamp = 0
-        self.add(new, stamp)
-        self._forget(0)
-        return count
-
-    def observations(self, until=0):
-        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
-
-        Raises
-        ------
-        ValueError
-            There is none.
-        """
-        if not len(self):
-            raise ValueError('no observation has come yet; observe first')
-        run = self._rows.all(until)
-        return with_errors(run, self._errors) if self._errors else run
 
     def zeros_again(self):
         """For who has lost the zeros: from the rows that are there; numbers of their power-ons."""

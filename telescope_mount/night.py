@@ -4,7 +4,7 @@ import json
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -261,36 +261,23 @@ def _results(watcher, specs, plan, write, bag):
         latest, of_log = dict(watcher.latest), _progress(watcher).forgotten > 0
         written = None if of_log else pool.submit(write, latest)
         missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
-        out = write(_with_forgotten(latest, bag)) if of_log else written.result()
+        out = write(_with_all_rows(latest, bag)) if of_log else written.result()
     if missing:
         raise NightFailed('the logger could not keep up; it lacks messages of '
                           + ', '.join(missing))
     return out
 
 
-def _with_forgotten(latest, bag):
-    """`latest` with the rows that the observer does not keep any more, as the logs have them.
-
-    A night that was started again has several, side by side.
-    """
-    from msg_tools import topics
-    from msg_tools.bag import BagReader
+def _with_all_rows(latest, bag):
+    """`latest` with the rows that the observer does not keep any more, as the logs have them."""
     from msg_tools.convert import from_stamp
-    from pointing_model.run import PointingRun
+    from msg_tools.topics import OBSERVATIONS
     from pointing_model.run_messages import cloud_to_run, run_to_cloud
-    table = latest[topics.OBSERVATIONS.name]
-    kept, rows = cloud_to_run(table), {}
-    for folder in sorted(Path(bag).parent.glob('bag*')):
-        with suppress(ValueError, OSError):  # one that was killed may be damaged
-            log = BagReader(folder)
-            names = [] if log.has_truth else [topic.name for topic in log.topics if topic.name
-                                              .endswith(f'/{topics.OBSERVATION.name}')]
-            for message in log.messages(names, decode=True) if names else ():
-                row = cloud_to_run(message.data)
-                rows[row['time'][0]] = row
-    rows = [rows[time] for time in sorted(rows) if time < kept['time'][0]]
-    return {**latest, topics.OBSERVATIONS.name: run_to_cloud(
-        PointingRun.concatenate([*rows, kept]), from_stamp(table.header.stamp))}
+
+    from .logged_rows import with_rows_before
+    table = latest[OBSERVATIONS.name]
+    run = with_rows_before(cloud_to_run(table), Path(bag).parent)
+    return {**latest, OBSERVATIONS.name: run_to_cloud(run, from_stamp(table.header.stamp))}
 
 
 def _progress(watcher):

@@ -211,10 +211,10 @@ class Sequencer:
     def calibration_has(self, taken):
         """What the calibration has, `msg_tools.status.Taken`."""
         before, table = self._night.calibrated, self._table
+        anew = taken.newest < before.newest or not taken.kept and before.kept
         lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)
-        if taken.newest < before.newest or (lacks and self._mended != table.newest) or (
-                not before.newest and taken.kept < min(before.kept, len(table))):
-            # it was started anew and knows nothing of the night so far, or a row was lost
+        if anew or lacks and self._mended != table.newest:
+            # it knows nothing of the night so far, or a row was lost
             self._mended = table.newest
             self._calibration_is_new = not taken.kept
             self._night.asked = None

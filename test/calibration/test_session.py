@@ -326,6 +326,15 @@ def test_a_column_is_there_as_soon_as_all_rows_that_are_kept_have_it():
         there.append('lean_north' in collected.observations())
     assert there == [False] * 6 + [True] * 2  # power-on 2 has it in a part of its rows alone
     assert (collected.observations()['lean_north'] == 2.0).all()
+    # rows that come again may have what they had not
+    late = CalibrationSession(power_ons=2)
+    told = PointingRun({**blocks[2].columns, 'lean_north': np.full(len(blocks[2]), 2.0)})
+    for stamp, block in enumerate((*blocks[:2], blocks[2].select(slice(2, None)), blocks[3]), 1):
+        late.add(block, stamp)
+    assert late.take_table(PointingRun.concatenate([told, blocks[3]]), 4) == 2
+    assert len(late) == 40 and 'lean_north' not in late.observations()
+    late.add(blocks[4], 5)
+    assert (late.observations()['lean_north'] == 2.0).all()
 
 
 def test_a_run_that_somebody_holds_stays_as_it_is_when_rows_go():
