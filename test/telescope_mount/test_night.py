@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 from functools import partial
 from importlib import resources
@@ -15,8 +16,10 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run_files import read_run
+from pointing_model.run_messages import cloud_to_run
 from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
+from telescope_mount.logged_rows import with_rows_before
 from telescope_mount.night import NightFailed, observe, prepare_folder, write_results
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
@@ -258,6 +261,12 @@ def test_what_the_nodes_do_not_keep_comes_from_the_log(cli, tmp_path):
     assert any('the last 2 power-ons' in note for note in report['notes'])
     last = list(BagReader(out / 'bag').messages(['/mount/observations'], decode=True))[-1].data
     assert last.width == 16
+    # of a night that was started again, with a log that was cut short
+    shutil.copytree(out / 'bag', out / 'bag_2')
+    (out / 'bag_3').mkdir()
+    (out / 'bag_3' / 'bag_3_0.mcap').write_bytes(b'no log')
+    whole = with_rows_before(cloud_to_run(last), out)
+    np.testing.assert_allclose(whole['time'], run['time'], rtol=0.0, atol=1e-6)  # as in a file
     again = cli('verify', out / 'bag')
     assert again.returncode == 0, again.stdout + again.stderr
     replayed = cli('replay', out / 'bag', '--save', tmp_path / 'model.json')
