@@ -163,7 +163,8 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     terms, names = names, names + _names_of_zeros(runs, mount)
     observed = np.empty(2 * n)
-    np.multiply(in_turn(used.az_enc - used.az), trig.cos_el, out=observed[:n])
+    np.subtract(used.az_enc, used.az, out=observed[:n])
+    np.multiply(in_turn(observed[:n]), trig.cos_el, out=observed[:n])
     if trig.side is not None:
         observed[:n] *= trig.side
     np.subtract(used.el_enc, el, out=observed[n:])

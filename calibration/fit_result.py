@@ -197,7 +197,7 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     covariance, scatter, freedom = uncertainty_of(solution, *noise, sigmas is not None, basis, lost)
     r = solution.residual
     if n == len(run):
-        residual_x, residual_y = r[:n].copy(), r[n:].copy()
+        residual_x, residual_y = r[:n], r[n:]  # nobody else has it
         w = np.ones(n) if row_weights is None else row_weights
     else:
         residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))

@@ -135,9 +135,9 @@ def usable(run, encoder='enc', zero=NO_ZERO):
             raise ValueError(f'pointing run without column {name}; fit the other encoder')
     columns = {name: np.asarray(run[name], float)
                for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}')}
-    zero_az, zero_el = zero.of_rows(run)
-    columns[f'az_{encoder}'] = columns[f'az_{encoder}'] - zero_az
-    columns[f'el_{encoder}'] = columns[f'el_{encoder}'] - zero_el
+    for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero.of_rows(run)):
+        if np.ndim(angle) or angle:
+            columns[name] = columns[name] - angle
     if not run.mount.altaz:  # either side of the half turn
         columns[f'el_{encoder}'] = columns['el'] + wrap(columns[f'el_{encoder}'] - columns['el'])
     sigmas = None
