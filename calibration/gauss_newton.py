@@ -3,7 +3,8 @@
 The expensive parts are done once where they hardly change: the columns about a point so near that
 their change is below `NEAR`, the normal matrix for many rounds of the weights, of which each costs
 two products of the design with a vector. Many rows begin at the fit of a small part of them. What
-is exact is what ends it: the residuals of the rotations themselves.
+is exact is what ends it: the residuals of the rotations themselves, or a step from them so short
+that nothing of its second order is in them.
 """
 
 from typing import NamedTuple
@@ -22,7 +23,9 @@ from .least_squares import (
     spectrum_of,
     weighted_solve,
 )
-from .robust_rounds import TOLERANCE, Room, Rounds
+from .robust_rounds import Rounds
+from .robust_weights import TOLERANCE, Room
+from .rounds_of_many import RoundsOfMany, Sight, are_many
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
@@ -52,6 +55,7 @@ class Solved(NamedTuple):
     feasible: np.ndarray
     iterations: int
     huber: np.ndarray | None  # coefficients where the noise was found; None of some directions
+    scales: list | None  # the noise of x and y that the rows were weighed by
 
 
 class Linear:
@@ -124,24 +128,30 @@ def gauss_newton(start, sigmas, robust, rcond):
     rank = spectrum.rank(rcond)
     few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
-    p, huber, inverse, begun = np.zeros(k), None, None, False
+    p, huber, inverse, begun, roughly = np.zeros(k), None, None, False, None
     if n >= _MANY and basis is None and (robust or not start.linear):
-        p, huber = _of_some(start, sigmas, robust, rcond)
+        p, huber, roughly = _of_some(start, sigmas, robust, rcond)
         begun, inverse = robust and huber is not None, np.linalg.inv(normals[1])
-    solution = scales = rounds = row_weights = rows = known = None
+    solution = scales = rounds = row_weights = rows = known = moved = None
     plain, settled, near, room = None, False, False, Room()
+    in_parts = robust and not few and basis is None and are_many(first_order)
     for iteration in range(1, 31):
-        residual, feasible = start.residual(p, columns=not near)
+        sight = None
+        if in_parts and (begun and roughly or scales) and not (near and settled or start.linear):
+            sight = Sight(first_order, base, scales or roughly, room, huber - p if begun else None)
+        residual, feasible = (start.residual(p, not near) if sight is None
+                              else start.residual(p, not near, sight))
         if feasible is not None and not feasible.any():
             raise ValueError(
                 'the fit runs to a mount that can point nowhere; look for rows with degrees of '
                 'error or fit fewer terms')
-        same = solution is not None and _same(feasible, known)
+        same, before = solution is not None and _same(feasible, known), p
         wrong = apart(residual, solution.residual) if same and (settled or scales) else np.inf
         if wrong < EXACT and near and settled:
             solution = solution._replace(residual=residual)
             break
         if not (same and near):
+            there = p
             rows = start.columns() if basis is None else basis.T @ start.columns()
             if feasible is not None:
                 rows = np.asarray(rows)
@@ -159,10 +169,11 @@ def gauss_newton(start, sigmas, robust, rcond):
             solution = weighted_solve(rows, residual, weights, _INNER * rcond)
         elif robust:
             rough = iteration == 1 and inverse is None and not start.linear
-            rounds = Rounds(rows, residual, weights, _INNER * rcond, inverse,
-                            rounds if scales else None,
-                            normals if rough and rows is first_order and not start.moved else None,
-                            plain, room)
+            args = (rows, residual, weights, _INNER * rcond, inverse, rounds if scales else None,
+                    normals if rough and rows is first_order and not start.moved else None,
+                    plain, room)
+            rounds = (RoundsOfMany(*args, sight=sight if feasible is None else None) if in_parts
+                      else Rounds(*args))
             if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
                 if begun:
                     scales = rounds.noise_at(huber - p, rank)
@@ -173,11 +184,11 @@ def gauss_newton(start, sigmas, robust, rcond):
                 settled, plain = False, rounds.plain - rounds.p
                 solution = rounds.solution._replace(p=rounds.p, residual=rounds.residual)
             elif begun and not start.linear:
-                solution, settled, rounds = rounds.approach(scales), False, None
-                begun = False
+                solution, moved = rounds.approach(scales), rounds.moved
+                settled, begun, rounds = False, False, None
             else:
                 row_weights = rounds.bisquare(scales)
-                solution, inverse, plain = rounds.solution, None, None
+                solution, moved, inverse, plain = rounds.solution, rounds.moved, None, None
         else:
             known_normals = rows is first_order and weights is base and not start.moved
             solution = weighted_solve(rows, residual, weights, _INNER * rcond,
@@ -186,24 +197,29 @@ def gauss_newton(start, sigmas, robust, rcond):
         if start.linear:
             break
         mean = float(np.dot(solution.residual, solution.residual) / (2 * n * n)) ** 0.5
-        near = apart(residual, solution.residual) * mean < NEAR
+        moved = apart(residual, solution.residual) if moved is None else moved
+        near, moved = moved * mean < NEAR, None
+        way = float(np.add.reduce(np.abs(p - before)))
+        if (settled and near and feasible is None
+                and start.curvature() * way * (way + np.add.reduce(np.abs(p - there))) < EXACT):
+            break
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
     return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few,
-                  np.ones(n, bool) if known is None else known, iteration, huber)
+                  np.ones(n, bool) if known is None else known, iteration, huber, scales)
 
 
 def _of_some(start, sigmas, robust, rcond):
-    """Coefficients of a part of many rows, where to begin; and those where its noise was found."""
+    """Coefficients of a part of many rows, those where its noise was found, and that noise."""
     n = start.first_order.shape[1] // 2
     step = n // max(_FIRST, n // _PART)
     try:
         solved = gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
                               robust, rcond)
     except ValueError:
-        return np.zeros(len(start.first_order)), None
-    return solved.p, solved.huber
+        return np.zeros(len(start.first_order)), None, None
+    return solved.p, solved.huber, solved.scales
 
 
 def _same(mask, other):

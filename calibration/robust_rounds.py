@@ -7,13 +7,11 @@ change of the weights is in the matrix (Newton's method).
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
-
-from .in_cache import MANY, apart, change, largest, parts
+from .in_cache import apart, largest
 from .least_squares import Solution, inverse_of, weighted_solve
-from .robust import BISQUARE, BISQUARE_VARIANCE, HUBER, sigma_of
+from .robust import BISQUARE
+from .robust_weights import TOLERANCE, Room, Weigher
 
-TOLERANCE = 1e-9 * ARCSEC  # of the rounds, on the sky
 #: of the change in a round, that of the next: from it on the normal matrix is formed again
 _SLOW = 0.2
 #: of the noise: a change of residuals that changes no weight by more
@@ -28,134 +26,15 @@ _NEWTON = 400
 _LONG, _SHORT = 0.5, 1e-3
 
 
-class Room:
-    """Arrays of many rows that the rounds of a fit work in, one after the other.
-
-    A new one of a million rows costs the system up to 30 ms, ten times what is done with it.
-    """
-
-    def __init__(self):
-        self._weights = self._residual = None
-
-    def weights(self, n):
-        """For weights and their roots, shape (2, n)."""
-        if self._weights is None or self._weights.shape[1] != n:
-            self._weights = np.empty((2, n))
-        return self._weights
-
-    def residual(self, like):
-        """For residuals."""
-        if self._residual is None or len(self._residual) != len(like):
-            self._residual = np.empty_like(like)
-        return self._residual
-
-
-class Weigher:
-    """Robust weights of rows by their residuals, at the noise `scales` of each axis.
-
-    Parameters
-    ----------
-    base : ndarray, shape (2n,), or None
-        Weights by the given sigmas; then the scales are in sigmas.
-    n : int
-    room : Room
-    """
-
-    def __init__(self, base, n, room):
-        self.base, self.n, self.room = base, n, room
-        self.root = None if base is None else np.sqrt(base)
-        self.many = 2 * n >= MANY
-        self.floor = TOLERANCE if base is None else 1e-9
-
-    def squares(self, residual, part=slice(None)):
-        """Of both axes, in sigmas where they were given; shape (2, n), or of a part."""
-        squares = np.square(residual.reshape(2, self.n)[:, part])
-        if self.base is not None:
-            squares *= self.base.reshape(2, self.n)[:, part]
-        return squares
-
-    def noise(self, residual, dof_factor):
-        """Of each axis, from the medians."""
-        standard = residual if self.root is None else residual * self.root
-        both = sigma_of(standard.reshape(2, self.n), dof_factor, axis=1,
-                        room=self.room.weights(self.n) if self.many else None)
-        return [max(one, self.floor) for one in both.tolist()]
-
-    def huber(self, residual, scales):
-        """Weights, shape (n,)."""
-        u = self.distance(residual, scales)
-        np.sqrt(u, out=u)
-        np.maximum(u, HUBER, out=u)
-        return np.divide(HUBER, u, out=u)
-
-    @staticmethod
-    def huber_longer(weights):
-        """By what a step at a fixed normal matrix is too short, with Huber's weights."""
-        total = float(np.add.reduce(weights))
-        return total / (0.5 * (total + np.count_nonzero(weights == 1.0)))
-
-    def bisquare(self, residual, scales):
-        """Weights and their roots, shape (n,) each; of many rows, until it is asked again."""
-        bends = _bends(scales)
-        if not self.many:
-            kept = _roots(self.squares(residual), bends)
-            return np.square(kept), kept
-        weights, kept = self.room.weights(self.n)
-        for part in parts(self.n):
-            self.weigh(residual, part, bends)
-        return weights, kept
-
-    def weigh(self, residual, part, bends):
-        """As `bisquare`, of some of many rows."""
-        weights, kept = self.room.weights(self.n)
-        np.square(_roots(self.squares(residual, part), bends, kept[part]), out=weights[part])
-
-    def variances(self, residual, scales):
-        """Mean square of each axis, by the bisquare's weights at these scales."""
-        bends, squares, total = _bends(scales), 0.0, 0.0
-        for part in parts(self.n) if self.many else (slice(None),):
-            of_part = self.squares(residual, part)
-            kept = _roots(of_part, bends)
-            total += float(np.dot(kept, kept))
-            squares = squares + of_part @ np.square(kept)
-        return (squares / (max(total, 1e-9) * BISQUARE_VARIANCE)).tolist()
-
-    @staticmethod
-    def bisquare_longer(kept, formed):
-        """As `huber_longer`, with a matrix that was formed at weights of the sum `formed`."""
-        total = float(np.dot(kept, kept))
-        slope = 3.0 * total - 2.0 * float(np.add.reduce(kept))
-        return min(total / slope, 1.9) * formed / total if slope > 0.0 else 1.0
-
-    def distance(self, residual, scales):
-        """Square of the radial distance in standard deviations, shape (n,)."""
-        return np.dot([1.0 / scale**2 for scale in scales], self.squares(residual))
-
-    def least(self, scales):
-        """The smaller noise of a residual, radians."""
-        return min(scales) if self.root is None else min(scales) / float(self.root.max())
-
-    def both(self, weights):
-        """For x and y of all rows, with the given sigmas."""
-        out = np.concatenate((weights, weights))
-        if self.base is not None:
-            out *= self.base
-        return out
-
-
-def _bends(scales):
-    return [(-1.0 / BISQUARE**2) / scale**2 for scale in scales]
-
-
-def _roots(squares, bends, out=None):
-    """Of the bisquare's weights."""
-    kept = np.dot(bends, squares, out=out)
-    kept += 1.0
-    return np.maximum(kept, 0.0, out=kept)
-
-
 class Rounds:
     """Robust least squares of one linearisation.
+
+    Attributes
+    ----------
+    p, residual : ndarray, shapes (k,) and (2n,)
+        Where the rounds are.
+    moved : float or None
+        How far they have moved a residual at most, where they know it.
 
     Parameters
     ----------
@@ -176,11 +55,13 @@ class Rounds:
         Of the rounds before, which nobody asks any more.
     """
 
+    moved = None
+
     def __init__(self, rows, b, base, rcond, inverse=None, before=None, normals=None,
                  plain=None, room=None):
         self.rows, self.b, self.base, self.rcond = rows, b, base, rcond
-        self._room = room or Room()
-        self.weigher = Weigher(base, len(b) // 2, self._room)
+        self.room = room or Room()
+        self.weigher = Weigher(base, len(b) // 2, self.room)
         self.solution, self.p, self.residual = None, np.zeros(len(rows)), b
         #: sum of the weights that the matrix was formed with
         self.total = float(len(b) // 2)
@@ -189,7 +70,6 @@ class Rounds:
         if before is not None:
             self.solution, self.newton, self.total = before.solution, before.newton, before.total
             self.inverse = self.solution.inverse
-        self._known = None  # the force at the last weights, where a pass has found it
         self.begun = self.inverse is not None
         if not self.begun and plain is not None:
             self.residual = b - plain @ rows
@@ -200,7 +80,7 @@ class Rounds:
 
     def solve(self, weights, normals=None):
         """Exactly, with these weights of the rows (None: 1); the residual before."""
-        before, self._known = self.residual, None
+        before = self.residual
         if weights is None:
             both = self.base
         else:
@@ -212,69 +92,35 @@ class Rounds:
             self.total, self.unweighted = float(np.add.reduce(weights)), False
         return before
 
+    def settle(self, weights):
+        """As `solve`; how far it moves a residual at most."""
+        before = self.solve(weights)
+        return apart(self.residual, before)
+
     def force(self, weights):
         """What the weighted residuals pull the coefficients by, shape (k,)."""
-        known, self._known = self._known, None
-        if known is not None:
-            return known
-        if self._by_parts:
-            return sum(self._force_of(weights, part) for part in parts(len(weights)))
         weighted = (self.residual.reshape(2, -1) * weights).reshape(-1)
         if self.base is not None:
             weighted *= self.base
         return self.rows @ weighted
 
-    def _force_of(self, weights, part):
-        """That of some rows."""
-        x_and_y = 2, len(weights)
-        weighted = self.residual.reshape(x_and_y)[:, part] * weights[part]
-        if self.base is not None:
-            weighted *= self.base.reshape(x_and_y)[:, part]
-        x, y = np.moveaxis(self.rows.reshape(-1, *x_and_y)[:, :, part], 1, 0)
-        return x @ weighted[0] + y @ weighted[1]
+    def way(self, weights, kept):
+        """A step by the bisquare's weights and their roots, with the matrix that is there."""
+        return self.weigher.bisquare_longer(kept, self.total) * (
+            self.inverse @ self.force(weights))
 
-    def step(self, weights, longer):
-        """One with the normal matrix that is there; how far it moves a residual at most."""
-        return self.go(longer * (self.inverse @ self.force(weights)))
-
-    def step_and_weigh(self, weights, longer, scales):
-        """As `step`, and the bisquare's weights and their roots after it.
-
-        Of many rows in one pass over the design, with the next step's force.
-        """
-        if not self._by_parts:
-            return self.step(weights, longer), *self.weigher.bisquare(self.residual, scales)
-        step = longer * (self.inverse @ self.force(weights))
-        before, after, far, force = self.residual, self._room.residual(self.b), [], 0.0
-        self.p, self.residual = self.p + step, after
-        n, bends = len(weights), _bends(scales)
-        weights, kept = self._room.weights(n)
-        for part in parts(n):
-            for rows in (part, slice(n + part.start, n + part.stop)):
-                far.append(change(before[rows], step, self.rows[:, rows], after[rows]))
-            self.weigher.weigh(after, part, bends)
-            force += self._force_of(weights, part)
-        self._known = force
-        return float(np.max(far)), weights, kept
+    def step_and_weigh(self, step, scales):
+        """As `go`, and the bisquare's weights and their roots after it."""
+        return self.go(step), *self.weigher.bisquare(self.residual, scales)
 
     def go(self, step, most=np.inf):
         """Change the coefficients unless a residual moves by more than `most`; how far it does."""
-        self._known = None
-        if self._by_parts and most == np.inf:
-            out = self._room.residual(self.b)
-            far = change(self.residual, step, self.rows, out)
-            self.p, self.residual = self.p + step, out
-            return far
         moved = step @ self.rows
         far = largest(moved)
         if far <= most:
             self.p = self.p + step
             self.residual = np.subtract(self.residual, moved, out=moved)
         return far
-
-    @property
-    def _by_parts(self):
-        return self.weigher.many and isinstance(self.rows, np.ndarray)
 
     def by_newton(self, weights, kept, scales, form):
         """As `step`, by the matrix with the change of the weights; None where it leads nowhere.
@@ -321,7 +167,8 @@ class Rounds:
                 longer = weigher.huber_longer(weights)
                 if self.unweighted:
                     longer *= self.total / float(np.add.reduce(weights))
-                moved = self.step(weights, longer) / weigher.least(scales)
+                moved = (self.go(longer * (self.inverse @ self.force(weights)))
+                         / weigher.least(scales))
                 exactly, last = moved > 0.5 * last, moved
             if moved < (_ROUGHLY if rough else _SETTLED):
                 break
@@ -329,12 +176,11 @@ class Rounds:
 
     def noise_at(self, step, rank):
         """As `find_noise`, where Huber's weights are known to lead: `step` from here."""
-        if self._by_parts and self.residual is self.b:
-            residual = self._room.residual(self.b)
-            change(self.residual, step, self.rows, residual)
-        else:
-            residual = self.residual - step @ self.rows
-        return self._noise_of(residual, self._dof_factor(rank))
+        return self._noise_of(self.residual_at(step), self._dof_factor(rank))
+
+    def residual_at(self, step):
+        """What a step would leave."""
+        return self.residual - step @ self.rows
 
     def _dof_factor(self, rank):
         return (len(self.b) / max(len(self.b) - rank, 1)) ** 0.5
@@ -350,20 +196,26 @@ class Rounds:
 
     def approach(self, scales):
         """Two steps of the bisquare; a `Solution` without matrices."""
-        weights, kept = self.weigher.bisquare(self.residual, scales)
-        _, weights, kept = self.step_and_weigh(
-            weights, self.weigher.bisquare_longer(kept, self.total), scales)
-        self.step(weights, self.weigher.bisquare_longer(kept, self.total))
+        _, weights, kept = self.step_and_weigh(self.first_step(scales), scales)
+        self.go(self.way(weights, kept))
         return Solution(self.p, self.inverse, None, None, self.residual, len(self.p))
+
+    def first_step(self, scales):
+        """Where `approach` begins, shape (k,)."""
+        return self.way(*self.first_weights(scales))
+
+    def first_weights(self, scales):
+        """The bisquare's weights and their roots where the rounds are."""
+        return self.weigher.bisquare(self.residual, scales)
 
     def bisquare(self, scales):
         """Down to the minimum at this noise; the weights there, shape (n,)."""
         weigher, least = self.weigher, self.weigher.least(scales)
         last, way = np.inf, 0.0
         little = _LITTLE * least if self.solution is not None else 0.0
-        weights, kept = weigher.bisquare(self.residual, scales)
+        weights, kept = self.first_weights(scales)
         if self.far(weights):
-            self.solve(weights)
+            self.settle(weights)
             weights, kept = weigher.bisquare(self.residual, scales)
         newton = len(weights) <= _NEWTON and isinstance(self.rows, np.ndarray)
         for _ in range(100):
@@ -372,8 +224,7 @@ class Rounds:
                 moved = self.by_newton(weights, kept, scales, form)
                 newton = moved is not None
             if moved is None:
-                moved, weights, kept = self.step_and_weigh(
-                    weights, weigher.bisquare_longer(kept, self.total), scales)
+                moved, weights, kept = self.step_and_weigh(self.way(weights, kept), scales)
             else:
                 weights, kept = weigher.bisquare(self.residual, scales)
             way += moved
@@ -386,8 +237,7 @@ class Rounds:
                 self.solution = self.solution._replace(p=self.p, residual=self.residual)
                 break
             newton = newton and moved <= _SLOW * last
-            before = self.solve(weights)
-            last, moved = np.inf, apart(self.residual, before)
+            last, moved = np.inf, self.settle(weights)
             if moved < TOLERANCE:
                 break
             weights, kept = weigher.bisquare(self.residual, scales)

@@ -46,12 +46,15 @@ class Rotating:
         #: the zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay
         self._turning = {i: of for i, of in self.places.items()
                          if of[0] not in (('IA', 'IE', 'TF') if mount.altaz else ('IA', 'IE'))}
-        self.at = self._residual = None
+        self.at = self._residual = self._least = None
 
-    def residual(self, p, columns):
-        """As of `gauss_newton.Linear`; until the next call."""
+    def residual(self, p, columns, each=None):
+        """As of `gauss_newton.Linear`; until the next call.
+
+        `each(residual, part)` is called for a part of the rows as soon as it is there.
+        """
         self.at, self.filled = None, True
-        if not self.turned and not p.any():
+        if each is None and not self.turned and not p.any():
             return self.observed, None
         self.at = list(self._held)
         for i, at, sign, held in self._rotations:
@@ -70,6 +73,8 @@ class Rotating:
             x, y = self._linearised(part, columns)
             residual[part] -= x
             residual[n + part.start:n + part.stop] -= y
+            if each is not None:
+                each(residual, part)
         if all_finite(residual[:n]):
             return residual, None
         feasible = np.isfinite(residual[:n])
@@ -83,6 +88,17 @@ class Rotating:
                 self._linearised(part, True)
             self.filled = True
         return self.first_order
+
+    def curvature(self):
+        """Bound of the second derivatives of all residuals to two coefficients, where it was last.
+
+        Those of an on-sky offset grow as 1 / cos E, and without bound where the line of sight
+        cannot go.
+        """
+        if self._least is None:
+            self._least = float(np.abs(self.trig.cos_el).min())
+        room = self._least - 4.0 * sum(map(abs, (self.at or ())[2:]))
+        return 4.0 / room if room > 0.0 else np.inf
 
     def part(self, step):
         """As of `gauss_newton.Linear`."""

@@ -13,8 +13,10 @@ from msg_tools.units import wrap
 
 from .mount_names import CANONICAL
 
-#: rad: `small_angle` has more digits than a float below it
-_SMALL = 0.01
+#: squares of angles, rad: `small_angle` has more digits than a float below it, with a term less
+_SMALL, _TINY = 1e-4, 1e-5
+#: cos E, of all that turns the mount: from it on no axis angle is an eighth of a turn off
+_BESIDE = 4.0
 #: |TF| up to which the flexure is a small angle
 _BENT = 0.005
 _STEPS = 50
@@ -30,6 +32,8 @@ class Way(NamedTuple):
         The direction on the mount's base, and the square of its length beside the axis.
     vx, vy, sin_e, cos_e : ndarray
         Before the azimuth turn, and before the other rotations about it.
+    room : ndarray, shape (4, ...), or None
+        ux, uy, sin e, and one row that is not filled.
     """
 
     ux: np.ndarray
@@ -39,6 +43,7 @@ class Way(NamedTuple):
     vy: np.ndarray
     sin_e: np.ndarray
     cos_e: np.ndarray
+    room: np.ndarray | None
 
 
 def values(coefficients, mount):
@@ -55,22 +60,40 @@ def values(coefficients, mount):
 
 
 def small_angle(sine, cosine):
-    """The angle of a sine and cosine, to the last digit where it is small; radians."""
+    """The angle of a sine and cosine, to the last digit where it is small; radians.
+
+    `cosine` None: below an eighth of a turn.
+    """
     square = sine * sine
-    angle = square * (15.0 / 336.0)
-    angle += 3.0 / 40.0
-    angle *= square
+    if square.ndim == 0:
+        small = square < _SMALL and cosine > 0.0
+        return _of_sine(sine, square, square) if small else np.arctan2(sine, cosine)
+    if not square.size:
+        return square
+    most = np.maximum.reduce(square, axis=None)
+    angle = _of_sine(sine, square, most)
+    if cosine is None:
+        if most >= _SMALL:
+            far = square >= _SMALL
+            angle[far] = np.arcsin(sine[far])
+    elif not (most < _SMALL and np.minimum.reduce(cosine, axis=None) > 0.0):
+        far = ~((square < _SMALL) & (cosine > 0.0))
+        angle[far] = np.arctan2(sine[far], cosine[far])
+    return angle
+
+
+def _of_sine(sine, square, most):
+    """The small angle of a sine, its square and the largest of those."""
+    if most < _TINY:  # the next term is below the last digit
+        angle = square * (3.0 / 40.0)
+    else:
+        angle = square * (15.0 / 336.0)
+        angle += 3.0 / 40.0
+        angle *= square
     angle += 1.0 / 6.0
     angle *= square
     angle *= sine
     angle += sine
-    if square.ndim == 0:
-        small = square < _SMALL * _SMALL and cosine > 0.0
-        return angle if small else np.arctan2(sine, cosine)
-    if square.size and not (np.maximum.reduce(square, axis=None) < _SMALL * _SMALL
-                            and np.minimum.reduce(cosine, axis=None) > 0.0):
-        far = ~((square < _SMALL * _SMALL) & (cosine > 0.0))
-        angle[far] = np.arctan2(sine[far], cosine[far])
     return angle
 
 
@@ -164,16 +187,28 @@ def to_axes(sines, coefficients, mount, side):
     _, _, ca, npae, an, aw, tf = coefficients
     sin_a, cos_a, sin_el, cos_el = sines
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
-    place = cos_el * sin_a, cos_el * cos_a, sin_el
-    if tf and not mount.altaz:
-        place = _lifted(place, tf, mount.zenith)
     if np.ndim(sin_el) == 0:
+        place = cos_el * sin_a, cos_el * cos_a, sin_el
+        if tf and not mount.altaz:
+            place = _lifted(place, tf, mount.zenith)
         ux, uy, uz = turned(place, an, aw)
         sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
+        clear, room = False, None
     else:  # a call of numpy costs as much as tens of stars: all that is linear in one product
-        ux, uy, sin_e = _linear(_turning(an, aw), place)
+        place = np.empty((3, *sin_el.shape))
+        np.multiply(cos_el, sin_a, out=place[0])
+        np.multiply(cos_el, cos_a, out=place[1])
+        place[2] = sin_el
+        if tf and not mount.altaz:
+            place = np.array(_lifted(place, tf, mount.zenith))
+        room = np.empty((4, *sin_el.shape))
+        np.matmul(np.array(_turning(an, aw)), place.reshape(3, -1), out=room[:3].reshape(3, -1))
+        ux, uy, sin_e = room[:3]
         sin_e += sin_c * sin_n
         sin_e *= 1.0 / (cos_c * cos_n)
+        clear = mount.altaz and sin_el.size and bool(
+            np.minimum.reduce(cos_el, axis=None)
+            > _BESIDE * (hypot(an, aw) + abs(ca) + abs(npae)))
     vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
     horizontal = ux * ux + uy * uy
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -181,21 +216,23 @@ def to_axes(sines, coefficients, mount, side):
         vy = np.sqrt(horizontal - vx * vx)
         if not mount.altaz:
             vy = vy * side
-        cos_e = vy / cos_c
-        across, along = ux * vy - uy * vx, ux * vx + uy * vy
-        scale = 1.0 / horizontal
-        sines = ((across * cos_a - along * sin_a) * scale, sin_e * cos_el - cos_e * sin_el)
-        cosines = ((across * sin_a + along * cos_a) * scale, cos_e * cos_el + sin_e * sin_el)
-        d_az, d_el = (small_angle(np.array(sines), np.array(cosines)) if np.ndim(sin_el)
-                      else map(small_angle, sines, cosines))
-    return d_az, d_el, Way(ux, uy, horizontal, vx, vy, sin_e, cos_e)
-
-
-def _linear(matrix, values):
-    """A matrix, shape (m, k), times k arrays of one shape."""
-    values = np.array(values)
-    out = np.array(matrix) @ values.reshape(len(values), -1)
-    return out if values.ndim == 2 else out.reshape(len(out), *values.shape[1:])
+        cos_e = vy * (1.0 / cos_c)
+        across, along = ux * cos_a - uy * sin_a, ux * sin_a + uy * cos_a
+        if np.ndim(sin_el) == 0:
+            d_az = small_angle((vy * across - vx * along) / horizontal,
+                               (vx * across + vy * along) / horizontal)
+            d_el = small_angle(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
+        else:
+            sine = np.empty((2, *sin_el.shape))
+            np.divide(vy * across - vx * along, horizontal, out=sine[0])
+            np.subtract(sin_e * cos_el, cos_e * sin_el, out=sine[1])
+            cosine = None
+            if not clear:
+                cosine = np.empty_like(sine)
+                np.divide(vx * across + vy * along, horizontal, out=cosine[0])
+                np.add(cos_e * cos_el, sin_e * sin_el, out=cosine[1])
+            d_az, d_el = small_angle(sine, cosine)
+    return d_az, d_el, Way(ux, uy, horizontal, vx, vy, sin_e, cos_e, room)
 
 
 def derivatives(sines, coefficients, way, names, mount, tangent=None):
@@ -223,7 +260,7 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
         if name in ('IA', 'IE', 'TF'):
             out[name] = ((cos_el, 0.0) if name == 'IA' else (0.0, 1.0) if name == 'IE' else
                          (0.0, cos_el) if mount.altaz else tangent())
-    ux, uy, horizontal, vx, vy, sin_e, cos_e = way
+    ux, uy, horizontal, vx, vy, sin_e, cos_e, room = way
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     high, skew, low = cos_c * cos_n, -cos_c * sin_n, sin_c * sin_n
     # what sin e, vx, ux and uy change by, each in parts of ux, uy, sin e and 1
@@ -243,7 +280,9 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
         by_vx.append((0.0, 0.0, vx_per_sine + skew * per_sine, vx_more + skew * more))
     if not by_e:
         return out
-    of = _linear(by_e + by_vx + by_ux + by_uy, (ux, uy, sin_e, np.ones_like(ux)))
+    room[3] = 1.0
+    of = np.array(by_e + by_vx + by_ux + by_uy) @ room.reshape(4, -1)
+    of = of.reshape(len(of), *ux.shape)
     m, k = len(by_e), len(tilts)
     y, x = of[:m], of[m:2 * m]
     to_x, slope = cos_el / horizontal, vx / vy

@@ -53,7 +53,8 @@ class Trig:
         part = part if isinstance(part, slice) else slice(None, None, part)
         out = object.__new__(Trig)
         for name in ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el'):
-            setattr(out, name, getattr(self, name)[part])
+            # no copy but of every so many
+            setattr(out, name, np.ascontiguousarray(getattr(self, name)[part]))
         out.side = None if self.side is None else self.side[part]
         out.mount, out._zenith = self.mount, out if self.mount.altaz else None
         return out

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import in_cache, least_squares, robust_rounds
+from calibration import in_cache, least_squares, robust_weights, rotating, rounds_of_many
 from calibration.fit import fit_terms
 from calibration.in_cache import apart, change, largest, parts
+from calibration.robust import bisquare
+from calibration.robust_weights import Room
+from calibration.rounds_of_many import RoundsOfMany, Sight
 from msg_tools.units import ARCSEC
 
 sys.path.append(str(Path(__file__).parent))
@@ -33,19 +36,25 @@ def run_of(kind, n=7000):
     return run
 
 
+def all_are_many(monkeypatch):
+    for module in (robust_weights, rounds_of_many):
+        monkeypatch.setattr(module, 'MANY', 0)
+
+
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_fit_by_parts_is_that_of_all_at_once(monkeypatch, kind):
     run = run_of(kind)
     whole = fit_terms(run)
-    for module in (in_cache, least_squares):
+    for module in (in_cache, least_squares, rotating):
         monkeypatch.setattr(module, 'BLOCK', 900)  # the last part is smaller
-    monkeypatch.setattr(robust_rounds, 'MANY', 0)
-    passes = []
-    together = robust_rounds.Rounds.step_and_weigh
-    monkeypatch.setattr(robust_rounds.Rounds, 'step_and_weigh', lambda self, *args: (
-        passes.append(self._by_parts), together(self, *args))[1])
+    all_are_many(monkeypatch)
+    called, of_rounds, of_sight = [], RoundsOfMany._pass, Sight.__call__
+    monkeypatch.setattr(RoundsOfMany, '_pass', lambda *args: (
+        called.append('pass'), of_rounds(*args))[1])
+    monkeypatch.setattr(Sight, '__call__', lambda *args: (
+        called.append('sight'), of_sight(*args))[1])
     by_parts = fit_terms(run)
-    assert passes and all(passes)
+    assert {'pass', 'sight'} == set(called)
     sigma = np.sqrt(np.diag(whole.covariance))
     assert np.abs(by_parts.coefficients - whole.coefficients).max() < 1e-5 * sigma.min()
     np.testing.assert_allclose(by_parts.covariance, whole.covariance, rtol=1e-5,
@@ -57,12 +66,59 @@ def test_a_fit_by_parts_is_that_of_all_at_once(monkeypatch, kind):
 
 
 def test_two_fits_share_nothing(monkeypatch):
-    monkeypatch.setattr(robust_rounds, 'MANY', 0)
+    all_are_many(monkeypatch)
     first = fit_terms(run_of('gross'))
     kept = [first.residual_x.copy(), first.weights.copy()]
     fit_terms(run_of('heavy tails'))
     np.testing.assert_array_equal(first.residual_x, kept[0])
     np.testing.assert_array_equal(first.weights, kept[1])
+
+
+@pytest.mark.parametrize('given', [False, True])
+@pytest.mark.parametrize('with_step', [False, True])
+def test_a_sight_has_what_the_rounds_would_find(monkeypatch, given, with_step):
+    all_are_many(monkeypatch)
+    rng = np.random.default_rng(6)
+    n, scales, step = 5000, [1.0, 2.0], np.array([0.1, -0.2, 0.05])
+    rows, residual = rng.normal(size=(3, 2 * n)), rng.standard_t(3, size=2 * n)
+    base = rng.uniform(0.5, 2.0, 2 * n) if given else None
+    room = Room()
+    sight = Sight(rows, base, scales, room, step if with_step else None)
+    for part in (slice(0, 900), slice(900, n)):
+        sight(residual, part)
+    square = np.square(residual) * (1.0 if base is None else base)
+    weights = bisquare(np.sqrt(square[:n] / 1.0 + square[n:] / 4.0))
+    np.testing.assert_allclose(sight.weights, weights, rtol=0, atol=1e-12)
+    both = np.concatenate((weights, weights)) * (1.0 if base is None else base)
+    np.testing.assert_allclose(sight.force, rows @ (both * residual), rtol=1e-10)
+    if with_step:
+        np.testing.assert_allclose(sight.residual, residual - step @ rows, rtol=0, atol=1e-12)
+        return
+    for normal, of in zip(sight.normals, (slice(0, n), slice(n, None))):
+        np.testing.assert_allclose(normal, (rows[:, of] * both[of]) @ rows[:, of].T, rtol=1e-10)
+
+
+@pytest.mark.parametrize('given', [False, True])
+def test_rounds_of_many_rows_settle_where_least_squares_do(monkeypatch, given):
+    all_are_many(monkeypatch)
+    rng = np.random.default_rng(7)
+    rows, b = rng.normal(size=(3, 4000)), rng.normal(size=4000)
+    base = rng.uniform(0.5, 2.0, 4000) if given else None
+    rounds = RoundsOfMany(rows, b, base, 1e-12, 1e-3 * np.eye(3))
+    rounds.go(np.array([0.3, -0.1, 0.2]))
+    weights = rng.uniform(size=2000)
+    weights[0] = 0.0
+    both = np.concatenate((weights, weights)) * (1.0 if base is None else base)
+    before = rounds.residual.copy()
+    moved = rounds.settle(weights)
+    root = np.sqrt(both)
+    expected = np.linalg.lstsq((rows * root).T, root * b, rcond=None)[0]
+    np.testing.assert_allclose(rounds.p, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rounds.residual, b - expected @ rows, rtol=0, atol=1e-12)
+    assert moved == pytest.approx(np.abs(rounds.residual - before).max())
+    np.testing.assert_array_equal(rounds.solution.residual, rounds.residual)
+    np.testing.assert_array_equal(rounds.solution.p, rounds.p)
+    assert rounds.moved >= np.abs(rounds.residual - b).max()
 
 
 @pytest.mark.parametrize('n', [10, 19_999, 20_000, 50_001])

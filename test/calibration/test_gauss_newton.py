@@ -1,0 +1,103 @@
+"""Where the iteration of a fit may end: residuals are those of the rotations themselves."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import gauss_newton, robust_weights, rounds_of_many
+from calibration.fit import fit_terms
+from calibration.rotating import Rotating
+from msg_tools.units import ARCSEC
+from pointing_model.geometry import offsets
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.run import PointingRun
+from pointing_model.terms import Trig, stacked_design
+
+sys.path.append(str(Path(__file__).parent))
+
+from noisy_run import make_run
+
+
+def rotating(az, el, mount, at):
+    names = tuple(mount.names.physical)
+    trig = Trig(az, el, mount)
+    out = Rotating(trig, names, {}, np.zeros(2 * len(az)),
+                   stacked_design(names, az, el, mount, trig), mount)
+    out.residual(np.asarray(at), False)
+    return out
+
+
+@pytest.mark.parametrize('mount', [ALTAZ, Mount.equatorial(0.6)], ids=['altaz', 'equatorial'])
+@pytest.mark.parametrize('top', [50.0, 85.0, 89.5])
+def test_the_second_order_is_within_its_bound(mount, top):
+    rng = np.random.default_rng(int(top))
+    names, used = mount.names.physical, []
+    for _ in range(40):
+        az, el = rng.uniform(-3, 3, 300), np.radians(rng.uniform(top - 5, top, 300))
+        at, one, two = rng.normal(size=(3, 7)) * np.array([[50.0], [20.0], [20.0]]) * ARCSEC
+        one[rng.random(7) < 0.5] = 0.0  # along few of them it is the largest
+        two[rng.random(7) < 0.5] = 0.0
+        bound = rotating(az, el, mount, at).curvature()
+        if not (np.isfinite(bound) and one.any() and two.any()):
+            continue
+
+        both, first, second, none = (
+            np.array(offsets(az, el, dict(zip(names, p)), mount))
+            for p in (at + one + two, at + one, at + two, at))
+        mixed = np.abs(both - first - second + none).max()
+        used.append(mixed / (bound * np.abs(one).sum() * np.abs(two).sum()))
+    assert len(used) > 20
+    assert 0.05 < max(used) < 0.5
+
+
+def test_where_the_mount_cannot_look_there_is_no_bound():
+    az, el = np.array([0.1, 1.0]), np.array([0.5, np.pi / 2 - 300 * ARCSEC])
+    at = np.array([0, 0, 100.0, 0, 0, 0, 0]) * ARCSEC
+    assert rotating(az, el, ALTAZ, at).curvature() == np.inf
+    assert rotating(az[:1], el[:1], ALTAZ, at).curvature() < 10.0
+    assert rotating(az[:1], el[:1], ALTAZ, 0.0 * at).curvature() < 10.0
+
+
+@pytest.mark.parametrize('robust', [True, False])
+@pytest.mark.parametrize('kind', ['few', 'some', 'many', 'near the zenith'])
+def test_residuals_are_those_of_the_rotations(monkeypatch, kind, robust):
+    if kind == 'many':
+        for module in (robust_weights, rounds_of_many):
+            monkeypatch.setattr(module, 'MANY', 0)
+    run = make_run(np.random.default_rng(4), {'few': 12, 'some': 300}.get(kind, 8000))
+    if kind == 'near the zenith':
+        run.columns['el'][::7] = np.radians(89.9)
+        run.columns['el_enc'][::7] = np.radians(89.9)
+    fit = fit_terms(run, robust=robust)
+    az_enc, el_enc = fit.model.sky_to_encoder(run['az'], run['el'])
+    there = np.isfinite(fit.residual_x)
+    assert there.sum() > 0.8 * len(there)
+    x = ((run['az_enc'] - az_enc) * np.cos(run['el']))[there]
+    y = (run['el_enc'] - el_enc)[there]
+    assert np.abs(fit.residual_x[there] - x).max() < 1e-7 * ARCSEC
+    assert np.abs(fit.residual_y[there] - y).max() < 1e-7 * ARCSEC
+
+
+def test_a_fit_of_many_rows_ends_without_a_look_that_shows_nothing(monkeypatch):
+    monkeypatch.setattr(robust_weights, 'MANY', 0)
+    monkeypatch.setattr(rounds_of_many, 'MANY', 0)
+    run = make_run(np.random.default_rng(4), 8000)
+    short = fit_terms(run)
+    monkeypatch.setattr(Rotating, 'curvature', lambda self: np.inf)
+    looked = fit_terms(run)
+    assert short.iterations < looked.iterations
+    assert np.abs(short.coefficients - looked.coefficients).max() < 1e-8 * ARCSEC
+    assert np.abs(short.residual_x - looked.residual_x).max() < gauss_newton.EXACT
+
+
+def test_rows_without_an_offset_fit_nothing(monkeypatch):
+    """Coefficients of exactly zero, where a residual is what was observed."""
+    monkeypatch.setattr(robust_weights, 'MANY', 0)
+    monkeypatch.setattr(rounds_of_many, 'MANY', 0)
+    rng = np.random.default_rng(8)
+    az, el = rng.uniform(0, 6, 7000), rng.uniform(0.4, 1.4, 7000)
+    fit = fit_terms(PointingRun({'az': az, 'el': el, 'az_enc': az, 'el_enc': el}))
+    assert np.abs(fit.coefficients).max() < 1e-9 * ARCSEC
+    assert np.abs(fit.residual_x).max() < 1e-9 * ARCSEC
