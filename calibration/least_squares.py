@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .few_rows import satterthwaite
-from .in_cache import BLOCK, MANY, change
+from .in_cache import BLOCK, MANY, change, parts
 from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -277,9 +277,9 @@ def uncertainty_of(solution, base, row_weights, given, basis=None, lost=0):
         if len(free) == 1:
             freedom = np.full(m, free[0])
         else:
-            parts = np.array((by_x.diagonal(), by_y.diagonal()))
-            np.maximum(parts, 0.0, out=parts)
-            freedom = satterthwaite(parts.T, free)
+            by_axis = np.array((by_x.diagonal(), by_y.diagonal()))
+            np.maximum(by_axis, 0.0, out=by_axis)
+            freedom = satterthwaite(by_axis.T, free)
     covariance = covariance * inflation
     return Uncertainty(covariance, (variances[0] ** 0.5, variances[1] ** 0.5), freedom)
 
@@ -296,7 +296,8 @@ def _noises(solution, base, row_weights, lost):
     else:
         inflation, consistency = BISQUARE_INFLATION, BISQUARE_VARIANCE
         total = float(row_weights.sum())
-        squares = float(row_weights @ np.square(rx)), float(row_weights @ np.square(ry))
+        squares = [sum(float(row_weights[part] @ np.square(of[part])) for part in parts(n))
+                   for of in (rx, ry)]
     used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
     pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
     free = total - used, total - rank + used

@@ -232,7 +232,13 @@ class Rounds:
             less = max(less * less if form else less, 1e-5) if newton else max(less, 1e-3)
             if less * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
                 last = moved
-                continue
+                if newton or less * moved >= _LITTLE * least or less**2 * moved >= 0.5 * TOLERANCE:
+                    continue
+                moved = self.go(self.way(weights, kept))  # too short to change a weight
+                way += moved
+                if max(moved / last, 1e-3) * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
+                    last, (weights, kept) = moved, weigher.bisquare(self.residual, scales)
+                    continue
             if moved <= _SLOW * last and way < little:  # the matrix is as good as that of before
                 self.solution = self.solution._replace(p=self.p, residual=self.residual)
                 break

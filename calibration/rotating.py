@@ -96,7 +96,9 @@ class Rotating:
         cannot go.
         """
         if self._least is None:
-            self._least = float(np.abs(self.trig.cos_el).min())
+            self._least = float(self.trig.cos_el.min())
+            if self._least < 0.0:
+                self._least = float(np.abs(self.trig.cos_el).min())
         room = self._least - 4.0 * sum(map(abs, (self.at or ())[2:]))
         return 4.0 / room if room > 0.0 else np.inf
 

@@ -54,6 +54,8 @@ class Sight:
         What the weighted residuals pull the coefficients by.
     normals : tuple of ndarray, or None
         As of `least_squares.normal_matrices`, with the weights; without a `step`.
+    residual : ndarray, shape (2n,), or None
+        After the `step`.
     """
 
     def __init__(self, rows, base, scales, room, step=None):
