@@ -36,6 +36,9 @@ NEAR = 1e-8 * ARCSEC
 _WRONG = 1e-3
 #: rows from which a fit begins at that of some of them: so many, or that part if it is more
 _MANY, _FIRST, _PART = 6000, 1500, 64
+#: of the smallest singular value that is kept, relative: a change of the columns that leaves what
+#: the stars say of that direction as it is; and an iteration from which on that is not asked
+_ALIKE, _LATE = 0.1, 15
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
@@ -126,6 +129,7 @@ def gauss_newton(start, sigmas, robust, rcond):
     normals = normal_matrices(first_order, base)
     spectrum = spectrum_of(first_order, base, normals[1])
     rank = spectrum.rank(rcond)
+    firm = _ALIKE * spectrum.s[-rank] / spectrum.s[-1]
     few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
     p, huber, inverse, begun, roughly = np.zeros(k), None, None, False, None
@@ -169,12 +173,13 @@ def gauss_newton(start, sigmas, robust, rcond):
             solution = weighted_solve(rows, residual, weights, _INNER * rcond)
         elif robust:
             rough = iteration == 1 and inverse is None and not start.linear
-            args = (rows, residual, weights, _INNER * rcond, inverse, rounds if scales else None,
-                    normals if rough and rows is first_order and not start.moved else None,
-                    plain, room)
-            rounds = (RoundsOfMany(*args, sight=sight if feasible is None else None) if in_parts
-                      else Rounds(*args))
-            if scales is None or wrong > _WRONG * rounds.weigher.least(scales):
+            rounds = (RoundsOfMany if in_parts else Rounds)(
+                rows, residual, weights, _INNER * rcond, inverse, rounds if scales else None,
+                normals if rough and rows is first_order and not start.moved else None, plain, room)
+            lost = scales is None or wrong > _WRONG * rounds.weigher.least(scales)
+            if sight is not None and feasible is None and (begun or not lost):
+                rounds.see(sight)
+            if lost:
                 if begun:
                     scales = rounds.noise_at(huber - p, rank)
                 else:
@@ -199,9 +204,9 @@ def gauss_newton(start, sigmas, robust, rcond):
         mean = float(np.dot(solution.residual, solution.residual) / (2 * n * n)) ** 0.5
         moved = apart(residual, solution.residual) if moved is None else moved
         near, moved = moved * mean < NEAR, None
-        way = float(np.add.reduce(np.abs(p - before)))
-        if (settled and near and feasible is None
-                and start.curvature() * way * (way + np.add.reduce(np.abs(p - there))) < EXACT):
+        way, since = (float(np.add.reduce(np.abs(p - then))) for then in (before, there))
+        near = near and (since * start.steep <= firm or iteration >= _LATE)
+        if settled and near and feasible is None and start.beyond(way, since) < EXACT:
             break
     else:
         raise ValueError(

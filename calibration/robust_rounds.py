@@ -196,8 +196,11 @@ class Rounds:
 
     def approach(self, scales):
         """Two steps of the bisquare; a `Solution` without matrices."""
-        _, weights, kept = self.step_and_weigh(self.first_step(scales), scales)
-        self.go(self.way(weights, kept))
+        first, weights, kept = self.step_and_weigh(self.first_step(scales), scales)
+        if self.far(weights) or self.go(self.way(weights, kept)) > _SLOW * first:
+            # the matrix leads elsewhere: solve, from where it began
+            self.p, self.residual = np.zeros_like(self.p), self.b
+            self.settle(self.weigher.bisquare(self.residual, scales)[0])
         return Solution(self.p, self.inverse, None, None, self.residual, len(self.p))
 
     def first_step(self, scales):
@@ -235,11 +238,9 @@ class Rounds:
                 if newton or less * moved >= _LITTLE * least or less**2 * moved >= 0.5 * TOLERANCE:
                     continue
                 moved = self.go(self.way(weights, kept))  # too short to change a weight
-                way += moved
-                if max(moved / last, 1e-3) * moved >= 0.5 * TOLERANCE and moved <= _SLOW * last:
-                    last, (weights, kept) = moved, weigher.bisquare(self.residual, scales)
-                    continue
-            if moved <= _SLOW * last and way < little:  # the matrix is as good as that of before
+                way, less = way + moved, max(moved / last, 1e-3)
+            if less * moved < 0.5 * TOLERANCE and moved <= _SLOW * last and way < little:
+                # the matrix is as good as that of before
                 self.solution = self.solution._replace(p=self.p, residual=self.residual)
                 break
             newton = newton and moved <= _SLOW * last

@@ -10,6 +10,9 @@ from pointing_model.trig import BLOCK
 
 from .gauss_newton import every
 
+#: rad from the axis: nearer to it no row tells anything
+_CLOSE = 1e-4
+
 
 class Rotating:
     """For `gauss_newton`: the geometric terms turn the mount, the others are linear.
@@ -95,12 +98,40 @@ class Rotating:
         Those of an on-sky offset grow as 1 / cos E, and without bound where the line of sight
         cannot go.
         """
+        room = self._least_cos - 4.0 * self._size()
+        return 4.0 / room if room > 0.0 else np.inf
+
+    @property
+    def steep(self):
+        """As `curvature`, where the line of sight can go."""
+        return 4.0 / max(self._least_cos, _CLOSE)
+
+    @property
+    def _least_cos(self):
         if self._least is None:
             self._least = float(self.trig.cos_el.min())
             if self._least < 0.0:
                 self._least = float(np.abs(self.trig.cos_el).min())
-        room = self._least - 4.0 * sum(map(abs, (self.at or ())[2:]))
-        return 4.0 / room if room > 0.0 else np.inf
+        return self._least
+
+    def _size(self):
+        """Of all that turns the mount, radians."""
+        return sum(map(abs, (self.at or ())[2:]))
+
+    def beyond(self, way, since):
+        """Bound of what the residuals after a step have beyond what the columns tell, radians.
+
+        The columns neglect the square of the coefficients, and how a flexure that turns the
+        direction goes with the other terms.
+
+        Parameters
+        ----------
+        way, since : float
+            Sums of the absolute changes of the coefficients: in the step that led here from the
+            last `residual`, and from where the columns were made to here.
+        """
+        neglected = self._size() ** (2 if self.mount.altaz else 1)
+        return self.curvature() * way * (way + since + neglected)
 
     def part(self, step):
         """As of `gauss_newton.Linear`."""

@@ -88,21 +88,18 @@ class Sight:
 
 
 class RoundsOfMany(Rounds):
-    """As `Rounds`, with a design that is an array.
+    """As `Rounds`, with a design that is an array."""
 
-    Parameters
-    ----------
-    sight : Sight, optional
-        Of `b`.
-    """
-
-    def __init__(self, *args, sight=None, **more):
+    def __init__(self, *args):
         #: the force at the last weights, and what a sight found, until the coefficients change
         self._known = self._sight = None
         #: how far all steps have moved a residual at most; None: not known
         self.moved = 0.0
-        super().__init__(*args, **more)
-        if sight is None:
+        super().__init__(*args)
+
+    def see(self, sight):
+        """Go on with what was found of `b`."""
+        if self.far(sight.weights):
             return
         self._sight, self._known = sight, sight.force
         if sight.normals is not None:
@@ -124,7 +121,7 @@ class RoundsOfMany(Rounds):
         return super().solve(weights, normals)
 
     def settle(self, weights):
-        step = self._form(weights, self._known)
+        step = self._form(weights)
         if self.solution.rank < len(step):  # of those left the smallest, which a step is not
             return super().settle(weights)
         moved = self.go(step)

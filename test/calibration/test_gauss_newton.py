@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import gauss_newton, robust_weights, rounds_of_many
+from calibration import gauss_newton, robust_rounds, robust_weights, rounds_of_many
 from calibration.fit import fit_terms
 from calibration.rotating import Rotating
 from msg_tools.units import ARCSEC
 from pointing_model.geometry import offsets
+from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.run import PointingRun
 from pointing_model.terms import Trig, stacked_design
@@ -18,6 +19,8 @@ from pointing_model.terms import Trig, stacked_design
 sys.path.append(str(Path(__file__).parent))
 
 from noisy_run import make_run
+
+MOUNTS, NAMES = (ALTAZ, Mount.equatorial(0.6)), ('altaz', 'equatorial')
 
 
 def rotating(az, el, mount, at):
@@ -29,7 +32,7 @@ def rotating(az, el, mount, at):
     return out
 
 
-@pytest.mark.parametrize('mount', [ALTAZ, Mount.equatorial(0.6)], ids=['altaz', 'equatorial'])
+@pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
 @pytest.mark.parametrize('top', [50.0, 85.0, 89.5])
 def test_the_second_order_is_within_its_bound(mount, top):
     rng = np.random.default_rng(int(top))
@@ -60,16 +63,31 @@ def test_where_the_mount_cannot_look_there_is_no_bound():
     assert rotating(az[:1], el[:1], ALTAZ, 0.0 * at).curvature() < 10.0
 
 
+def simulated(rng, az, el, mount, **columns):
+    """A run of random terms with 1" of noise."""
+    noise = rng.normal(size=(2, len(az))) * ARCSEC
+    truth = dict(zip(mount.names.physical, rng.normal(size=7) * 100 * ARCSEC))
+    az_enc, el_enc = PointingModel(truth, mount=mount).sky_to_encoder(az, el)
+    return PointingRun({'az': az, 'el': el, 'az_enc': az_enc + noise[0] / np.cos(el),
+                        'el_enc': el_enc + noise[1], **columns}, {'mount': mount})
+
+
 @pytest.mark.parametrize('robust', [True, False])
-@pytest.mark.parametrize('kind', ['few', 'some', 'many', 'near the zenith'])
-def test_residuals_are_those_of_the_rotations(monkeypatch, kind, robust):
+@pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
+@pytest.mark.parametrize('kind', ['few', 'some', 'many', 'sigmas', 'near the zenith'])
+def test_residuals_are_those_of_the_rotations(monkeypatch, kind, mount, robust):
     if kind == 'many':
         for module in (robust_weights, rounds_of_many):
             monkeypatch.setattr(module, 'MANY', 0)
-    run = make_run(np.random.default_rng(4), {'few': 12, 'some': 300}.get(kind, 8000))
+    rng = np.random.default_rng(4)
+    n = {'few': 12, 'some': 300}.get(kind, 8000)
+    az, el = rng.uniform(-3, 3, n), np.arcsin(rng.uniform(0.3, 0.99, n))
     if kind == 'near the zenith':
-        run.columns['el'][::7] = np.radians(89.9)
-        run.columns['el_enc'][::7] = np.radians(89.9)
+        el[::7] = np.radians(89.9)
+    columns = {}
+    if kind == 'sigmas':
+        columns = {f'sigma_{axis}': rng.uniform(0.3, 3.0, n) * ARCSEC for axis in 'xy'}
+    run = simulated(rng, az, el, mount, **columns)
     fit = fit_terms(run, robust=robust)
     az_enc, el_enc = fit.model.sky_to_encoder(run['az'], run['el'])
     there = np.isfinite(fit.residual_x)
@@ -85,11 +103,59 @@ def test_a_fit_of_many_rows_ends_without_a_look_that_shows_nothing(monkeypatch):
     monkeypatch.setattr(rounds_of_many, 'MANY', 0)
     run = make_run(np.random.default_rng(4), 8000)
     short = fit_terms(run)
-    monkeypatch.setattr(Rotating, 'curvature', lambda self: np.inf)
+    monkeypatch.setattr(Rotating, 'beyond', lambda *args: np.inf)
     looked = fit_terms(run)
     assert short.iterations < looked.iterations
     assert np.abs(short.coefficients - looked.coefficients).max() < 1e-8 * ARCSEC
     assert np.abs(short.residual_x - looked.residual_x).max() < gauss_newton.EXACT
+
+
+@pytest.mark.parametrize('robust', [True, False])
+@pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
+@pytest.mark.parametrize('where', ['a field of 3 degrees', 'some by the zenith'])
+@pytest.mark.parametrize('by_parts', [True, False])
+def test_a_fit_that_begins_at_a_part_has_the_columns_of_its_end(monkeypatch, by_parts, where,
+                                                                mount, robust):
+    """Where the stars hardly tell terms apart, theirs change with the place of the columns."""
+    rng = np.random.default_rng(9)
+    n = 7000
+    az, el = rng.uniform(-3, 3, n), np.arcsin(rng.uniform(0.2, 0.99, n))
+    if where == 'some by the zenith':
+        el[::5] = np.radians(rng.uniform(89.0, 89.95, len(el[::5])))
+    else:
+        az, el = 1.0 + rng.uniform(-0.03, 0.03, n), 0.8 + rng.uniform(-0.03, 0.03, n)
+    run = simulated(rng, az, el, mount)
+    if by_parts:
+        for module in (robust_weights, rounds_of_many):
+            monkeypatch.setattr(module, 'MANY', 0)
+    begun = fit_terms(run, robust=robust)
+    for module in (robust_weights, rounds_of_many):
+        monkeypatch.setattr(module, 'MANY', 10**9)
+    monkeypatch.setattr(gauss_newton, '_MANY', 10**9)
+    monkeypatch.setattr(robust_rounds, '_SETTLED', 1e-6)
+    whole = fit_terms(run, robust=robust)
+    assert np.abs((begun.coefficients - whole.coefficients) / whole.sigma).max() < 1e-3
+    np.testing.assert_allclose(begun.sigma, whole.sigma, rtol=3e-4)
+
+
+def test_rows_where_the_mount_cannot_look_are_left_out_of_many(monkeypatch):
+    rng = np.random.default_rng(10)
+    az, el = rng.uniform(-3, 3, 8000), np.arcsin(rng.uniform(0.3, 0.99, 8000))
+    run = simulated(rng, az, el, ALTAZ)
+    model = PointingModel({'CA': 300 * ARCSEC, 'AN': 50 * ARCSEC})
+    noise = rng.normal(size=(2, 8000)) * ARCSEC
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    run.columns['az_enc'] = az_enc + noise[0] / np.cos(el)
+    run.columns['el_enc'] = el_enc + noise[1]
+    run.columns['el'][::500] = np.pi / 2 - 100 * ARCSEC
+    whole = fit_terms(run)
+    for module in (robust_weights, rounds_of_many):
+        monkeypatch.setattr(module, 'MANY', 0)
+    by_parts = fit_terms(run)
+    assert [of['row'] for of in by_parts.excluded] == list(range(0, 8000, 500))
+    assert [of['row'] for of in whole.excluded] == list(range(0, 8000, 500))
+    assert np.abs(by_parts.coefficients - whole.coefficients).max() < 1e-4 * whole.sigma.min()
+    assert np.isnan(by_parts.residual_x[::500]).all()
 
 
 def test_rows_without_an_offset_fit_nothing(monkeypatch):

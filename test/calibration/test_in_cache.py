@@ -98,6 +98,18 @@ def test_a_sight_has_what_the_rounds_would_find(monkeypatch, given, with_step):
         np.testing.assert_allclose(normal, (rows[:, of] * both[of]) @ rows[:, of].T, rtol=1e-10)
 
 
+def test_a_sight_that_rejects_the_rows_is_left(monkeypatch):
+    all_are_many(monkeypatch)
+    rng = np.random.default_rng(6)
+    rows, residual = rng.normal(size=(3, 4000)), rng.normal(size=4000)
+    sight = Sight(rows, None, [1e-3, 1e-3], Room())
+    sight(residual, slice(0, 2000))
+    rounds = RoundsOfMany(rows, residual, None, 1e-12, 1e-3 * np.eye(3))
+    rounds.see(sight)
+    assert rounds.solution is None and rounds.unweighted
+    assert rounds.first_weights([1.0, 1.0])[0].mean() > 0.9
+
+
 @pytest.mark.parametrize('given', [False, True])
 def test_rounds_of_many_rows_settle_where_least_squares_do(monkeypatch, given):
     all_are_many(monkeypatch)
@@ -119,6 +131,32 @@ def test_rounds_of_many_rows_settle_where_least_squares_do(monkeypatch, given):
     np.testing.assert_array_equal(rounds.solution.residual, rounds.residual)
     np.testing.assert_array_equal(rounds.solution.p, rounds.p)
     assert rounds.moved >= np.abs(rounds.residual - b).max()
+    rows[2, 1:] = 0.0  # the third has lost its row
+    rounds = RoundsOfMany(rows, b, base, 1e-12, 1e-3 * np.eye(3))
+    rounds.go(np.array([0.3, -0.1, 0.2]))
+    rounds.settle(weights)
+    assert rounds.solution.rank == 2 and abs(rounds.p[2]) < 1e-12
+
+
+def test_what_a_sight_found_is_of_where_it_was(monkeypatch):
+    all_are_many(monkeypatch)
+    rng = np.random.default_rng(6)
+    rows, residual, scales = rng.normal(size=(3, 4000)), rng.normal(size=4000), [1.0, 1.0]
+    sight = Sight(rows, None, scales, Room())
+    sight(residual, slice(0, 2000))
+    rounds = RoundsOfMany(rows, residual, None, 1e-12, 1e-3 * np.eye(3))
+    rounds.see(sight)
+    weights, kept = (of.copy() for of in rounds.first_weights(scales))
+    there = rounds.way(weights, kept)
+    np.testing.assert_array_equal(rounds.first_step(scales), there)
+    rounds.go(np.array([0.3, -0.1, 0.2]))
+    moved = rounds.first_weights(scales)
+    assert np.abs(moved[0] - weights).max() > 0.01
+    square = np.square(rounds.residual)
+    np.testing.assert_allclose(moved[0], bisquare(np.sqrt(square[:2000] + square[2000:])),
+                               rtol=0, atol=1e-12)
+    both = np.concatenate((moved[0], moved[0]))
+    np.testing.assert_allclose(rounds.force(moved[0]), rows @ (both * rounds.residual), rtol=1e-10)
 
 
 @pytest.mark.parametrize('n', [10, 19_999, 20_000, 50_001])

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from calibration import gauss_newton, robust, robust_rounds
+from calibration import gauss_newton, robust, robust_rounds, robust_weights
 from calibration.fit import fit_terms
 from calibration.robust import bisquare, hampel, huber, reweighted, sigma_of
 from calibration.robust_rounds import Rounds
+from calibration.rounds_of_many import RoundsOfMany
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
@@ -81,6 +82,19 @@ def test_steps_with_the_matrix_of_another_place_do_not_run_away():
     scales = rounds.find_noise(3)
     assert scales == pytest.approx([noise, noise], rel=0.3)
     np.testing.assert_allclose(rounds.p, [1e-3, -2e-3, 5e-4], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('many', [False, True])
+def test_an_approach_with_a_matrix_of_another_place_does_not_run_away(monkeypatch, many):
+    if many:
+        monkeypatch.setattr(robust_weights, 'MANY', 0)
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(3, 2000))
+    b = 1e-6 * (np.array([1.0, -2.0, 0.5]) @ rows + rng.normal(size=2000))
+    far = 30.0 * np.linalg.inv(rows @ rows.T)
+    rounds = (RoundsOfMany if many else Rounds)(rows, b, None, 1e-12, far)
+    rounds.approach([1e-6, 1e-6])
+    np.testing.assert_allclose(rounds.p, [1e-6, -2e-6, 5e-7], rtol=0, atol=3e-7)
 
 
 @pytest.mark.parametrize('given', [False, True])
