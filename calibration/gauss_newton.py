@@ -107,7 +107,7 @@ def gauss_newton(start, sigmas, robust, rcond):
 
     Parameters
     ----------
-    start : Linear, or what has its methods
+    start : Linear, or rotating.Rotating
     sigmas : ndarray, shape (2n,), or None
     robust : bool
     rcond : float
@@ -132,17 +132,17 @@ def gauss_newton(start, sigmas, robust, rcond):
     firm = _ALIKE * spectrum.s[-rank] / spectrum.s[-1]
     few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
-    p, huber, inverse, begun, roughly = np.zeros(k), None, None, False, None
+    p, begun = np.zeros(k), None
     if n >= _MANY and basis is None and (robust or not start.linear):
-        p, huber, roughly = _of_some(start, sigmas, robust, rcond)
-        begun, inverse = robust and huber is not None, np.linalg.inv(normals[1])
-    solution = scales = rounds = row_weights = rows = known = moved = None
-    plain, settled, near, room = None, False, False, Room()
-    in_parts = robust and not few and basis is None and are_many(first_order)
+        begun = _of_some(start, sigmas, robust, rcond)
+        p = p if begun is None else begun.p
+    weighing = _Weighing(start, basis, rank, rcond, normals, begun) if robust and not few else None
+    solution = row_weights = rows = known = moved = None
+    settled, near = False, False
     for iteration in range(1, 31):
         sight = None
-        if in_parts and (begun and roughly or scales) and not (near and settled or start.linear):
-            sight = Sight(first_order, base, scales or roughly, room, huber - p if begun else None)
+        if weighing is not None and not (near and settled):
+            sight = weighing.sight(p, base)
         residual, feasible = (start.residual(p, not near) if sight is None
                               else start.residual(p, not near, sight))
         if feasible is not None and not feasible.any():
@@ -150,7 +150,8 @@ def gauss_newton(start, sigmas, robust, rcond):
                 'the fit runs to a mount that can point nowhere; look for rows with degrees of '
                 'error or fit fewer terms')
         same, before = solution is not None and _same(feasible, known), p
-        wrong = apart(residual, solution.residual) if same and (settled or scales) else np.inf
+        wrong = (apart(residual, solution.residual)
+                 if same and (settled or weighing is not None and weighing.scales) else np.inf)
         if wrong < EXACT and near and settled:
             solution = solution._replace(residual=residual)
             break
@@ -172,28 +173,9 @@ def gauss_newton(start, sigmas, robust, rcond):
                 weights = both if weights is None else weights * both
             solution = weighted_solve(rows, residual, weights, _INNER * rcond)
         elif robust:
-            rough = iteration == 1 and inverse is None and not start.linear
-            rounds = (RoundsOfMany if in_parts else Rounds)(
-                rows, residual, weights, _INNER * rcond, inverse, rounds if scales else None,
-                normals if rough and rows is first_order and not start.moved else None, plain, room)
-            lost = scales is None or wrong > _WRONG * rounds.weigher.least(scales)
-            if sight is not None and feasible is None and (begun or not lost):
-                rounds.see(sight)
-            if lost:
-                if begun:
-                    scales = rounds.noise_at(huber - p, rank)
-                else:
-                    scales = rounds.find_noise(rank, rough)
-                    huber = p + rounds.p if basis is None else None
-            if rough:  # the linearisation can be seconds of arc off
-                settled, plain = False, rounds.plain - rounds.p
-                solution = rounds.solution._replace(p=rounds.p, residual=rounds.residual)
-            elif begun and not start.linear:
-                solution, moved = rounds.approach(scales), rounds.moved
-                settled, begun, rounds = False, False, None
-            else:
-                row_weights = rounds.bisquare(scales)
-                solution, moved, inverse, plain = rounds.solution, rounds.moved, None, None
+            solution, settled = weighing.solve(p, rows, residual, weights, wrong, iteration == 1,
+                                               sight if feasible is None else None)
+            row_weights, moved = weighing.row_weights, weighing.rounds.moved
         else:
             known_normals = rows is first_order and weights is base and not start.moved
             solution = weighted_solve(rows, residual, weights, _INNER * rcond,
@@ -212,19 +194,113 @@ def gauss_newton(start, sigmas, robust, rcond):
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
     return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few,
-                  np.ones(n, bool) if known is None else known, iteration, huber, scales)
+                  np.ones(n, bool) if known is None else known, iteration,
+                  *(None, None) if weighing is None else (weighing.huber, weighing.scales))
+
+
+class _Weighing:
+    """The noise and the weights of the rows, from one linearisation to the next.
+
+    Parameters
+    ----------
+    start, rcond
+        As of `gauss_newton`.
+    basis : ndarray, or None
+    rank : int
+    normals : tuple of ndarray
+        Of the first-order design.
+    begun : Solved, or None
+        Of some of the rows.
+
+    Attributes
+    ----------
+    scales : list or None
+        The noise of x and y, once it is found.
+    huber : ndarray or None
+        Coefficients where it was.
+    row_weights : ndarray, shape (n,), or None
+        Of the last solution that is settled.
+    """
+
+    def __init__(self, start, basis, rank, rcond, normals, begun):
+        self.start, self.basis, self.rank, self.rcond = start, basis, rank, rcond
+        self._normals, self._room = normals, Room()
+        self.scales = self.huber = self.row_weights = self.rounds = None
+        #: that the noise is to be found where that of some rows was; and what that is
+        self._begun = begun is not None and begun.huber is not None
+        self._roughly = None
+        #: of the normal matrix, while no better is known; plain least squares
+        self._inverse = self._plain = None
+        self._before = None  # rounds with matrices at the weights
+        if begun is not None:
+            self.huber, self._roughly = begun.huber, begun.scales
+            self._inverse = np.linalg.inv(normals[1])
+
+    def sight(self, p, base):
+        """What is to be seen of the exact residuals at `p` while they are made: a `Sight`, None."""
+        scales = self.scales or (self._roughly if self._begun else None)
+        if not scales or self.start.linear or self.basis is not None or not are_many(
+                self.start.first_order):
+            return None
+        return Sight(self.start.first_order, base, scales, self._room,
+                     self.huber - p if self._begun else None)
+
+    def solve(self, p, rows, residual, base, wrong, first, sight):
+        """The bisquare's solution of one linearisation, or a step towards it.
+
+        Parameters
+        ----------
+        p : ndarray, shape (k,)
+            Where it is.
+        rows, residual, base
+            As of `robust_rounds.Rounds`.
+        wrong : float
+            By how much the residuals differ from what was expected of them.
+        first : bool
+            Whether it is the first.
+        sight : Sight or None
+            Of `residual`.
+
+        Returns
+        -------
+        solution : Solution
+        settled : bool
+            Whether it is the bisquare's, and no step towards it.
+        """
+        start = self.start
+        rough = first and self._inverse is None and not start.linear
+        rounds = self.rounds = (RoundsOfMany if are_many(rows) else Rounds)(
+            rows, residual, base, _INNER * self.rcond, self._inverse, self._before,
+            self._normals if rough and rows is start.first_order and not start.moved else None,
+            self._plain, self._room)
+        lost = self.scales is None or wrong > _WRONG * rounds.weigher.least(self.scales)
+        if sight is not None and (self._begun or not lost):
+            rounds.see(sight)
+        if lost and self._begun:
+            self.scales = rounds.noise_at(self.huber - p, self.rank)
+        elif lost:
+            self.scales = rounds.find_noise(self.rank, rough)
+            self.huber = p + rounds.p if self.basis is None else None
+        if rough:  # the linearisation can be seconds of arc off
+            self._plain = rounds.plain - rounds.p
+            return rounds.solution._replace(p=rounds.p, residual=rounds.residual), False
+        if self._begun and not start.linear:
+            self._begun = False
+            return rounds.approach(self.scales), False
+        self.row_weights = rounds.bisquare(self.scales)
+        self._before, self._inverse, self._plain = rounds, None, None
+        return rounds.solution, True
 
 
 def _of_some(start, sigmas, robust, rcond):
-    """Coefficients of a part of many rows, those where its noise was found, and that noise."""
+    """The fit of a part of many rows, where to begin; None: there is none."""
     n = start.first_order.shape[1] // 2
     step = n // max(_FIRST, n // _PART)
     try:
-        solved = gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
-                              robust, rcond)
+        return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
+                            robust, rcond)
     except ValueError:
-        return np.zeros(len(start.first_order)), None, None
-    return solved.p, solved.huber, solved.scales
+        return None
 
 
 def _same(mask, other):
