@@ -36,9 +36,10 @@ NEAR = 1e-8 * ARCSEC
 _WRONG = 1e-3
 #: rows from which a fit begins at that of some of them: so many, or that part if it is more
 _MANY, _FIRST, _PART = 6000, 1500, 64
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 #: of the smallest singular value that is kept, relative: a change of the columns that leaves what
 #: the stars say of that direction as it is; and an iteration from which on that is not asked
-_ALIKE, _LATE = 0.1, 15
+_ALIKE, _LATE = 0.1, 25
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
@@ -86,17 +87,17 @@ class Linear:
         """Derivatives where `residual` was last asked for, shape (k, 2n)."""
         return self.first_order
 
-    def part(self, step):
-        """The same of every row in `step`."""
-        return Linear(every(step, self.observed), every(step, self.first_order))
+    def part(self, rows):
+        """The same of some rows, an ndarray of int."""
+        return Linear(part_of(self.observed, rows), part_of(self.first_order, rows))
 
 
-def every(step, v):
-    """Every row in `step` of an array of x and y of all rows, shape (..., 2n), or a RunColumns."""
+def part_of(v, rows):
+    """Some rows of an array of x and y of all rows, shape (..., 2n), or of a RunColumns."""
     if not isinstance(v, np.ndarray):
-        return v.every(step)
+        return v.part(rows)
     n = v.shape[-1] // 2
-    return np.concatenate([v[..., :n][..., ::step], v[..., n:][..., ::step]], axis=-1)
+    return np.concatenate([v[..., :n][..., rows], v[..., n:][..., rows]], axis=-1)
 
 
 def gauss_newton(start, sigmas, robust, rcond):
@@ -129,6 +130,9 @@ def gauss_newton(start, sigmas, robust, rcond):
     normals = normal_matrices(first_order, base)
     spectrum = spectrum_of(first_order, base, normals[1])
     rank = spectrum.rank(rcond)
+    if not spectrum.s[-1] > 0.0:
+        raise ValueError('the rows tell nothing of what is to be fitted: its columns are zero in '
+                         'all of them; fit other terms')
     firm = _ALIKE * spectrum.s[-rank] / spectrum.s[-1]
     few = are_few(2 * n - rank, rank)
     basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
@@ -159,7 +163,7 @@ def gauss_newton(start, sigmas, robust, rcond):
             there = p
             rows = start.columns() if basis is None else basis.T @ start.columns()
             if feasible is not None:
-                rows = np.asarray(rows)
+                rows = np.array(rows)  # in another place they may be feasible
                 rows[:, np.concatenate((~feasible, ~feasible))] = 0.0
         known, weights, settled = feasible, _present(base, feasible), True
         if robust and few:
@@ -293,11 +297,17 @@ class _Weighing:
 
 
 def _of_some(start, sigmas, robust, rcond):
-    """The fit of a part of many rows, where to begin; None: there is none."""
+    """The fit of a part of many rows, where to begin; None: there is none.
+
+    One row of every so many, each time another of them, so that nothing which comes again and again
+    in the run (a field that is shared, two instruments in turns) is in it more or less than in all.
+    """
     n = start.first_order.shape[1] // 2
     step = n // max(_FIRST, n // _PART)
+    at = np.arange(n // step)
+    rows = step * at + (step * (_GOLDEN * at % 1.0)).astype(int)
     try:
-        return gauss_newton(start.part(step), None if sigmas is None else every(step, sigmas),
+        return gauss_newton(start.part(rows), None if sigmas is None else part_of(sigmas, rows),
                             robust, rcond)
     except ValueError:
         return None

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from msg_tools.units import all_finite
+from msg_tools.units import all_finite, wrap
 from pointing_model.geometry import linearised
 from pointing_model.mount_names import CANONICAL
 from pointing_model.rotations import values
 from pointing_model.trig import BLOCK
 
-from .gauss_newton import every
+from .gauss_newton import part_of
 
-#: rad from the axis: nearer to it no row tells anything
-_CLOSE = 1e-4
+#: rad from the axis: nearer to it no row tells anything; and all that turns a mount may be so much
+_CLOSE, _WIDE = 1e-4, 0.05
 
 
 class Rotating:
@@ -76,6 +76,8 @@ class Rotating:
             x, y = self._linearised(part, columns)
             residual[part] -= x
             residual[n + part.start:n + part.stop] -= y
+            if self._least_cos < _WIDE:
+                self._in_turn(residual[part], part)
             if each is not None:
                 each(residual, part)
         if all_finite(residual[:n]):
@@ -91,6 +93,12 @@ class Rotating:
                 self._linearised(part, True)
             self.filled = True
         return self.first_order
+
+    def _in_turn(self, x, part):
+        """By the axis, where azimuths differ by half a turn, of two ways round the shorter."""
+        cos_el = self.trig.cos_el[part]
+        close = (np.abs(cos_el) < _WIDE) & (cos_el != 0.0)
+        x[close] = wrap(x[close] / cos_el[close]) * cos_el[close]
 
     def curvature(self):
         """Bound of the second derivatives of all residuals to two coefficients, where it was last.
@@ -133,10 +141,10 @@ class Rotating:
         neglected = self._size() ** (2 if self.mount.altaz else 1)
         return self.curvature() * way * (way + since + neglected)
 
-    def part(self, step):
+    def part(self, rows):
         """As of `gauss_newton.Linear`."""
-        return Rotating(self.trig.every(step), self.terms, self.turned,
-                        every(step, self.observed), every(step, self.first_order), self.mount)
+        return Rotating(self.trig.part(rows), self.terms, self.turned,
+                        part_of(self.observed, rows), part_of(self.first_order, rows), self.mount)
 
     def _blocks(self):
         n = len(self.observed) // 2
@@ -146,7 +154,7 @@ class Rotating:
         """Offsets (x, y) of some rows; `fill`: with their columns."""
         trig, n = self.trig, len(self.observed) // 2
         if part.stop - part.start < n:
-            trig = trig.every(part)
+            trig = trig.part(part)
         x, y, columns = linearised(
             trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), self.at,
             [name for name, _ in self._turning.values()] if fill else (), trig.mount)

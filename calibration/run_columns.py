@@ -83,11 +83,11 @@ class RunColumns:
         out[n:] += zeros[:, 1]
         return out
 
-    def every(self, step):
-        """Every row in `step`; runs of which none is left have columns of zeros."""
+    def part(self, rows):
+        """Of some rows, an ndarray of int; runs without any of them have columns of zeros."""
         n = len(self._run)
-        out = RunColumns(np.concatenate((self.terms[:, :n:step], self.terms[:, n::step]), axis=1),
-                         self._run[::step], self._cos_el[::step])
+        out = RunColumns(np.concatenate((self.terms[:, :n][:, rows], self.terms[:, n:][:, rows]),
+                                        axis=1), self._run[rows], self._cos_el[rows])
         out._runs = self._runs
         return out
 

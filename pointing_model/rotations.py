@@ -33,7 +33,7 @@ class Way(NamedTuple):
     vx, vy, sin_e, cos_e : ndarray
         Before the azimuth turn, and before the other rotations about it.
     room : ndarray, shape (4, ...), or None
-        ux, uy, sin e, and one row that is not filled.
+        ux, uy, sin e, and one row that is not filled; None of a single place.
     """
 
     ux: np.ndarray
@@ -73,7 +73,7 @@ def small_angle(sine, cosine):
     most = np.maximum.reduce(square, axis=None)
     angle = _of_sine(sine, square, most)
     if cosine is None:
-        if most >= _SMALL:
+        if not most < _SMALL:  # or NaN
             far = square >= _SMALL
             angle[far] = np.arcsin(sine[far])
     elif not (most < _SMALL and np.minimum.reduce(cosine, axis=None) > 0.0):
@@ -280,6 +280,9 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
         by_vx.append((0.0, 0.0, vx_per_sine + skew * per_sine, vx_more + skew * more))
     if not by_e:
         return out
+    if room is None:
+        ux, uy, sin_e = np.broadcast_arrays(ux, uy, sin_e)
+        room = np.array((ux, uy, sin_e, sin_e))
     room[3] = 1.0
     of = np.array(by_e + by_vx + by_ux + by_uy) @ room.reshape(4, -1)
     of = of.reshape(len(of), *ux.shape)

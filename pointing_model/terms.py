@@ -48,14 +48,12 @@ class Trig:
             self.sin_el, self.cos_el = sincos(el)
         self._zenith = self if mount.altaz else None
 
-    def every(self, part):
-        """That of some of the places: of a slice, or of every so many of them."""
-        part = part if isinstance(part, slice) else slice(None, None, part)
+    def part(self, rows):
+        """That of some of the places: a slice, or an ndarray of int."""
         out = object.__new__(Trig)
         for name in ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el'):
-            # no copy but of every so many
-            setattr(out, name, np.ascontiguousarray(getattr(self, name)[part]))
-        out.side = None if self.side is None else self.side[part]
+            setattr(out, name, getattr(self, name)[rows])
+        out.side = None if self.side is None else self.side[rows]
         out.mount, out._zenith = self.mount, out if self.mount.altaz else None
         return out
 

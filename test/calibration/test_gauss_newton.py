@@ -138,6 +138,47 @@ def test_a_fit_that_begins_at_a_part_has_the_columns_of_its_end(monkeypatch, by_
     np.testing.assert_allclose(begun.sigma, whole.sigma, rtol=3e-4)
 
 
+@pytest.mark.parametrize('robust', [True, False])
+def test_by_the_zenith_azimuths_go_the_shorter_way_round(robust):
+    rng = np.random.default_rng(11)
+    n = 3000
+    az, el = rng.uniform(-3, 3, n), np.arcsin(rng.uniform(0.3, 0.99, n))
+    el[::3] = np.pi / 2 - rng.uniform(30, 90, n // 3) * ARCSEC  # a tilt takes it round the pole
+    model = PointingModel({'AN': 300 * ARCSEC, 'AW': -100 * ARCSEC, 'CA': 5 * ARCSEC})
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    noise = rng.normal(size=(2, n)) * ARCSEC
+    assert (np.abs(az_enc - az + noise[0] / np.cos(el)) > np.pi).sum() > 3
+    run = PointingRun({'az': az, 'el': el, 'az_enc': az_enc + noise[0] / np.cos(el),
+                       'el_enc': el_enc + noise[1]})
+    fit = fit_terms(run, robust=robust)
+    there = np.isfinite(fit.residual_x)
+    assert np.abs(fit.residual_x[there]).max() < 5 * ARCSEC
+    assert fit.scatter[0] == pytest.approx(ARCSEC, rel=0.05)
+    assert fit.coefficients[fit.names.index('AN')] == pytest.approx(300 * ARCSEC,
+                                                                    abs=0.5 * ARCSEC)
+
+
+@pytest.mark.parametrize('robust', [True, False])
+@pytest.mark.parametrize('every', [2, 4, 5, 8])
+def test_rows_off_in_turns_are_in_the_part_as_in_all(monkeypatch, every, robust):
+    """One in so many off, in step with the part of the rows that a fit begins at."""
+    rng = np.random.default_rng(12)
+    az, el = rng.uniform(-3, 3, 7000), np.arcsin(rng.uniform(0.3, 0.99, 7000))
+    run = simulated(rng, az, el, ALTAZ)
+    run.columns['el_enc'][::every] += (30 if every > 2 else 3) * ARCSEC
+    begun = fit_terms(run, robust=robust)
+    monkeypatch.setattr(gauss_newton, '_MANY', 10**9)
+    whole = fit_terms(run, robust=robust)
+    assert np.abs((begun.coefficients - whole.coefficients) / whole.sigma).max() < 0.05
+    np.testing.assert_allclose(begun.sigma, whole.sigma, rtol=5e-3)
+
+
+def test_of_columns_of_zeros_a_fit_says_so():
+    rng = np.random.default_rng(13)
+    with pytest.raises(ValueError, match='tell nothing of what is to be fitted'):
+        fit_terms(simulated(rng, rng.uniform(-3, 3, 300), np.zeros(300), ALTAZ), ('NPAE',))
+
+
 def test_rows_where_the_mount_cannot_look_are_left_out_of_many(monkeypatch):
     rng = np.random.default_rng(10)
     az, el = rng.uniform(-3, 3, 8000), np.arcsin(rng.uniform(0.3, 0.99, 8000))

@@ -166,3 +166,26 @@ def test_many_as_few_and_back_everywhere(mount):
     general = geometry.encoder_to_sky(az_enc[seen][900:], el_enc[seen][900:], values,
                                       lambda a, e: (0.0, 0.0), mount)
     assert on_sky(*(v[900:] for v in back), *general).max() < 1e-6
+
+
+def test_a_place_that_is_no_number_changes_no_other():
+    az, el = np.array([1.0, 1.0, 2.0, -2.0]), np.radians([60.0, 80.0, 80.0, 75.0])
+    values = {'AN': 0.02, 'AW': -0.01, 'CA': 1e-4}
+    expected = np.array(geometry.sky_to_encoder(az, el, values))
+    az[0] = np.nan
+    got = np.array(geometry.sky_to_encoder(az, el, values))
+    assert np.isnan(got[0, 0])
+    np.testing.assert_allclose(got[:, 1:], expected[:, 1:], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize('mount', [ALTAZ, Mount.equatorial(0.6)], ids=['altaz', 'equatorial'])
+def test_derivatives_at_one_place_are_those_of_an_array(mount):
+    names = list(mount.names.terms)
+    values = dict(zip(names, np.array([10, 20, 30, -40, 50, -60, 15]) * 1e-6))
+    az, el = np.array([0.7]), np.array([0.9])
+    x, y, columns = geometry.offsets_and_jacobian(az, el, values, names, mount)
+    one_x, one_y, one = geometry.offsets_and_jacobian(0.7, 0.9, values, names, mount)
+    assert (one_x, one_y) == pytest.approx((x[0], y[0]), abs=1e-15)
+    for name in names:
+        for got, expected in zip(one[name], columns[name]):
+            assert np.ravel(got)[0] == pytest.approx(np.ravel(expected)[0], abs=1e-14)
