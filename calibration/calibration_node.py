@@ -324,11 +324,7 @@ class Calibration(MountNode):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
         self._send_model(model)
         self._session.in_force = model
-        measured = self._session.zeros.newest if self._session.zeros else None
-        self._publish_zero(replace(
-            self._session.zeros_in_force.newest,
-            by=measured and measured.by,
-            covariance=None if measured is None else measured.with_fitted_terms))
+        self._publish_zero(self._session.zero_of_model)
         if self._tracking:
             self._tracking.begin(self._session)
 

@@ -209,10 +209,11 @@ def _columns_of_zeros(labels, runs, el):
 
 def _with_run_zeros(result, runs, first):
     """With the zeros of the runs, whose coefficients begin at `first`."""
-    shifts = result.coefficients[first:].reshape(-1, 2)
-    return replace(result, run_zeros=Zeros(
-        RunZero(float(a), float(e), run=float(number))
-        for number, (a, e) in zip(runs, np.vstack((np.zeros(2), shifts)))))
+    zeros = [RunZero(0.0, 0.0, run=float(number)) for number in runs[:1]]
+    for at, number in zip(range(first, len(result.coefficients), 2), runs[1:]):
+        az, el = result.coefficients[at:at + 2].tolist()
+        zeros.append(RunZero(az, el, result.covariance[at:at + 2, at:at + 2], float(number)))
+    return replace(result, run_zeros=Zeros(zeros))
 
 
 def _model_of(values, geometry, mount):
@@ -341,9 +342,11 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
              'encoder': encoder, 'rcond': rcond}
     result = make_result(run, names + _names_of_zeros(runs, run.mount), used, solved, make_model,
                          None, facts)
+    if run_zeros:
+        result = _with_run_zeros(result, runs, k)
     if after is not None:
         result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
-    return _with_run_zeros(result, runs, k) if run_zeros else result
+    return result
 
 
 def _without_taken(covariance, solved, after, run, used):

@@ -52,7 +52,7 @@ class FitResult:
     freedom : ndarray, shape (k,)
         Degrees of freedom of each standard error; infinite from given sigmas.
     run_zeros : Zeros, optional
-        By how much the zero of each run lies above that of the first.
+        By how much the zero of each run lies above that of the first, with its covariance.
     """
 
     model: PointingModel

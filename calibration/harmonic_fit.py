@@ -4,7 +4,7 @@ Alone, as in the paper, or on what the physical terms leave. What cross-validati
 choice stands beside the one that was asked for.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -181,7 +181,8 @@ class Recipe(NamedTuple):
     def _zeros(self, result):
         if not self.run_zeros:
             return self.first
-        return Zeros(zero.plus(self.first.az, self.first.el) for zero in result.run_zeros.values())
+        return Zeros(replace(zero, az=zero.az + self.first.az, el=zero.el + self.first.el)
+                     for zero in result.run_zeros.values())
 
     def left(self, fitted, rows):
         """What a fit leaves of rows, shape (2, n), rad; a run without a zero has that before."""

@@ -78,6 +78,7 @@ class CalibrationSession(NightRows):
         self.zeros = Zeros()
         #: that belong to the fitted model
         self.zeros_in_force = Zeros()
+        self._fitted_zeros = Zeros()  # those of the last fit, with covariances
         self._published = Published()
         self._follows = Following()
         self._homings = ()
@@ -134,6 +135,23 @@ class CalibrationSession(NightRows):
             return newest, self.zeros[newest]
         part = self._follows.corrected(parts[newest])
         return newest, zero_from_exposures(part, self.in_force, run=newest)
+
+    @property
+    def zero_of_model(self):
+        """The newest of `zeros_in_force`, as well known as its exposures, or else its stars, say.
+
+        Returns
+        -------
+        RunZero
+            Where the power-on has no exposures for its zero, the covariance is that which the fit
+            gives to the change since the first power-on; None of the first.
+        """
+        newest = self.zeros_in_force.newest
+        measured = self.zeros.get(newest.run)
+        if measured is not None:
+            return replace(newest, by=measured.by, covariance=measured.with_fitted_terms)
+        fitted = self._fitted_zeros.get(newest.run)
+        return newest if fitted is None else replace(newest, covariance=fitted.covariance)
 
     def take_up(self, model):
         """`model` is in force: a calibration before this one has published it.
@@ -238,9 +256,12 @@ class CalibrationSession(NightRows):
         if origin is not None:
             report['origin_of_errors'] = origin.document()
             notes.append(origin.sentence())
-        from .session_diagnosis import expected_of_fit, replaces
-        expected = report['expected'] = expected_of_fit(
+        from .session_diagnosis import expected_of_fit, replaces, with_zero
+        expected = expected_of_fit(
             rows, zeros, self._harmonics.base(self._degree)) if not misfits else None
+        if zeros.newest.run not in self.zeros:
+            expected = with_zero(expected, zeros.newest, stars)
+        report['expected'] = expected
         if follows:
             report[FOLLOWS] = follows.document()
         new = Candidate(
@@ -250,7 +271,7 @@ class CalibrationSession(NightRows):
             }, model.geometry, mount=model.mount), zeros, follows)
         notes[:] = map(rows.mount.names.say, notes)
         check(report)
-        self._homings, self.zeros_in_force = homings, zeros
+        self._homings, self.zeros_in_force, self._fitted_zeros = homings, zeros, zeros
         old = self._published.now
         kept = old is not None and not replaces(old, new, self.observations(), report)
         self.report = report
@@ -321,6 +342,7 @@ class CalibrationSession(NightRows):
         if len(judges) >= FEWEST and not judge(judges.left(old), judges.left(new), ()).holds:
             return False
         self.model, self.zeros_in_force, self._follows = new
+        self._fitted_zeros = zeros
         return True
 
     def judge(self, site=None):

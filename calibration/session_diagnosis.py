@@ -355,6 +355,31 @@ def expected_of_fit(rows, zeros, base='physical'):
     return expected_of_terms(_at_zero(stars, zeros, None), base) if len(stars) else None
 
 
+def with_zero(expected, zero, rows):
+    """The error to be expected where the zero is as uncertain as a few stars leave it.
+
+    Parameters
+    ----------
+    expected : dict or None
+        As of `expected_of_fit`.
+    zero : RunZero
+        Of the power-on in which is pointed, with its covariance.
+    rows : PointingRun
+        Where: as these lie on the sky.
+
+    Returns
+    -------
+    dict or None
+        With the variance of the zero; the upper limit with three times as much, which it exceeds
+        in one case of twenty on two axes.
+    """
+    if expected is None or not np.isfinite(zero.sigma).all():
+        return expected
+    more = float(np.mean(np.cos(rows['el'])**2) * zero.sigma[0]**2 + zero.sigma[1]**2) / ARCSEC**2
+    return {**expected, 'rms_arcsec': float(np.sqrt(expected['rms_arcsec']**2 + more)),
+            'high_arcsec': float(np.sqrt(expected['high_arcsec']**2 + 3.0 * more))}
+
+
 def _at_zero(rows, zeros, site):
     """The rows with the zeros taken off, as `diagnose` wants them."""
     columns = dict(rows.columns)

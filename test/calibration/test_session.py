@@ -172,6 +172,38 @@ def test_stars_alone_give_the_zero_of_a_power_on_without_polaris():
     assert [z['run'] for z in report['zeros_in_force']] == [1, 2]
 
 
+@pytest.mark.parametrize('n', [1, 3, 12])
+def test_a_zero_that_few_stars_tell_says_how_well(n):
+    """A power-on that begins before the fit: its zero has not the sigma of the one before."""
+    off, told, expected, before = [], [], [], None
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        collected = session(night(n=40, second=False))
+        before = before or collected.fit()[1]['expected']
+        collected.add(rows(*field(rng, n), 2, np.arange(n), rng, zero=DRIFT), 10**10)
+        _, report = collected.fit()
+        zero = collected.zero_of_model
+        assert zero.run == 2 and 2 not in collected.zeros
+        moved = zero.angles - collected.zeros_in_force[1].angles
+        off.append((moved - DRIFT) / zero.sigma)
+        told.append(zero.sigma / ARCSEC)
+        expected.append(report['expected']['rms_arcsec'])
+        assert report['expected']['high_arcsec'] > report['expected']['rms_arcsec']
+    off, told = np.array(off), np.mean(told, axis=0)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5 and np.abs(off).max() < 4.0
+    assert told[1] == pytest.approx(0.5 / np.sqrt(n), rel=0.35)  # of the noise
+    assert (np.mean(expected) > 1.2 * before['rms_arcsec']) == (n < 3)
+
+
+def test_a_zero_by_its_own_exposures_is_as_well_known_as_they_say():
+    collected = session(night(n=60))
+    collected.fit()
+    zero, measured = collected.zero_of_model, collected.zeros[2]
+    np.testing.assert_array_equal(zero.covariance, measured.with_fitted_terms)
+    assert zero.by == measured.by
+    np.testing.assert_array_equal(zero.angles, collected.zeros_in_force[2].angles)
+
+
 def test_without_any_zero_all_stars_are_fitted_as_they_are():
     model, report = session(night(n=60, second=False)[:1], zeros=False).fit()
     assert report['zeros'] == [] and report['external_check'] == []
