@@ -117,6 +117,11 @@ class NightSeries:
                      for zero in session.zeros_in_force.values())
 
     @property
+    def zero_of_model(self):
+        """As of `CalibrationSession`, of the newest night that is fitted."""
+        return self._sessions[self.zeros_in_force.newest.run].zero_of_model
+
+    @property
     def reference(self):
         """The model that the zero of tonight is relative to, or None."""
         return self._reference(self.newest)

@@ -18,6 +18,8 @@ ALPHA = 0.002
 _BESIDE, _BESIDE_DECLARED = 3, 1
 #: candidates that are looked at closely, and most causes of a season
 _CLOSER, _MOST = 4, 8
+#: of the chance of another candidate: more like it are as good, but for rounding
+_BETTER = 0.99
 #: part of the nights that must have a cause's value
 _ENOUGH = 0.8
 _YEAR = 365.25
@@ -168,13 +170,14 @@ def choose_causes(told, asked, alpha=ALPHA):
     # a step by each of its dates, all else by itself: as many chances as were asked
     while asked and len(found) < _MOST:
         best = None
-        for number in _likely(told, asked, wander):
+        # what was declared stands before the steps, and one at its date says the same
+        for number in sorted(_likely(told, asked, wander)):
             cause = asked[number]
             with_it = told._replace(columns=np.concatenate(
                 [told.columns, cause.columns(k)], axis=2))
             new, value = find_wander(with_it, wander, restricted=False)
             p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n) * len(asked)
-            if best is None or p < best[0]:
+            if best is None or p < _BETTER * best[0]:
                 best = p, number, with_it, new, value
         if best is None or best[0] >= alpha:
             break
