@@ -36,6 +36,7 @@ NEAR = 1e-8 * ARCSEC
 _WRONG = 1e-3
 #: rows from which a fit begins at that of some of them: so many, or that part if it is more
 _MANY, _FIRST, _PART = 6000, 1500, 64
+#: multiples of it, less their whole parts, are spread evenly and never in step with anything
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 #: of the smallest singular value that is kept, relative: a change of the columns that leaves what
 #: the stars say of that direction as it is; and an iteration from which on that is not asked

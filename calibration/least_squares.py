@@ -132,7 +132,7 @@ def _normal(rows, weights, b):
         part = rows[:, begin:begin + BLOCK]
         if weights is None:
             by = part
-            out += gram(part)
+            out += _gram(part)
         else:
             by = np.multiply(part, weights[begin:begin + BLOCK], out=weighted[:, :part.shape[1]])
             out += by @ part.T
@@ -141,7 +141,7 @@ def _normal(rows, weights, b):
     return out, pull
 
 
-def gram(rows):
+def _gram(rows):
     """``rows @ rows.T`` of few long rows: BLAS' own way for that takes three times as long."""
     out = np.empty((len(rows), len(rows)))
     np.matmul(rows[:-1], rows.T, out=out[:-1])

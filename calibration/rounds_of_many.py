@@ -52,8 +52,8 @@ class Sight:
     ----------
     force : ndarray, shape (k,)
         What the weighted residuals pull the coefficients by.
-    normals : tuple of ndarray, or None
-        As of `least_squares.normal_matrices`, with the weights; without a `step`.
+    normals : ndarray, shape (2, k, k), or None
+        The parts that x and y make of the normal matrix with the weights; without a `step`.
     residual : ndarray, shape (2n,), or None
         After the `step`.
     """
@@ -103,14 +103,16 @@ class RoundsOfMany(Rounds):
             return
         self._sight, self._known = sight, sight.force
         if sight.normals is not None:
-            self._form(sight.weights, sight.force, sum(sight.normals), sight.normals[0])
+            self._form(sight.weights, sight.force, (sight.normals[0], sum(sight.normals)))
         self._first = self.way(sight.weights, sight.kept)
 
-    def _form(self, weights, pull=None, normal=None, x_normal=None):
-        """The matrices at these weights; the step that they give, shape (k,)."""
+    def _form(self, weights, pull=None, normals=None):
+        """The matrices at these weights; the step that they give, shape (k,).
+
+        `pull`, `normals`: as of `coefficients_of`, where they are known.
+        """
         both = weights if self.base is None else self.weigher.both(weights)
-        solution = coefficients_of(self.rows, self.residual, both, self.rcond,
-                                   None if normal is None else (x_normal, normal), pull)
+        solution = coefficients_of(self.rows, self.residual, both, self.rcond, normals, pull)
         self.solution = solution._replace(p=self.p, residual=self.residual)
         self.inverse, self.unweighted = solution.inverse, False
         self.total = float(np.add.reduce(weights))

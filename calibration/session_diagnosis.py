@@ -371,7 +371,7 @@ def with_zero(expected, zero, rows):
     -------
     dict or None
         With the variance of the zero; the upper limit with three times as much, which it exceeds
-        in one case of twenty on two axes.
+        in one case of twenty where both axes are as uncertain, in one of twelve where one is alone.
     """
     if expected is None or not np.isfinite(zero.sigma).all():
         return expected
