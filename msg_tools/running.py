@@ -18,13 +18,14 @@ from rclpy.signals import SignalHandlerOptions
 from .executor import NodeExecutor
 from .memory import large_apart
 from .node import MountNode
+from .signals import ENDING, on_end
 
 #: s in which DDS lets go of nodes that have ended
 LETS_GO = 12.0
 
 
 def run_node(make_node, args=None):
-    """Run a node until Ctrl-C, SIGTERM or shutdown.
+    """Run a node until Ctrl-C, SIGTERM, SIGHUP or shutdown.
 
     Parameters
     ----------
@@ -61,20 +62,12 @@ def run_nodes(makers, args=None):
     """
     large_apart()
     nodes, executor, running, told = [], None, False, []
-    # KeyboardInterrupt could fall into the middle of a record of the log; rclpy shuts the
-    # context down at either signal, and that ends `spin`; before it is there this one counts
-    signal.signal(signal.SIGINT, lambda *_: told.append(True))
-    # a terminal that is closed ends a node as Ctrl-C does, and not in the middle of a record;
-    # not where it was told to go on (nohup)
-    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
-        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
-    last = any(hasattr(make, 'before_end') for make in makers)
+    # rclpy's handlers shut the context down, and call those before them as well, which end a node
+    # that imports (`telescope_mount.start`); an exception would fall into the middle of a record
+    on_end(lambda *_: told.append(True))
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO if last else None)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         running = True
-        if last:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: told.append(True))
         for make in makers:
             nodes.append(make())
             nodes[-1].check_overrides()
@@ -121,8 +114,8 @@ def run_nodes(makers, args=None):
             gc.collect()  # what was made of one that failed: it would stay in /dev/shm
         rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
-        # a second signal would find rclpy's handlers gone and end the process hard
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # while the interpreter is taken apart no handler is called any more
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
     return 0
 

@@ -17,6 +17,8 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection, wait
 
+from msg_tools.signals import on_end
+
 # Linux: prctl
 _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
 
@@ -71,8 +73,7 @@ def run_node(request):
         os.environ.clear()
         os.environ.update(request['environment'])
         # told to end while it imports, it does so without a word
-        before = {number: signal.signal(number, lambda *_: os._exit(0))
-                  for number in (signal.SIGINT, signal.SIGTERM)}
+        before = on_end(lambda *_: os._exit(0))
         prepare(request['modules'])
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,4 +1,5 @@
-"""Processes that end with `ros2 launch`, which leaves them behind when SIGTERM or SIGHUP end it.
+"""Processes that end with `ros2 launch` and `ros2 run`, which leave them behind when SIGTERM,
+SIGHUP or SIGKILL end them.
 
 As a program, ``python -m telescope_mount.parent FILE ARGUMENTS``, it becomes a Python file that
 does.
@@ -8,25 +9,39 @@ import ctypes
 import os
 import signal
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 #: environment: the process without which a node is not wanted any more
 PARENT = 'TELESCOPE_MOUNT_PARENT'
+#: commands of `ros2` that start a node and wait for its end
+STARTERS = ('run', 'launch')
 #: Linux: prctl
 _SET_DEATH_SIGNAL = 1
 
 
 def end_with_parent():
-    """Have the kernel send SIGTERM when the parent has ended, if that is the one in `PARENT`.
+    """Have the kernel send SIGTERM when the parent has ended, if that is the one in `PARENT`, or
+    `ros2` with one of `STARTERS`.
 
-    One in between (``--launch-prefix``) has to end by itself.
+    One in between (``--launch-prefix``, ``--prefix``) has to end by itself.
     """
-    wanted = os.environ.get(PARENT, '')
-    if not wanted.isdecimal():
-        return
-    if os.getppid() == int(wanted):
+    wanted, parent = os.environ.get(PARENT, ''), os.getppid()
+    if wanted == str(parent) or _starts(parent):
         ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
-    if not os.path.exists(f'/proc/{wanted}'):  # it ended before that
+        if os.getppid() != parent:  # it ended before that
+            sys.exit(-signal.SIGTERM)
+    if wanted.isdecimal() and not os.path.exists(f'/proc/{wanted}'):
         sys.exit(-signal.SIGTERM)
+
+
+def _starts(process):
+    """Whether a process is `ros2` that starts a node, by its command line."""
+    words = []
+    with suppress(OSError):  # it ended meanwhile, or /proc is of another system
+        words = Path(f'/proc/{process}/cmdline').read_bytes().decode(errors='replace').split('\0')
+    return any(os.path.basename(word) == 'ros2' and after in STARTERS
+               for word, after in zip(words, words[1:]))
 
 
 if __name__ == '__main__':

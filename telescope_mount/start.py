@@ -2,24 +2,26 @@
 
 With several threads numpy's linear algebra adds in another order, and a log would not hold to the
 last bit when it is verified. So it has one, however a node is started; who sets the variables of
-`threads` otherwise has them so. Under `ros2 launch` a node ends when that has, however it ended.
+`threads` otherwise has them so. A node ends when its `ros2 run` or `ros2 launch` has, however that
+ended.
 One that is told to end while it imports does so without a word.
 """
 
 import os
-import signal
-import sys
-from importlib import import_module
 
-from .parent import end_with_parent
-from .threads import ONE_THREAD
+from msg_tools.signals import on_end
+
+on_end(lambda *_: os._exit(0))
+
+import sys  # noqa: E402 (what is imported from here on may be interrupted)
+from importlib import import_module  # noqa: E402
+
+from .parent import end_with_parent  # noqa: E402
+from .threads import ONE_THREAD  # noqa: E402
 
 for _name, _value in ONE_THREAD.items():
     os.environ.setdefault(_name, _value)
 end_with_parent()
-# also where a shell without a terminal started it with Ctrl-C ignored: launch ends nodes by that
-for _signal in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(_signal, lambda *_: os._exit(0))
 
 
 def __getattr__(name):

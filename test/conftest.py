@@ -281,16 +281,18 @@ def graph(ros_domain):
 
 @pytest.fixture
 def process(ros_domain, tmp_path):
-    """Start ``process(module, name=value, ...)``: a node with parameters, ended after the test."""
+    """Start ``process(executable, name=value, ...)``: a node with parameters, as its installed
+    script does; ended after the test."""
     import yaml
     started = []
 
-    def start(module, *, preexec_fn=None, **parameters):
+    def start(executable, *, preexec_fn=None, **parameters):
         number = len(started)
         params = tmp_path / f'process_{number}.yaml'
         params.write_text(yaml.safe_dump({'/**': {'ros__parameters': parameters}}))
-        command = [sys.executable, '-m', module, '--ros-args', '-r', '__ns:=/mount',
-                   '--params-file', str(params)]
+        script = f'import sys; from telescope_mount.start import {executable} as main; '
+        command = [sys.executable, '-c', script + 'sys.exit(main())', '--ros-args', '-r',
+                   '__ns:=/mount', '--params-file', str(params)]
         child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                                  stderr=subprocess.PIPE, text=True, preexec_fn=preexec_fn)
         started.append(child)

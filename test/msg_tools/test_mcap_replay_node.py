@@ -111,7 +111,7 @@ def test_bad_input_is_refused(graph, log, overrides, text):
 
 
 def test_a_process_ends_with_the_log_and_a_missing_log_is_one_line(graph, process, log, tmp_path):
-    child = process('msg_tools.mcap_replay_node', bag=str(log[0]), rate=0.0,
+    child = process('mcap_replay', bag=str(log[0]), rate=0.0,
                     wait_for_topics=[INCREMENTAL])
     got = graph.listen(topics.INCREMENTAL)
     expected = sum(name == INCREMENTAL for name, _, _ in log[1])

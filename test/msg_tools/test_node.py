@@ -335,7 +335,7 @@ def test_a_clock_below_zero_is_refused_and_the_node_lives_on(graph):
 def test_a_second_one_ends_and_says_beside_whom(graph, process):
     import os
     graph.add(Sample)  # publishes `zero`, as the calibration does
-    second = process('calibration.calibration_node')
+    second = process('calibration')
     graph.wait_for(lambda: second.poll() is not None, 'the second one to end')
     err = second.communicate()[1].splitlines()
     assert second.returncode == 2
@@ -343,22 +343,11 @@ def test_a_second_one_ends_and_says_beside_whom(graph, process):
     assert f'process {os.getpid()}' in err[-1] and 'another namespace' in err[-1]
 
 
-@pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM'])
-def test_signals_end_a_process_cleanly(graph, process, name):
-    import signal
-    child = process('pointing_model.pointing_corrector_node')
-    graph.report('pointing_corrector', 'no model yet')
-    child.send_signal(getattr(signal, name))
-    out, err = child.communicate(timeout=60)
-    assert child.returncode == 0, err
-    assert 'Traceback' not in err
-
-
 def test_a_node_that_shall_be_secured_does_not_run_without_security(
         ros_domain, process, monkeypatch, tmp_path):
     for name, value in (('ENABLE', 'true'), ('STRATEGY', 'Enforce'), ('KEYSTORE', str(tmp_path))):
         monkeypatch.setenv(f'ROS_SECURITY_{name}', value)
-    child = process('pointing_model.pointing_corrector_node')
+    child = process('pointing_corrector')
     err = child.communicate(timeout=60)[1]
     lines = [line for line in err.splitlines() if line.startswith('error: ')]
     assert child.returncode == 2 and len(lines) == 1 and 'SECURITY.md' in lines[0], err

@@ -18,7 +18,7 @@ from telescope_mount.graph_client import elsewhere
 def test_the_guard_is_asked_from_the_command_line(process, ros_domain, ended, monkeypatch):
     monkeypatch.setitem(os.environ, 'ROS_DOMAIN_ID', str(ros_domain))
     monkeypatch.setattr(graph_client, 'FOUND', 60.0)
-    process('pointing_model.mount_guard_node', park_deg='180,45', latitude_deg=34.3,
+    process('mount_guard', park_deg='180,45', latitude_deg=34.3,
             longitude_deg=109.0)
     assert ended('guard') == (0, 'idle: no request\n', '')
     assert ended('guard', 'resume') == (1, 'resume refused: nothing is paused\n', '')

@@ -190,15 +190,21 @@ def test_a_node_that_ends_ends_all(monkeypatch):
     assert end_all(well, ending) is end_all(refused, ending) is None
 
 
-def test_a_process_of_a_launch_ends_with_it(tmp_path):
+@pytest.mark.parametrize('words, marked', [
+    (['ros2', 'run', 'telescope_mount', 'camera'], False), (['ros2', 'launch', FILE.name], False),
+    (['own_launch.py'], True)])
+def test_a_process_of_a_launch_or_of_ros2_run_ends_with_it(tmp_path, words, marked):
     script = tmp_path / 'driver.py'
     script.write_text('import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(600)\n')
-    launch = subprocess.Popen(
-        [sys.executable, '-c', f'''
+    starter = tmp_path / words[0]
+    starter.write_text(f'''
 import os, subprocess, sys
-os.environ[{PARENT!r}] = str(os.getpid())
+if {marked}:
+    os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r}]).wait()
-'''], stdout=subprocess.PIPE, text=True)
+''')
+    launch = subprocess.Popen([sys.executable, str(starter), *words[1:]], cwd=ROOT,
+                              stdout=subprocess.PIPE, text=True)
     driver = int(launch.stdout.readline())
     assert os.path.exists(f'/proc/{driver}')
     launch.kill()
