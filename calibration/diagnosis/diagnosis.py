@@ -307,8 +307,8 @@ def _assemble(work, found, stands, fits, chance, fit):
         effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
-                         ('the choice does not repeat where some of the runs or rows are left out, '
-                          'and predicts them worse', found.not_repeated)):
+                         ('runs or rows that are left out are predicted worse with it',
+                          found.not_repeated)):
         if dropped:
             notes.append(f'beyond chance, but {why}, so not added: '
                          + '; '.join(dict.fromkeys(readable(c.effect(problem).name)

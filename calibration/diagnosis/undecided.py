@@ -42,8 +42,10 @@ def judge_undecided(result, dropped, delta_bic):
                 f'observations is left out: {"; ".join(dropped)}. ')
     text += (f'Where a part is left out the model misses it by {cv:.1f}\u2033 beside a noise of '
              f'{floor:.1f}\u2033' if cv > limit * floor else 'It would take away most of the error')
-    result.caution = (f'{text}: the observations are too few or too unequal to tell an effect from '
-                      'what one session has of its own. Observe the whole sky in one session more.')
+    several = len(np.unique(result.observations.label)) > 1
+    result.caution = f'{text}: the observations are too few or too unequal to ' + (
+        'distinguish an effect from what one session has of its own. Observe the whole sky in one '
+        'session more.' if several else 'judge an effect. Observe more stars, over the whole sky.')
 
 
 def _expected(left, floor):
