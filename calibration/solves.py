@@ -57,7 +57,7 @@ def judge_solves(run):
     if solved is None:
         return run
     solved = solved.at(run.lines)
-    meta = {name: v for name, v in run.meta.items() if name != 'solved'}
+    meta = dict(run.meta)
     meta['notes'] = list(meta.get('notes', ()))
     meta['of_solves'] = True
     reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}

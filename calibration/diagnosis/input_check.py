@@ -7,17 +7,16 @@ each divided by what its offsets on the sky gain from a unit of the columns as w
 
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import PurePath
 
 import numpy as np
 
 from calibration.fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.context import Context
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.run import PointingRun
 from pointing_model.run_files import NoUsableRow
 
+from .file_rows import FileRows
 from .misfit import misfit, scatter
 from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings
 from .usual_effects import USUAL
@@ -43,11 +42,10 @@ _MOST_EFFECTS = 2
 _ALIKE, _AS_LIKELY = 1.05, 3.0
 _NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _TRIED = 16  # readings with two mistakes, of many that are alike at first sight
-_ROWS = 600  # that are tried, evenly: more tell nothing else
 _FEW = 6  # rows that fits of seven terms begin with
 _STEEPEST = 20.0 * DEG  # terms beyond, but for the zeros, belong to no mount
+_HALF_A_QUARTER = 45.0 * DEG  # the second zero of a reading: beyond, it is another reading
 _LIMITS = (-5.0 * DEG, 90.1 * DEG)
-_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 _DAY = 18.0  # hours that azimuths in hours span
 _ZENITH = 89.0 * DEG  # no run has most of its rows beyond
 _FIELD = 2.0 * DEG  # a run within it tells nothing of its columns
@@ -92,8 +90,7 @@ def check_columns(runs, encoder='enc'):
     Parameters
     ----------
     runs : PointingRun or sequence of PointingRun
-        Each is judged alone. ``meta['misplaced']`` has the rows that its reader left out for
-        their place.
+        Each is judged alone, by what the columns of its file hold (``meta['as_written']``).
     encoder : {'enc', 'abs'}
 
     Returns
@@ -131,13 +128,14 @@ def naming_columns():
 
 @dataclass
 class _Fit:
-    """Of one reading: noise of the axes (radians), logarithm of the misfit, azimuth zero."""
+    """Of one reading: noise of the axes (radians), logarithm of the misfit, zeros of both axes."""
 
     reading: Reading
     places: tuple
     sigma: np.ndarray
     misfit: float
     zero: float
+    second_zero: float
     terms: tuple
     names: object
 
@@ -159,58 +157,18 @@ class _Columns:
     """The four columns of a run, every row that has numbers in them."""
 
     def __init__(self, run, encoder):
-        names = ('az', 'el', f'az_{encoder}', f'el_{encoder}')
-        lost = run.meta.get('misplaced') or {}
-        if any(name not in lost for name in names):
-            lost = {name: np.zeros(0) for name in names}
-        source = run.meta.get('source')
-        #: what a message begins with
-        self.where = f'{PurePath(str(source)).name}: ' if source else ''
-        self.rows_used = len(run)
-        self.misplaced = len(lost['az'])
-        self.rows_read = len(run) + self.misplaced
-        #: offsets on the sky came in place of encoder angles
-        self.held = not run.meta.get('raw_reading', True) and encoder == 'enc'
-        # of a million rows some are looked at for numbers, and of these some are fitted
-        some = _evenly(self.rows_read, 20 * _ROWS)
-        kept, left = some[some < len(run)], some[some >= len(run)] - len(run)
-        columns = [np.concatenate((np.asarray(run[n][kept], float), lost[n][left]))
-                   for n in names]
-        label = np.unique(run['run'][kept], return_inverse=True)[1] if 'run' in run \
-            else np.zeros(len(kept), int)
-        usual = np.bincount(label).argmax() if len(label) else 0
-        label = np.concatenate((label, np.full(len(left), usual)))
-        finite = np.flatnonzero(np.isfinite(np.sum(columns, axis=0)))
-        finite = finite[_evenly(len(finite), _ROWS)]
-        self.columns, self.label = [c[finite] for c in columns], label[finite]
-        self.mount, self.lst = run.mount, None
-        self.physical, self.effects = run.mount.names.physical, USUAL[run.mount.kind]
-        if not self.mount.altaz:
-            self._as_written(run, kept, left, finite)
-
-    def _as_written(self, run, kept, left, finite):
-        """Places of the catalogue as they are on the sky, and the clock where there is one."""
-        az, el, az_enc, el_enc = self.columns
-        self.columns = [*through_pole(az, el, is_beyond(el)), az_enc, el_enc]
-        lst = Context.of_run(run).get('lst') if len(run) else None
-        lost = run.meta.get('misplaced') or {}
-        names = [name for name in ('lst_h', 'time') if name in run or (not len(run)
-                                                                       and name in lost)]
-        if not names:
-            return
-        unit = np.pi / 12.0 if names[0] == 'lst_h' else _SIDEREAL
-        if lst is None or len(left):
-            lst = unit * np.asarray(run.get(names[0]), float)
-        rest = unit * np.asarray(lost.get(names[0], np.full(len(left), np.nan)), float)
-        lst = np.concatenate((lst[kept], rest[left]))[finite]
-        self.lst = lst if np.isfinite(lst).all() else None
+        self.rows = rows = FileRows(run, encoder)
+        self.where, self.columns, self.label, self.held = (rows.where, rows.columns, rows.label,
+                                                           rows.held)
+        self.mount, self.lst = rows.mount, rows.lst
+        self.physical, self.effects = rows.mount.names.physical, USUAL[rows.mount.kind]
 
     def judged(self):
         """`Checked`; raises MistakenColumns."""
         if len(self.label) < _FEW or self._in_a_field():
             return Checked()
         written = self._fit(Reading(), centred=False)
-        far = self.misplaced > MOST_LEFT_OUT * self.rows_read
+        far = self.rows.misplaced > MOST_LEFT_OUT * self.rows.rows_read
         if written is None or written.rms_arcsec > ABSURD or far:
             self._explain(written, far)
             return Checked()
@@ -257,24 +215,18 @@ class _Columns:
         near = [reading for reading, _ in seen]
         single = [reading for reading in near if reading.mistakes < 2]
         double = [reading for reading in near if reading.mistakes == 2][:_TRIED]
-        fits = [fit for fit in map(self._fit, single + double) if fit is not None]
+        fits = [fit for fit in map(self._fit, single + double)
+                if fit is not None and abs(fit.second_zero) < _HALF_A_QUARTER]
         return sorted(fits, key=lambda fit: fit.misfit)
 
     def _plausible(self, reading):
         """Whether the numbers lie in the range of such a reading."""
         for names, (az, el) in ((reading.catalogue, self.columns[:2]),
                                 (reading.encoders, self.columns[2:])):
-            widest = max(np.abs(az).max(), np.abs(el).max())
-            if 'arcseconds' in names and widest < 4.0 * np.pi:
-                return False
-            if 'radians' in names and widest > 2.0 * np.pi * DEG:
+            if not _in_range(names, az / DEG, el / DEG):
                 return False
             if not self._says_something(names):
                 return False
-            if 'hours' in names:
-                hours = (el if 'swapped' in names else az) / DEG
-                if hours.max() > 24.5 or hours.min() < -12.5:
-                    return False
         return True
 
     def _says_something(self, names):
@@ -284,7 +236,8 @@ class _Columns:
         return not ('ascension' in names and 'hours' in names
                     or 'unturned' in names and not beyond.any()
                     or 'folded' in names and not (np.cos(az_enc - az) < 0.0).any()
-                    or 'sideless' in names and (beyond.any() or self.mount.kind != 'german'))
+                    or 'sideless' in names and (beyond.any() or self.rows.beyond is not None
+                                                or self.mount.kind != 'german'))
 
     def _fills_the_day(self, reading):
         """Whether azimuths run over 0 to 24, as no dome's slit does, and are read as hours."""
@@ -296,8 +249,8 @@ class _Columns:
         """Usable places of a reading, the azimuth zero taken off, and the log of its gain."""
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
             p = reading.places(*self.columns, held=self.held, lst=self.lst)
-            p = self._by_axes(p)
-            high = self.mount.horizon_of(p.az, p.el)[1]
+            p, mount = self._by_axes(p, reading), _mount_of(reading, self.mount)
+            high = mount.horizon_of(p.az, p.el)[1]
             good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])
         if good.sum() < _FEW or good.mean() < 1.0 - MOST_LEFT_OUT:
             return None
@@ -314,13 +267,21 @@ class _Columns:
         return (az, el, az_enc, el_enc, self.label[good]), zero, float(
             np.mean(np.log(np.maximum(gain, 1e-9))))
 
-    def _by_axes(self, p):
-        """Places as angles of the axes, each on the side that its reading is on."""
+    def _by_axes(self, p, reading):
+        """Places as angles of the axes, each on the side that its reading is on.
+
+        That is, as `run_files.places.to_axes` has it, what the readings say, else a column.
+        """
         if self.mount.altaz:
             return p
-        az, el = through_pole(p.az, p.el, is_beyond(p.el_enc))
-        return replace(p, az=az, el=el, az_enc=az + wrap(p.az_enc - az),
-                       el_enc=el + wrap(p.el_enc - el))
+        az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
+        if reading.exchanged:
+            beyond = is_beyond(p.el)
+        if beyond is not None and not is_beyond(el_enc).any():
+            az_enc, el_enc = through_pole(az_enc, el_enc, beyond)
+        az, el = through_pole(p.az, p.el, is_beyond(p.el) != is_beyond(el_enc))
+        return replace(p, az=az, el=el, az_enc=az + wrap(az_enc - az),
+                       el_enc=el + wrap(el_enc - el))
 
     @staticmethod
     def _zeros_taken_off(places, _, gain):
@@ -369,7 +330,8 @@ class _Columns:
         if not np.isfinite(sigma).all():
             return None
         return _Fit(reading, places, sigma, misfit(sigma, gain),
-                    zero + fitted.model.terms[index[0]], terms, self.mount.names)
+                    zero + fitted.model.terms[index[0]], fitted.model.terms[index[1]], terms,
+                    self.mount.names)
 
     def _needed(self, other, written):
         """Whether common effects in place of the other reading do not fit as well.
@@ -405,8 +367,8 @@ class _Columns:
         left = 'do not fit' if written is None else f'leave {_size(written.rms_arcsec)}'
         what = ('the columns are not what they are named' if fits
                 else 'catalogue and encoders do not belong together')
-        text = (f'{self.where}{what}: {self.rows_used} of {self.rows_read} rows can be used as '
-                f'written, and {left}')
+        used, read = self.rows.rows_used, self.rows.rows_read
+        text = f'{self.where}{what}: {used} of {read} rows can be used as written, and {left}'
         said = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
         if len(fits) > 1:
             text += f'. These readings fit, and cannot be told apart: {said}'
@@ -418,7 +380,24 @@ class _Columns:
             text + '. Nothing was concluded; '
             + ('set the columns right' if fits else 'look at the columns and at the rows'),
             [{'reading': fit.text, 'rms_arcsec': fit.rms_arcsec} for fit in fits],
-            self.rows_read, self.rows_used)
+            read, used)
+
+
+def _in_range(names, az, el):
+    """Whether numbers may be angles in the unit of a reading."""
+    if 'swapped' in names:
+        az, el = el, az
+    widest = max(np.abs(az).max(), np.abs(el).max())
+    return not (
+        'arcseconds' in names and widest < 720.0 or 'arcminutes' in names and widest < 360.0
+        or 'gradians' in names and not (np.abs(az).max() <= 400.5 and np.abs(el).max() <= 300.5)
+        or 'radians' in names and widest > 2.0 * np.pi
+        or 'radians of the first' in names and np.abs(az).max() > 2.0 * np.pi
+        or 'hours' in names and not (az.max() <= 24.5 and az.min() >= -12.5))
+
+
+def _mount_of(reading, mount):
+    return getattr(reading, 'mount', mount)
 
 
 def _far_better(fit, other):
@@ -435,10 +414,6 @@ def _alike(fits):
             near.append(fit)
     fewest = min((fit.reading.mistakes for fit in near), default=0)
     return [fit for fit in near if fit.reading.mistakes == fewest]
-
-
-def _evenly(count, most):
-    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
 
 
 def _size(arcsec):

@@ -15,11 +15,17 @@ _CATALOGUE, _ENCODERS, _BOTH = 'of the catalogue', 'of the encoders', 'of catalo
 _MISTAKES = {
     'arcseconds': ('{a} and {e} {of} in arcseconds',
                    lambda a, e: (a / 3600.0, e / 3600.0), (1.0 / 3600.0, 1.0 / 3600.0)),
+    'arcminutes': ('{a} and {e} {of} in arcminutes',
+                   lambda a, e: (a / 60.0, e / 60.0), (1.0 / 60.0, 1.0 / 60.0)),
+    'gradians': ('{a} and {e} {of} in gradians, 400 to the turn',
+                 lambda a, e: (0.9 * a, 0.9 * e), (0.9, 0.9)),
     'radians': ('{a} and {e} {of} in radians', lambda a, e: (a / DEG, e / DEG),
                 (1.0 / DEG, 1.0 / DEG)),
     'swapped': ('{a} and {e} {of} exchanged', lambda a, e: (e, a), (1.0, 1.0)),
     'hours': ('{a} {of} in hours', lambda a, e: (15.0 * a, e), (15.0, 1.0)),
+    'radians of the first': ('{a} {of} in radians', lambda a, e: (a / DEG, e), (1.0 / DEG, 1.0)),
     'reversed': ('{a} {of} counted the other way', lambda a, e: (-a, e), (1.0, 1.0)),
+    'negative': ('{e} {of} with the other sign', lambda a, e: (a, -e), (1.0, 1.0)),
     'zenith': ('{d} in place of the {e} {of}',
                lambda a, e: (a, 0.5 * np.pi - e), (1.0, 1.0)),
     # of mounts that go through the pole
@@ -32,7 +38,9 @@ _MISTAKES = {
     # of equatorial ones
     'ascension': ('right ascension in place of the {a} {of}', None, (1.0, 1.0)),
 }
-_OF_PAIRS = ('arcseconds', 'radians', 'swapped', 'hours', 'reversed', 'zenith')
+#: of which a file has one at most
+_UNITS = ('arcseconds', 'arcminutes', 'gradians', 'radians', 'hours', 'radians of the first')
+_OF_PAIRS = (*_UNITS, 'swapped', 'reversed', 'negative', 'zenith')
 #: what the columns of the encoders may hold -> factor to radians, whether x is on the sky
 _OFFSETS = {
     f'{name}{where}, {sign}': (factor * direction, bool(where))
@@ -198,8 +206,8 @@ def _joined(*readings):
         if set(getattr(one, pair)) & set(getattr(other, pair)):
             return None
     kinds = [set(r.catalogue) | set(r.encoders) for r in readings]
-    if kinds[0] & kinds[1] or any(r.exchanged for r in readings) or (
-            one.offsets and other.offsets) or any(
+    if kinds[0] & kinds[1] or all(kind & set(_UNITS) for kind in kinds) or any(
+            r.exchanged for r in readings) or (one.offsets and other.offsets) or any(
             a.offsets and b.encoders for a, b in (readings, readings[::-1])):
         return None
     order = list(_MISTAKES)

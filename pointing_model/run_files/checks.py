@@ -17,6 +17,7 @@ _QUARTER = ELEVATION_LIMITS[1] * DEG
 _GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
+_WRITTEN = 20_000  # rows that are kept as they were written
 _LARGEST = 1e50  # squares and their sums stay finite
 #: beginnings and ends of the reasons for which a row is left out for the place it names
 _NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
@@ -29,7 +30,7 @@ class NoUsableRow(ValueError):
     ----------
     text : str
     run : PointingRun, optional
-        Without a row; ``meta['misplaced']`` has the places that were left out.
+        Without a row; ``meta['as_written']`` has the places that were left out.
     """
 
     def __init__(self, text, run=None):
@@ -268,23 +269,33 @@ def _carry(sign):
     return np.nan_to_num(sign[last], nan=0.0)
 
 
-def _keep_misplaced(table):
-    """``meta['misplaced']``: places of the rows that are left out for them, if there are any.
+def _as_written(table):
+    """``meta['as_written']``: what a check of the columns is made on, some rows of very many.
 
-    Of many such rows somebody can tell what their columns are.
+    Places and readings as the file has them, before rows are placed beyond the pole: what a column
+    is not, such a place is not either. ``line``; ``misplaced``: rows that are left out for their
+    place; ``beyond``: of mounts with a column ``pier_side``, which rows it places there;
+    ``misplaced_rows``: how many there are in all.
     """
     begins, ends = _NO_PLACE
-    lost = [i for i in np.flatnonzero(table.reasons != 0)
-            if table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)]
-    names = [name for pair in PAIRS if set(pair) <= set(table.columns) for name in pair]
+    misplaced = np.zeros(len(table.lines), bool)
+    for i in np.flatnonzero(table.reasons != 0):
+        misplaced[i] = table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)
+    rows = np.flatnonzero(misplaced | (table.reasons == 0))
+    if len(rows) > _WRITTEN:
+        rows = rows[np.linspace(0, len(rows) - 1, _WRITTEN).astype(int)]
+    columns = {**table.columns, **table.written}
+    names = [name for pair in PAIRS if set(pair) <= set(columns) for name in pair]
     if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
-        names += [name for name in ('lst_h', 'time') if name in table.columns]
-    if lost:
-        table.meta['misplaced'] = {name: table.columns[name][lost] for name in names}
+        names += [name for name in ('lst_h', 'time', 'beyond') if name in columns]
+    return {'line': table.lines[rows], 'misplaced': misplaced[rows],
+            'misplaced_rows': int(misplaced.sum()), **{name: columns[name][rows] for name in names}}
 
 
 def finish(path, table):
     """Masks the rows that are left out; ``meta['excluded']`` lists them all.
+
+    ``meta['as_written']`` has places and readings for the check of the columns.
 
     Returns
     -------
@@ -296,7 +307,7 @@ def finish(path, table):
     NoUsableRow
         None is left.
     """
-    _keep_misplaced(table)
+    table.meta['as_written'] = _as_written(table)
     keep = table.reasons == 0
     excluded = [(int(table.lines[i]), table.reasons[i]) for i in np.flatnonzero(~keep)]
     excluded += [(line, 'commented out') for line in table.commented]

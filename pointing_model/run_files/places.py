@@ -131,12 +131,14 @@ def to_axes(path, table, mount):
     beyond = np.zeros(len(table.lines), bool)
     pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
     side = columns.pop('pier_side', None)
+    by_side = None if side is None else _through_the_pole(path, table, side)
+    _keep_written(table, pairs, by_side, mount)
     with np.errstate(invalid='ignore', over='ignore'):
         reads = pairs[0][1] if pairs else None
         if reads is not None and (is_beyond(columns[reads]) & (table.reasons == 0)).any():
             beyond = is_beyond(columns[reads]) & (table.reasons == 0)
         elif side is not None:
-            beyond = _through_the_pole(path, table, side)
+            beyond = by_side
             for az, el in pairs:
                 columns[az], columns[el] = through_pole(columns[az], columns[el], beyond)
             for name in ('az_raw', 'el_raw'):
@@ -168,6 +170,20 @@ def to_axes(path, table, mount):
     if beyond.any():
         meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '
                              'the other side of the pier')
+
+
+def _keep_written(table, pairs, beyond, mount):
+    """``table.written``: the angles of the axes before rows are placed beyond the pole."""
+    if not pairs:  # offsets on the sky: the readings are made of the places
+        return
+    columns = table.columns
+    place = columns['az'], columns['el']
+    if table.meta.get('from_horizon'):
+        with np.errstate(invalid='ignore'):
+            place = mount.axes_of(*place)
+    table.written = {**dict(zip(PAIRS[0], place)),
+                     **{name: columns[name] for pair in pairs for name in pair},
+                     **({} if beyond is None else {'beyond': beyond})}
 
 
 def _through_the_pole(path, table, side):

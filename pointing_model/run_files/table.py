@@ -50,6 +50,9 @@ class Table:
         Lines that hold an observation behind a comment sign.
     names : mounts.Names
         Of the axes, in the names of its columns.
+    written : dict of str to ndarray, shape (n,)
+        Angles of the axes as they stand in the file where `columns` has them on their side of the
+        pole; ``beyond``: whether a column of the side of the pier places the row beyond it.
     """
 
     columns: dict
@@ -59,6 +62,7 @@ class Table:
     reasons: np.ndarray = None
     commented: list = field(default_factory=list)
     names: Names = ALTAZ.names
+    written: dict = field(default_factory=dict)
 
     def label(self, name):
         """Name of a column in the file."""

@@ -374,13 +374,23 @@ def test_icrs_refused(read, text, options, words, refuse):
     refuse(text, *words, **options)
 
 
-def test_rows_left_out_for_their_place_are_kept_aside(read):
+def test_places_and_readings_are_kept_as_they_were_written(read):
     run = read('az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10.1,40.1\n20,140,20.1,140.1\n'
                '30,50,30.1,50.1\n40,60,40.1,nan\n')
-    aside = run.meta['misplaced']
-    assert {name: v.tolist() for name, v in aside.items()} == {
-        'az': [20 * DEG], 'el': [140 * DEG], 'az_enc': [20.1 * DEG], 'el_enc': [140.1 * DEG]}
-    assert 'misplaced' not in read('az_deg,el_deg,az_enc_deg,el_enc_deg\n10,40,10.1,40.1\n').meta
+    written = run.meta['as_written']
+    assert {name: np.asarray(v).tolist() for name, v in written.items()} == {
+        'line': [2, 3, 4], 'misplaced': [False, True, False], 'misplaced_rows': 1,
+        'az': [10 * DEG, 20 * DEG, 30 * DEG], 'el': [40 * DEG, 140 * DEG, 50 * DEG],
+        'az_enc': [10.1 * DEG, 20.1 * DEG, 30.1 * DEG],
+        'el_enc': [40.1 * DEG, 140.1 * DEG, 50.1 * DEG]}
+    german = read('# mount: german\n# latitude_deg: 48\n'
+                  'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg,pier_side\n300,40,300.1,40.1,west\n'
+                  '30,50,30.1,50.1,east\n')
+    assert german['el_enc'][0] == pytest.approx(139.9 * DEG)
+    written = german.meta['as_written']
+    assert written['beyond'].tolist() == [True, False]
+    assert written['az_enc'].tolist() == [300.1 * DEG, 30.1 * DEG]
+    assert written['el_enc'].tolist() == [40.1 * DEG, 50.1 * DEG]
 
 
 def test_a_file_without_a_usable_row_has_its_places(tmp_path):
@@ -389,7 +399,8 @@ def test_a_file_without_a_usable_row_has_its_places(tmp_path):
         f'{3600 * a},{3600 * e},{3600 * a},{3600 * e}\n' for a, e in ((100, 40), (200, 50))))
     with pytest.raises(NoUsableRow, match='none of 2 rows') as refused:
         read_run(path)
-    assert len(refused.value.run) == 0 and len(refused.value.run.meta['misplaced']['az']) == 2
+    assert len(refused.value.run) == 0
+    assert refused.value.run.meta['as_written']['misplaced'].all()
 
 
 def test_small_offsets_are_not_taken_for_radians(read):

@@ -63,9 +63,12 @@ def run_of(columns):
     lost = (el < -5.0 * DEG) | (el > 90.1 * DEG)
     for value in columns:
         lost |= np.abs(value) > 20.0 * np.pi
+    line = np.arange(len(az))
     return PointingRun(
         {n: v[~lost] for n, v in zip(NAMES, columns)},
-        {'misplaced': {n: v[lost] for n, v in zip(NAMES, columns)}} if lost.any() else {})
+        {'lines': line[~lost], 'as_written': {
+            'line': line, 'misplaced': lost, 'misplaced_rows': int(lost.sum()),
+            **dict(zip(NAMES, columns))}})
 
 
 def mistaken(columns, kind, where):

@@ -1,0 +1,127 @@
+"""The four columns of a run as its file has them, for the check of what they are."""
+
+from pathlib import PurePath
+
+import numpy as np
+
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond, through_pole
+
+ROWS = 600  # that are tried, evenly: more tell nothing else
+_SOME = 20 * ROWS  # that are looked at for numbers
+_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
+_SAME = 1e-7  # of sines of angles
+
+
+class FileRows:
+    """Rows of a run with numbers in all four columns.
+
+    Parameters
+    ----------
+    run : PointingRun
+        With ``meta['as_written']`` where a reader of files made it.
+    encoder : {'enc', 'abs'}
+
+    Attributes
+    ----------
+    where : str
+        What a message begins with: the name of the file.
+    mount : Mount
+    solved : Solved or None
+        Places among the stars that those of the catalogue were made of.
+    held : bool
+        Offsets on the sky came in place of readings.
+    rows_used, misplaced : int
+        Rows of the run, and those that its reader left out for their place.
+    columns : list of ndarray, shape (n,)
+        Places and readings, radians, before rows are placed beyond the pole.
+    beyond : ndarray of bool, shape (n,), or None
+        Rows that a column of the file places beyond the pole.
+    label : ndarray of int, shape (n,)
+        Number of the run of each row.
+    line : ndarray of int, shape (n,)
+    lst : ndarray, shape (n,), or None
+        Sidereal time, radians, with a zero of its own.
+    """
+
+    def __init__(self, run, encoder='enc'):
+        source = run.meta.get('source')
+        self.where = f'{PurePath(str(source)).name}: ' if source else ''
+        self.mount, self.solved = run.mount, run.meta.get('solved')
+        self.held = not run.meta.get('raw_reading', True) and encoder == 'enc'
+        self.rows_used = len(run)
+        written, place = _written(run, encoder)
+        self.misplaced = written['misplaced_rows']
+        self.rows_read = len(run) + self.misplaced
+        names = ('az', 'el', f'az_{encoder}', f'el_{encoder}')
+        finite = np.isfinite(np.sum([written[name] for name in names], axis=0))
+        some = np.flatnonzero(finite & ((place >= 0) | written['misplaced']))
+        some = some[_evenly(len(some), ROWS)]
+        self.columns = [np.asarray(written[name], float)[some] for name in names]
+        self.line = written['line'][some]
+        self.beyond = written['beyond'][some] if 'beyond' in written else None
+        self.label = _labels(run, place[some])
+        self.lst = None if self.mount.altaz else _clock(run, written, place, some)
+
+
+def _written(run, encoder):
+    """Rows as the file has them, and the place of each in the run, or -1."""
+    names = (f'az_{encoder}', f'el_{encoder}')
+    written = run.meta.get('as_written')
+    if written is not None and set(names) <= set(written):
+        order = np.argsort(run.lines, kind='stable')
+        at = np.searchsorted(run.lines[order], written['line'])
+        place = order[np.minimum(at, len(run) - 1)] if len(run) else np.zeros(len(at), int)
+        there = (at < len(run)) & ~written['misplaced']
+        there[there] = run.lines[place[there]] == written['line'][there]
+        place = np.where(there, place, -1)
+        if _same_readings(run, written, place, names):
+            return written, place
+    some = _evenly(len(run), _SOME)
+    columns = {name: np.asarray(run[name][some], float) for name in ('az', 'el', *names)}
+    if not run.mount.altaz:  # places as they are on the sky
+        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'],
+                                                    is_beyond(columns['el']))
+    return {**columns, 'line': run.lines[some], 'misplaced_rows': 0,
+            'misplaced': np.zeros(len(some), bool)}, some
+
+
+def _same_readings(run, written, place, names):
+    """Whether the run still has the readings of the file, on whichever side of the pole."""
+    used = place >= 0
+    az, el = (np.asarray(run[name], float)[place[used]] for name in names)
+    away = np.concatenate((np.cos(2.0 * az) - np.cos(2.0 * written[names[0]][used]),
+                           np.sin(el) - np.sin(written[names[1]][used])))
+    away = away[np.isfinite(away)]
+    return used.sum() >= min(len(run), 1) and bool(np.all(np.abs(away) < _SAME))
+
+
+def _labels(run, place):
+    """Number of the run of each row; of those left out the most usual one."""
+    if 'run' not in run or not len(run):
+        return np.zeros(len(place), int)
+    label = np.unique(run['run'], return_inverse=True)[1]
+    usual = np.bincount(label).argmax()
+    return np.where(place >= 0, label[np.maximum(place, 0)], usual)
+
+
+def _clock(run, written, place, some):
+    """Sidereal time of the rows where each has one."""
+    if len(run) and (place[some] >= 0).all():
+        lst = Context.of_run(run).get('lst')
+        if lst is not None:
+            lst = np.asarray(lst, float)[place[some]]
+            return lst if np.isfinite(lst).all() else None
+    for name, unit in (('lst_h', np.pi / 12.0), ('time', _SIDEREAL)):
+        if name in written:
+            lst = unit * np.asarray(written[name], float)[some]
+        elif name in run and len(run) and (place[some] >= 0).all():
+            lst = unit * np.asarray(run[name], float)[place[some]]
+        else:
+            continue
+        return lst if np.isfinite(lst).all() else None
+    return None
+
+
+def _evenly(count, most):
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
