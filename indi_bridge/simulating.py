@@ -1,10 +1,10 @@
 """What the programs that simulate a telescope of a server share: options, words, the end."""
 
 import argparse
-import signal
 import sys
 import threading
 
+from msg_tools.signals import on_end
 from msg_tools.units import ARCSEC
 
 from .client import IndiError
@@ -39,8 +39,7 @@ def simulate(doc, protocol, port, serve, args=None):
     if not 0 < given.port < 65536:
         parser.error(f'--port {given.port}: must be 1 to 65535')
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    on_end(lambda *_: stop.set())
     try:
         with serve(given) as (server, terms, how):
             print(f'{protocol}:localhost:{server.port}, a mount that is {given.kind}; encoder − '

@@ -15,11 +15,7 @@ def on_end(handler):
     ----------
     handler : callable
         As of `signal.signal`.
-
-    Returns
-    -------
-    dict of int to object
-        The handlers before, by signal.
     """
-    return {number: signal.signal(number, handler) for number in ENDING
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN}
+    for number in ENDING:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)

@@ -15,12 +15,12 @@ def main(argv=None):
 
     0 done, 1 a check found something (a number that differs, a damaged log, a driver that is
     wrong, an image that was not solved, a refusal), 2 bad input, 130 ended by Ctrl-C, 143 by
-    SIGTERM.
+    SIGTERM, 129 by SIGHUP.
     """
     command = ''
     try:
-        from .parsing import parsed
-        with interrupted_in_order():
+        with interrupted_in_order(program=argv is None):
+            from .parsing import parsed
             args = parsed(sys.argv[1:] if argv is None else list(argv))
             command = args.command
             return _run(args)

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing.connection import Connection, wait
 
-from msg_tools.signals import on_end
+from msg_tools.signals import ENDING, on_end
 
 # Linux: prctl
 _SET_DEATH_SIGNAL, _SET_NAME = 1, 15
@@ -63,6 +63,9 @@ def run_node(request):
     """In the forked child: become the node, and end with its exit code."""
     code = 1
     try:
+        # told to end while it imports, it does so without a word
+        on_end(lambda *_: os._exit(0))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
         os.setsid()
         libc = ctypes.CDLL(None)
         libc.prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)  # no node outlives its graph
@@ -72,18 +75,12 @@ def run_node(request):
         _redirect(request['log'])
         os.environ.clear()
         os.environ.update(request['environment'])
-        # told to end while it imports, it does so without a word
-        before = on_end(lambda *_: os._exit(0))
         prepare(request['modules'])
-        for number, handler in before.items():
-            signal.signal(number, handler)
         sys.argv = [request['module'], *request['arguments']]
         import_module(request['module']).main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    except KeyboardInterrupt:  # before it could say what it does then
-        code = 0
     except Exception:
         import traceback
         traceback.print_exc()
@@ -100,7 +97,8 @@ def main():
 
 def serve_forked(connection, others, log):
     """Serve, as a fork of a command; `others` is its end, `log` the file for what is wrong."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for number in ENDING:
+        signal.signal(number, signal.SIG_DFL)
     others.close()
     os.setsid()
     _redirect(log)
@@ -147,11 +145,13 @@ def serve(connection):
                 prepare(request['modules'])
             seen.update(request['modules'])
             alive, end = os.pipe()
+            # what a node is told before it listens waits, and is not lost
+            signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
             pid = os.fork()
             if pid == 0:
-                signal.signal(signal.SIGINT, signal.default_int_handler)
                 connection.close()
                 run_node({**request, 'parent': fork_server})
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
             os.close(end)
             nodes[alive] = pid
             connection.send({'started': pid})

@@ -2,6 +2,7 @@
 
 import os
 import time
+from contextlib import ExitStack
 
 import rclpy
 from lifecycle_msgs.msg import Transition
@@ -15,6 +16,7 @@ from msg_tools.executor import NodeExecutor
 from msg_tools.steps import Question
 
 from .dds import dds_environment
+from .interrupt import noted, raise_noted
 
 #: s in which nodes of a graph are found, and answer
 FOUND, ANSWERED = 3.0, 30.0
@@ -46,6 +48,8 @@ class GraphClient:
 
     def __init__(self, domain, namespace, name, args=None):
         os.environ.update(dds_environment())
+        self._until_closed = ExitStack()
+        self._until_closed.enter_context(noted())
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain, args=args,
                    signal_handler_options=SignalHandlerOptions.NO)
@@ -56,12 +60,19 @@ class GraphClient:
         self._within = self.node.get_namespace().rstrip('/') + '/'
 
     def spin(self, seconds, until=lambda: False):
-        """Take what comes for so long, or until something holds; whether it does."""
+        """Take what comes for so long, or until something holds; whether it does.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            A signal since the last time, with its number.
+        """
         end = time.monotonic() + seconds
         while not until():
             if time.monotonic() > end:
                 return False
             self.executor.spin_once(0.05)
+            raise_noted()
         return True
 
     def ask(self, kind, name, request):
@@ -148,6 +159,7 @@ class GraphClient:
         self.executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
+        self._until_closed.close()
 
 
 def elsewhere(domain, namespace, spaces, what='node at all', option='--namespace, '):

@@ -1,17 +1,38 @@
-"""Ctrl-C and SIGTERM end a command in order, with one line, whatever it is at."""
+"""Ctrl-C, SIGTERM and SIGHUP end a command in order, with one line, whatever it is at."""
 
 import contextlib
+import os
 import signal
+import stat
+
+from msg_tools.signals import ENDING
 
 #: handlers of Python's own
-_OWN = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-_told = []
+_OWN = dict.fromkeys(ENDING, signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
+_told, _noted = [], []
 
 
 def interrupt(number, _):
-    """The handler of both."""
+    """The handler of all, outside of `noted`."""
+    _let_go_of_terminal()
     _told.append(number)
     raise KeyboardInterrupt(number)
+
+
+def _note(number, _):
+    _let_go_of_terminal()
+    _told.append(number)
+    _noted.append(number)
+
+
+def _let_go_of_terminal():
+    """Where the terminal is closed, what is said while all ends would be an error."""
+    for output in (1, 2):
+        with contextlib.suppress(OSError):
+            if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):
+                nobody = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nobody, output)
+                os.close(nobody)
 
 
 def check():
@@ -28,10 +49,15 @@ def check():
 
 
 @contextlib.contextmanager
-def interrupted_in_order():
-    """Within, both raise KeyboardInterrupt with their number, where nobody else handles them.
+def interrupted_in_order(program=False):
+    """Within, all raise KeyboardInterrupt with their number, where nobody else handles them.
 
     An import makes another error of it: that is not what ended the command.
+
+    Parameters
+    ----------
+    program : bool
+        Nothing follows in this process: once told, it ends, and no signal disturbs that.
     """
     ours = []
     with contextlib.suppress(ValueError):  # not in the main thread
@@ -48,4 +74,48 @@ def interrupted_in_order():
         raise
     finally:
         for number in ours:
-            signal.signal(number, _OWN[number])
+            signal.signal(number, signal.SIG_IGN if program and _told else _OWN[number])
+
+
+@contextlib.contextmanager
+def noted():
+    """Within, a signal raises where `raise_noted` is called, and at the end, and nowhere else.
+
+    For what has to be ended in order, also when it is told again meanwhile; raised in the middle of
+    a message, rclpy makes another error of it.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        At the end, with the number of a signal that came since the last look.
+    """
+    before = {}
+    with contextlib.suppress(ValueError):  # not in the main thread
+        for number, own in _OWN.items():
+            handler = signal.getsignal(number)
+            if handler in (own, interrupt):
+                before[number] = handler
+                signal.signal(number, _note)
+    try:
+        yield
+        if before:
+            raise_noted()
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if before:
+            _noted.clear()
+
+
+def raise_noted():
+    """Within `noted`: raise what was told since the last time.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        With the number of the signal.
+    """
+    if _noted:
+        number = _noted[-1]
+        _noted.clear()
+        raise KeyboardInterrupt(number)

@@ -4,7 +4,7 @@ import json
 import shutil
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +16,7 @@ from pointing_model.observing.plan import night_plan, parse_plan
 from . import domain
 from .ending import come_to_rest
 from .graph import NODES, night_graph
+from .interrupt import noted, raise_noted
 from .simulator import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
@@ -178,41 +179,42 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    lock = claim(domain_number)
     bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
-    nodes = Processes(folder / 'nodes', lock.number, params_file)
-    watcher = None
-    try:
-        # after the cheap checks, and while the nodes' own go on: these imports cost half a second
-        with ThreadPoolExecutor(1) as pool:
-            loading = pool.submit(import_module, 'telescope_mount.watcher')
-            nodes.start_all(specs)
-        for path in drivers:
-            nodes.start_script(path)
-        watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
-        with _at_rest_after(watcher, specs, note or (lambda _: None)):
-            with watcher.at_leisure():
-                _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
-            if progress:
-                progress('writing the results', 0, None)
-            return _results(watcher, specs, plan, write, bag)
-    except RuntimeError as err:
-        nodes.stop()
-        if again or (watcher is not None and _progress(watcher).observations):
-            raise NightFailed(f'{err} (the log so far is {bag})') from None
-        _clear(folder)
-        raise NightFailed(str(err)) from None
-    except KeyboardInterrupt:
-        nodes.stop()
-        if not again and watcher is not None and not _progress(watcher).step:
-            _clear(folder)  # it has waited for drivers
-        raise
-    finally:
-        if watcher is not None:
-            watcher.close()
-        nodes.stop()
-        lock.release()
+    with noted(), ExitStack() as ends:
+        lock = claim(domain_number)
+        ends.callback(lock.release)
+        nodes = Processes(folder / 'nodes', lock.number, params_file)
+        ends.callback(nodes.stop)
+        watcher = None
+        try:
+            # after the cheap checks, and while the nodes' own go on: these imports cost half a
+            # second
+            with ThreadPoolExecutor(1) as pool:
+                loading = pool.submit(import_module, 'telescope_mount.watcher')
+                nodes.start_all(specs)
+            for path in drivers:
+                nodes.start_script(path)
+            raise_noted()
+            watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
+            ends.callback(watcher.close)
+            with _at_rest_after(watcher, specs, note or (lambda _: None)):
+                with watcher.at_leisure():
+                    _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+                if progress:
+                    progress('writing the results', 0, None)
+                return _results(watcher, specs, plan, write, bag)
+        except RuntimeError as err:
+            nodes.stop()
+            if again or (watcher is not None and _progress(watcher).observations):
+                raise NightFailed(f'{err} (the log so far is {bag})') from None
+            _clear(folder)
+            raise NightFailed(str(err)) from None
+        except KeyboardInterrupt:
+            nodes.stop()
+            if not again and (watcher is None or not _progress(watcher).step):
+                _clear(folder)  # it has waited for drivers
+            raise
 
 
 def _clear(folder):

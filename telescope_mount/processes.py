@@ -18,6 +18,7 @@ from msg_tools import NAMESPACE
 
 from .dds import dds_environment
 from .fork_server import preload, serve_forked
+from .interrupt import raise_noted
 from .threads import ONE_THREAD
 
 SET_DEATH_SIGNAL = 1  # Linux: prctl
@@ -167,6 +168,11 @@ class ForkServer:
         if self._nodes:
             time.sleep(0.01)  # nothing to wait on: they are no children of ours
 
+    def go_on(self):
+        """Have it go on, if it is stopped (SIGSTOP): it tells when nodes end."""
+        if self._process.poll() is None:
+            os.kill(self._process.pid, signal.SIGCONT)
+
     def close(self):
         """End it; the nodes must have ended."""
         self._connection.close()
@@ -211,11 +217,18 @@ class Processes:
         self._fork_server = ForkServer(self.folder / 'fork_server.log')
 
     def start_all(self, specs):
-        """Start each `graph.NodeSpec`, in one process those that say so."""
+        """Start each `graph.NodeSpec`, in one process those that say so.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            A signal that came meanwhile, within `interrupt.noted`.
+        """
         groups = {}
         for spec in specs:
             groups.setdefault(spec.process or spec.name, []).append(spec)
         for name, group in groups.items():
+            raise_noted()
             if len(group) == 1:
                 self.start(group[0])
             else:
@@ -277,15 +290,19 @@ class Processes:
     def stop(self):
         """End all nodes: Ctrl-C first, so that files are closed; the hard way for what stays.
 
+        One that is stopped (SIGSTOP) goes on, to close its own.
+
         Returns
         -------
         dict of str to int
             Exit codes.
         """
+        self._fork_server.go_on()
         for sign, seconds in ((signal.SIGINT, 20.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0)):
             alive = [process for process in self.running.values() if process.poll() is None]
             for process in alive:
                 process.send_signal(sign)
+                process.send_signal(signal.SIGCONT)
             deadline = time.monotonic() + seconds
             for process in alive:
                 with contextlib.suppress(subprocess.TimeoutExpired):

@@ -10,6 +10,7 @@ from msg_tools.status import Taken
 
 from . import domain
 from .graph import replay_graph
+from .interrupt import noted
 
 
 def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None,
@@ -74,7 +75,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
 
     from .processes import Processes
     from .watcher import Watcher
-    with tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch:
+    with noted(), tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch:
         nodes = Processes(scratch, lock.number)
         watcher = None
         try:

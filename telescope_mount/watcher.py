@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import signal
 import time
 
 import rclpy
@@ -15,12 +14,10 @@ from msg_tools.executor import NodeExecutor
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS
 from msg_tools.readiness import AWAITED, REST, RESTS, GraphReports, unreceived
 
-from .interrupt import interrupt
+from .interrupt import raise_noted
 
 #: s; what comes within is taken at once while nothing hangs on it
 LEISURE = 0.02
-#: signals that end what it does
-ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextlib.contextmanager
@@ -65,12 +62,6 @@ class Watcher:
 
     def __init__(self, name, domain, environment, check):
         self._check = check
-        # raised in the middle of a message, rclpy makes another error of it
-        self._interrupted = 0
-        self._before = {number: signal.getsignal(number) for number in ENDING}
-        for number, handler in self._before.items():
-            if handler in (signal.default_int_handler, signal.SIG_DFL, interrupt):
-                signal.signal(number, self._interrupt)
         self._context = Context()
         # Ctrl-C belongs to the command line, which ends the nodes in order
         with _of(environment):
@@ -99,21 +90,16 @@ class Watcher:
         """Keep what the graph has found as well, from what each topic has now on."""
         self._keep(self.RESULTS)
 
-    def _interrupt(self, number, _):
-        self._interrupted = number
-
     def spin(self, seconds):
         """Take what comes for at most `seconds`; returns early after something came.
 
         Raises
         ------
         KeyboardInterrupt
-            Ctrl-C or SIGTERM since the last time, with the number of the signal.
+            A signal since the last time, with its number: within `interrupt.noted`.
         """
         self._executor.spin_once(timeout_sec=seconds)
-        number, self._interrupted = self._interrupted, 0
-        if number:
-            raise KeyboardInterrupt(number)
+        raise_noted()
 
     @contextlib.contextmanager
     def at_leisure(self):
@@ -208,5 +194,3 @@ class Watcher:
         self._executor.shutdown()
         self.node.destroy_node()
         self._context.try_shutdown()
-        for number, handler in self._before.items():
-            signal.signal(number, handler)

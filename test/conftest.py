@@ -313,13 +313,15 @@ def cli(ros_domain, tmp_path_factory):
     environment = {name: value for name, value in os.environ.items()
                    if not name.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))}
 
-    def start(*args):
-        return subprocess.Popen(
-            [sys.executable, few_folds.__file__, *map(str, args)], cwd=home,
-            env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True,
+    def start(*args, **options):
+        def prepare():
             # a suite in the background of a script ignores Ctrl-C, and its children would too
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            options.get('preexec_fn', lambda: None)()
+        return subprocess.Popen(
+            [sys.executable, few_folds.__file__, *map(str, args)], cwd=home, env=environment,
+            **{'stdin': subprocess.DEVNULL, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE,
+               'text': True, **options, 'preexec_fn': prepare})
 
     def run(*args):
         with start(*args) as child:

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import suppress
 
 from msg_tools import NAMESPACE
 
@@ -118,34 +118,20 @@ def listen(graph, source, namespace):
 
 
 def _dashboard(graph, heard):
-    """Draw until Ctrl-C or SIGTERM."""
+    """Draw until Ctrl-C, SIGTERM or SIGHUP."""
     from rich.live import Live
 
     from ..watching.drawing import Dashboard
     from .console import new_console, step_aside
     step_aside(for_good=True)
     begin, lost = time.monotonic(), ''
-    with _until_interrupted() as ended, Live(
+    with suppress(KeyboardInterrupt), Live(
             console=new_console(), screen=True, auto_refresh=False,
             vertical_overflow='crop') as live:
-        while not ended():
+        while True:
             graph.spin(TAKING)
             if not heard.any and not lost and time.monotonic() - begin > FOUND:
                 lost = f'; nothing is said here yet{graph.where_else()}'
             note = 'Ctrl-C ends' + ('' if heard.any else lost)
             live.update(Dashboard(heard.state(time.monotonic()), note, whole=False), refresh=True)
             time.sleep(PICTURE - TAKING)
-
-
-@contextmanager
-def _until_interrupted():
-    """Give a function that tells whether to end: raised within rclpy, Ctrl-C is another error."""
-    import signal
-    told = []
-    before = {number: signal.signal(number, lambda *_: told.append(True))
-              for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(told)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

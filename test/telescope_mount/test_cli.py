@@ -301,11 +301,11 @@ def test_ctrl_c_and_a_closed_pipe(ended, monkeypatch, run_csv):
     code, _, err = ended('fit', run_csv)
     assert code == 130 and len(err.splitlines()) == 1
     # at any moment, also where no graph is watched
-    before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(fit, 'run', lambda args: signal.raise_signal(signal.SIGTERM))
-    code, _, err = ended('fit', run_csv)
-    assert (code, err) == (143, 'ended by SIGTERM\n')
-    assert signal.getsignal(signal.SIGTERM) == before
+    for number, code in ((signal.SIGTERM, 143), (signal.SIGHUP, 129)):
+        before = signal.getsignal(number)
+        monkeypatch.setattr(fit, 'run', lambda args, number=number: signal.raise_signal(number))
+        assert ended('fit', run_csv) == (code, '', f'ended by {number.name}\n')
+        assert signal.getsignal(number) == before
 
     def imports(args):
         with pytest.raises(KeyboardInterrupt):

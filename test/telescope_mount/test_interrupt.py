@@ -3,15 +3,58 @@ import signal
 
 import pytest
 
-from telescope_mount.interrupt import check, interrupt, interrupted_in_order
+from telescope_mount.interrupt import check, interrupt, interrupted_in_order, noted, raise_noted
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@pytest.fixture(autouse=True)
+def listens():
+    """A suite in the background of a script ignores Ctrl-C."""
+    before = {number: signal.signal(number, own) for number, own in zip(
+        ENDING, (signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL))}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def test_a_signal_that_a_library_has_swallowed_is_raised_once_more():
-    check()  # none has come
     with pytest.raises(KeyboardInterrupt) as ended, interrupted_in_order():
+        check()  # none has come
         with contextlib.suppress(KeyboardInterrupt):
             interrupt(signal.SIGTERM, None)
         check()
     assert ended.value.args == (signal.SIGTERM,)
     with interrupted_in_order():
         check()  # of the command before
+
+
+def test_what_is_noted_is_raised_where_it_is_asked_for_and_at_the_end():
+    with noted():
+        raise_noted()  # none has come
+        for number in ENDING:
+            signal.raise_signal(number)
+            with pytest.raises(KeyboardInterrupt) as ended:
+                raise_noted()
+            assert ended.value.args == (number,)
+        raise_noted()  # each once
+    with pytest.raises(KeyboardInterrupt) as ended, noted(), noted():
+        signal.raise_signal(signal.SIGHUP)
+    assert ended.value.args == (signal.SIGHUP,)
+    assert [signal.getsignal(number) for number in ENDING] == [
+        signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL]
+
+
+@pytest.mark.parametrize('number', ENDING)
+def test_what_is_ignored_stays_so(number):
+    signal.signal(number, signal.SIG_IGN)
+    with interrupted_in_order(), noted():
+        signal.raise_signal(number)
+        raise_noted()
+    assert signal.getsignal(number) is signal.SIG_IGN
+
+
+def test_a_program_that_ends_is_not_disturbed_any_more():
+    with pytest.raises(KeyboardInterrupt), interrupted_in_order(program=True):
+        signal.raise_signal(signal.SIGHUP)
+    assert {signal.getsignal(number) for number in ENDING} == {signal.SIG_IGN}

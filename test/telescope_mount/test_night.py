@@ -1,10 +1,12 @@
 """A whole night in processes."""
 
 import csv
+import fcntl
 import json
 import os
 import shutil
 import signal
+import termios
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -214,6 +216,28 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     assert bag.complete and bag.problems == []
     assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
     assert not segments & set(os.listdir('/dev/shm'))
+
+
+def test_a_terminal_that_is_closed_ends_it_in_order(cli, tmp_path):
+    """As ssh does whose connection is lost: a SIGHUP, and from then on no output works."""
+    out = tmp_path / 'night'
+    ours, theirs = os.openpty()
+    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 1000, stdin=theirs,
+                      stdout=theirs, stderr=theirs, start_new_session=True,
+                      preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+    os.close(theirs)
+    told = b''
+    while b'exposures' not in told:  # in the line of progress
+        told += os.read(ours, 4096)
+    nodes = nodes_of(child.pid)
+    segments = {name for pid in nodes for name in segments_of(pid)}
+    assert len(segments) >= len(PROCESSES)
+    os.close(ours)
+    assert child.wait(timeout=120) == 129
+    assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
+    assert not segments & set(os.listdir('/dev/shm'))
+    if (out / 'bag').exists():  # it had begun to observe
+        assert BagReader(out / 'bag').complete
 
 
 @pytest.mark.parametrize('report_stamp, model_stamp, good', [

@@ -77,6 +77,14 @@ def test_a_node_lives_under_its_name_and_ends_cleanly(own):
     assert not any(os.path.exists(f'/proc/{pid}') for pid in pids.values())
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_what_a_node_is_told_before_it_listens_is_not_lost(processes, number):
+    for name in ('camera', 'pointing_corrector', 'mount_display'):
+        processes.start(spec(name))
+        processes.running[name].send_signal(number)
+    assert [node.wait(60) for node in processes.running.values()] == [0, 0, 0]
+
+
 def test_what_a_node_logged_on_its_way_is_no_reason_for_its_end(processes):
     processes.start(spec('camera'))
     ready(processes, 'camera')
