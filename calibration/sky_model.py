@@ -29,6 +29,7 @@ CHANCE = 0.01
 FOLDS = 10
 #: fewer rows of a side say nothing of it
 FEWEST = 3
+_LIMIT = 3.0  # times the noise of the better fit, radial, that a row adds to its loss
 
 
 def with_errors(run, errors):
@@ -101,8 +102,9 @@ class Origin:
     fits : dict of str to FitResult
         To all rows, of both; that of ``sky`` is to the folded run.
     rows : int
+        Compared: without those that the better fit rejects.
     beyond : int
-        Rows through the pole.
+        Of them, through the pole.
     """
 
     holds: str
@@ -169,7 +171,10 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     try:
         fits = {name: fit_terms(rows, names, encoder=encoder, robust=robust)
                 for name, rows in runs.items()}
-        errors = {name: _left_out(rows, names, encoder, robust, beyond)
+        good = _described(list(fits.values()))
+        if min((beyond & good).sum(), (~beyond & good).sum()) < FEWEST:
+            return None
+        errors = {name: _left_out(rows.select(good), names, encoder, robust, beyond[good])
                   for name, rows in runs.items()}
     except ValueError:  # what is left has too few rows for the terms
         return None
@@ -183,7 +188,19 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     holds = ''
     if chance < CHANCE:
         holds = ON_SKY if np.median(difference) > 0.0 else OF_MOUNT
-    return Origin(holds, chance, left_out, fits, len(run), int(beyond.sum()))
+    return Origin(holds, chance, left_out, fits, int(good.sum()), int(beyond[good].sum()))
+
+
+def _described(fits):
+    """Rows that the better of some robust fits does not reject: what else there is judges none.
+
+    Such as rows with the side of the pier that the mount had before. The better one has less of
+    a loss that no row adds more than a limit to.
+    """
+    limit = _LIMIT * min(fit.rms_arcsec(rejected=False).radial for fit in fits) * ARCSEC
+    squares = [np.square(fit.residual_x) + np.square(fit.residual_y) for fit in fits]
+    losses = [np.nansum(np.minimum(square, limit**2)) for square in squares]
+    return fits[int(np.argmin(losses))].weights > 0.0
 
 
 def origin_of_night(rows):

@@ -3,12 +3,13 @@
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.mounts import is_beyond, sides, through_pole
 from pointing_model.run import column_name
 
 from . import equinox
 from .checks import PAIRS
 from .declared import standard_pressure
+from .pier import through_the_pole
 from .solves import are_images, refuse_hours
 
 
@@ -119,25 +120,27 @@ def to_axes(path, table, mount):
     """Catalogue places and readings as angles of the mount's axes, each row on its side.
 
     A reading beyond the pole says on which side the mount was; else the column ``pier_side`` does
-    (``west``, -1, or 1 of 0 and 1: through the pole, as ASCOM has it), and readings are then
-    places of the sky. Without either nothing is through the pole.
+    (`pier.through_the_pole`), and readings are then places of the sky. Without either nothing is
+    through the pole.
 
     Raises
     ------
     ValueError
-        ``pier_side`` has other values.
+        As of `pier.through_the_pole`.
     """
     columns, meta = table.columns, table.meta
     beyond = np.zeros(len(table.lines), bool)
     pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
-    side = columns.pop('pier_side', None)
-    by_side = None if side is None else _through_the_pole(path, table, side)
-    _keep_written(table, pairs, by_side, mount)
+    side, by_side = columns.pop('pier_side', None), None
     with np.errstate(invalid='ignore', over='ignore'):
-        reads = pairs[0][1] if pairs else None
-        if reads is not None and (is_beyond(columns[reads]) & (table.reasons == 0)).any():
-            beyond = is_beyond(columns[reads]) & (table.reasons == 0)
-        elif side is not None:
+        read = is_beyond(columns[pairs[0][1]]) & (table.reasons == 0) if pairs else beyond
+        if side is not None and not read.any():
+            place = mount.axes_of if meta.get('from_horizon') else sides
+            by_side = through_the_pole(path, table, side, place(columns['az'], columns['el'])[0])
+        _keep_written(table, pairs, by_side, mount)
+        if read.any():
+            beyond = read
+        elif by_side is not None:
             beyond = by_side
             for az, el in pairs:
                 columns[az], columns[el] = through_pole(columns[az], columns[el], beyond)
@@ -184,20 +187,6 @@ def _keep_written(table, pairs, beyond, mount):
     table.written = {**dict(zip(PAIRS[0], place)),
                      **{name: columns[name] for pair in pairs for name in pair},
                      **({} if beyond is None else {'beyond': beyond})}
-
-
-def _through_the_pole(path, table, side):
-    values = [str(v).strip().lower() for v in side.tolist()]
-    known = {v for v in values if v not in ('', 'nan')}
-    numbers = {v: float(v) for v in known if v.replace('-', '').replace('.', '').isdigit()}
-    if known <= {'east', 'west', 'e', 'w'}:
-        return np.array([v.startswith('w') for v in values])
-    if len(numbers) == len(known) and set(numbers.values()) <= {-1.0, 1.0}:
-        return np.array([numbers.get(v, 1.0) < 0.0 for v in values])
-    if len(numbers) == len(known) and set(numbers.values()) <= {0.0, 1.0}:
-        return np.array([numbers.get(v, 0.0) > 0.0 for v in values])
-    raise ValueError(f'{path}: pier_side holds {", ".join(sorted(known)[:4])}; give east or west '
-                     '(west: through the pole), 1 or -1, or 0 or 1')
 
 
 def _air(columns, rows, site, weather, meta):

@@ -1,0 +1,100 @@
+"""The column that tells on which side of its pier a German mount was."""
+
+import numpy as np
+
+from msg_tools.units import wrap
+
+_UNKNOWN = ('', 'nan', 'unknown', 'none', 'null', 'n/a', '?', '-')
+#: part of the rows that may be against a rule by the hour angle, so that it still is one
+_AGAINST = 0.1
+_FEWEST = 3  # rows that make a rule
+
+
+def through_the_pole(path, table, side, hour_angle):
+    """Which rows look through the pole, by a column of the side of the pier.
+
+    ``west`` (ASCOM's ``pierWest``), -1, or 1 of 0 and 1 is through the pole. Where ASCOM's numbers
+    are in the column (0 with -1) or words, -1 is unknown, as blank cells are. A row of an unknown
+    side is placed by its hour angle where the others show a rule, else it is left out.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    table : Table
+        Gets notes, and reasons of rows that are left out.
+    side : ndarray, shape (n,)
+        Cells: text or numbers.
+    hour_angle : ndarray, shape (n,)
+        Of the stars, radians, west positive.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        Other cells, or no side in any row.
+    """
+    cells = [str(v).strip().lower().removeprefix('pier').lstrip(' _') for v in side.tolist()]
+    read = _reading(set(cells))
+    if read is None:
+        others = sorted(set(cells) - {'east', 'west', 'e', 'w', *_UNKNOWN})
+        raise ValueError(f'{path}: pier_side holds {", ".join(c[:20] for c in others[:4])}; give '
+                         'east or west (west: through the pole), 1 or -1, or 0 or 1; unknown or '
+                         'nothing where it is not known')
+    values = np.array([read[cell] for cell in cells])  # 1: through the pole; NaN
+    known = np.isfinite(values)
+    if not known.any():
+        raise ValueError(f'{path}: pier_side is unknown in every row; leave the column out if no '
+                         'row is through the pole')
+    beyond, east = values == 1.0, wrap(hour_angle) < 0.0
+    sound = known & (table.reasons == 0) & np.isfinite(hour_angle)
+    down = beyond == east  # the counterweight hangs below the tube
+    if not known.all():
+        _place_unknown(table, known, sound, beyond, down, hour_angle)
+    elif sound.sum() >= _FEWEST and not down[sound].any() and beyond[sound].any():
+        table.meta['notes'].append(
+            'pier_side has the counterweight up in every row; if it was down, the column tells '
+            'where the tube points and not where it stands: exchange east and west (else ID, CH '
+            'and NP have the opposite sign)')
+    return beyond
+
+
+def _reading(cells):
+    """Cell -> 1.0 through the pole, 0.0 not, NaN unknown; None where some cell is neither."""
+    out = {cell: np.nan for cell in cells if cell in _UNKNOWN}
+    rest = cells - set(out)
+    words = {cell: float(cell[0] == 'w') for cell in rest if cell in ('east', 'west', 'e', 'w')}
+    try:
+        numbers = {cell: float(cell) for cell in rest - set(words)}
+    except ValueError:
+        return None
+    there = set(numbers.values())
+    if not there <= {-1.0, 0.0, 1.0} or (words and there - {-1.0}):
+        return None
+    ascom = bool(words) or 0.0 in there
+    through = {cell: (np.nan if v < 0.0 else v) if ascom else float(v < 0.0)
+               for cell, v in numbers.items()}
+    return out | words | through
+
+
+def _place_unknown(table, known, sound, beyond, down, hour_angle):
+    """Rows of an unknown side by the rule of the others; `beyond` is changed in place.
+
+    Mounts that keep their counterweight down, or all up, are on a side by the hour angle, but for
+    stars as near the meridian as those against the rule.
+    """
+    up = not down[sound].mean() >= 0.5
+    against = sound & (down == up)
+    near = np.abs(wrap(hour_angle[against])).max(initial=0.0)
+    rule = sound.sum() >= _FEWEST and against.sum() <= _AGAINST * sound.sum()
+    with np.errstate(invalid='ignore'):
+        placed = ~known & rule & (np.abs(wrap(hour_angle)) > near)
+    beyond[placed] = (wrap(hour_angle[placed]) < 0.0) != up
+    table.exclude(~known & ~placed, 'pier_side is unknown')
+    if placed.any():
+        table.meta['notes'].append(
+            f'pier_side is unknown in {int((~known).sum())} of {len(known)} rows: '
+            f'{int(placed.sum())} placed by the hour angle, as the others are')
