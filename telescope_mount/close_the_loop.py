@@ -7,9 +7,11 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.rows_told import rows_of_reader
+from pointing_model.following import KEY as FOLLOWS
 from pointing_model.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
+from .loop_judgement import judgement, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
 from .night import NightFailed, observe, prepare_folder
 from .simulator import kind_of_mount, scenario_names, undeclared
@@ -18,10 +20,6 @@ FORMAT = 'telescope_mount/loop'
 VERSION = 1
 #: the scenarios that are made for it
 ALL = 'loop_*'
-#: what is claimed of curves without a name, or of nothing
-_UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
-#: something was claimed, and judges did not let it pass
-_REFUSED = ('withheld', 'taken_back')
 #: what the run player does, in the words of a plan
 _MEASURED_PLAN = 'fit, diagnose'
 
@@ -44,85 +42,6 @@ def loop_plan(stars, polaris, check):
     """
     return (f'home, stars {stars}, zero {polaris}, calibrate_zero, fit, check {check}, '
             f'diagnose, check {check}, judge')
-
-
-def judgement(shows_as, effects, verdict='', harmful=False):
-    """Whether the diagnosis found what the scenario does.
-
-    Parameters
-    ----------
-    shows_as : list of str or None
-        Beginnings of names of effects.
-    effects : list of dict
-        Of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
-    verdict : str
-        Of the diagnosis.
-    harmful : bool
-        As of `points_worse`.
-
-    Returns
-    -------
-    found : str or None
-        'yes': every effect is there by its first name or one that is the same curve, and nothing
-        else; 'in the set': every one is among those reported together; 'in part'; 'no'. Where
-        the scenario shows as no effect: 'rightly none'; 'unknown', something without a name;
-        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and judges refused it.
-        'harmful' whatever was found. None: not said.
-    false : list of str
-        Effects that are none of those.
-    """
-    if shows_as is None:
-        return None, []
-
-    def among(wanted, names):
-        return any(name.startswith(wanted) for name in names)
-
-    first = [[e['name'], *e['aliases']] for e in effects]
-    sets = [[*names, *e['alternatives']] for names, e in zip(first, effects)]
-    false = [e['name'] for e, names in zip(effects, sets)
-             if not any(among(wanted, names) for wanted in shows_as)]
-    if harmful:
-        return 'harmful', false
-    if not shows_as:
-        if verdict in _REFUSED:
-            return verdict.replace('_', ' '), false
-        if not effects:
-            return 'rightly none', false
-        return ('unknown' if verdict in _UNCLAIMED else 'wrong'), false
-    named = [any(among(wanted, names) for names in first) for wanted in shows_as]
-    there = [any(among(wanted, names) for names in sets) for wanted in shows_as]
-    if all(named):
-        return 'yes', false
-    if all(there):
-        return 'in the set', false
-    return ('in part' if any(there) else 'no'), false
-
-
-def points_worse(before, after, judged=None):
-    """Whether blind stars after a change are missed by more than before, beyond noise.
-
-    Parameters
-    ----------
-    before, after : dict or None
-        Of `pointing_model.observing.blind_checks.blind_summary`: other stars each.
-    judged : dict, optional
-        Both models on the stars of `after`, with ``radial`` where there were enough: what has
-        become worse there for both is the night, and not the change.
-
-    Returns
-    -------
-    bool
-        The logarithm of the ratio is above 2 sigma; of an RMS over n stars, 2 n values, it has
-        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so. On the same stars the change
-        makes the RMS larger by 5 % at least.
-    """
-    if not (before and after and before['stars'] and after['stars']):
-        return False
-    same = (judged or {}).get('radial')
-    if same and same['after_arcsec'] < 1.05 * same['before_arcsec']:
-        return False
-    sigma = np.sqrt(0.25 / before['stars'] + 0.25 / after['stars'])
-    return bool(after['rms_arcsec'] > before['rms_arcsec'] * np.exp(2.0 * sigma))
 
 
 def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
@@ -310,10 +229,12 @@ def _write(folder, about, kept, latest):
                                            'rms_with_outliers_arcsec')},
         'blind_before': checks[0] if checks else None,
         'blind_after': checks[-1] if len(checks) > 1 else None,
+        'follows': list(diagnosis.get(FOLLOWS, {})),
         'alarms': json.loads(
             latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
         'notes': diagnosis['notes'],
     }
+    report['paired'] = paired(report)
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
     report['drive'] = drive_error(run, model, diagnosis['site_deg'],
                                   bool((report['judged'] or {}).get('taken_back')))
@@ -381,7 +302,8 @@ def _judge(folder, report, told):
     harmful = report['published'] and not judged.get('taken_back') and points_worse(
         report['blind_before'], report['blind_after'], judged)
     report['found'], report['false'] = judgement(
-        told and told['shows_as'], report['effects'], report['verdict'], harmful)
+        told and told['shows_as'], report['effects'], report['verdict'], harmful,
+        report['follows'])
     report['files'] = {name: str(folder / file) for name, file in (
         ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
         ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'page.html'))}

@@ -27,7 +27,7 @@ from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 
-from .loop_tables import loop_sentences
+from .loop_tables import added, loop_sentences
 
 _FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
@@ -74,11 +74,11 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
     -------
     str
     """
-    before, after, label = _pair(report)
+    same = report['paired']
+    before, after = (same[when]['rms_arcsec'] for when in ('before', 'after'))
+    label = same['of']
     what = report['scenario'] or Path(str(report['source'])).name
-    headline = f'{label[:1].upper()}{label[1:]}: from {_said(before)} to {_said(after)}'
-    if before is None or after is None:
-        headline = f'Verdict: {report["verdict"]}'
+    headline = f'The same {label}: from {_said(before)} to {_said(after)}'
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     told = report.get('undeclared')
     health, params = None, {}
@@ -114,30 +114,19 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
     return whole(f'The loop closed: {what}', body, 'A pointing model that was mended and tried')
 
 
-def _pair(report):
-    """The most honest errors before and after, arcsec, and of what they are."""
-    blind = [report[f'blind_{when}'] for when in ('before', 'after')]
-    if all(blind):
-        return *(check['rms_arcsec'] for check in blind), 'fresh stars pointed at blind'
-    for key, label in (('holdout_rms_arcsec', 'rows kept out'),
-                       ('cv_rms_arcsec', 'rows left out in turn'), ('rms_arcsec', 'rows fitted')):
-        values = [report[when].get(key) for when in ('before', 'after')]
-        if None not in values:
-            return *values, label
-    return None, None, 'rows fitted'
-
-
 def _said(value):
     return None if value is None else f'{value:.2f}″'
 
 
 def _bars(report):
     """Each measure of the error, before and after."""
-    rows = [('fresh stars, blind', [(check and check['rms_arcsec'], when, when) for when, check in (
-        (when, report[f'blind_{when}']) for when in ('before', 'after'))])]
+    rows, whens = [], ('before', 'after')
+    if report['paired']['of'] == 'fresh stars':
+        rows.append(('the same fresh stars', [
+            (report['paired'][when]['rms_arcsec'], when, when) for when in whens]))
     for key, label in (('holdout_rms_arcsec', 'rows kept out'),
                        ('cv_rms_arcsec', 'cross-validated'), ('rms_arcsec', 'rows fitted')):
-        rows.append((label, [(report[when].get(key), when, when) for when in ('before', 'after')]))
+        rows.append((label, [(report[when].get(key), when, when) for when in whens]))
     return rows
 
 
@@ -189,11 +178,11 @@ def write_all_page(folder, report):
         if 'error' in row:
             rows.append((row['scenario'], 'failed', row['error'], '', '', '', ''))
             continue
-        good += row['found'] in ('yes', 'in the set', 'rightly none')
-        before, after, _ = _pair(row)
+        good += row['found'] in ('yes', 'followed', 'in the set', 'rightly none')
+        before, after = (row['paired'][when]['rms_arcsec'] for when in ('before', 'after'))
         name = clean(row['scenario'])
         rows.append((Markup(f'<a href="{name}/page.html">{name}</a>'), row['verdict'],
-                     ', '.join(row['applied']) or None, row['found'], number(before),
+                     ', '.join(added(row)) or None, row['found'], number(before),
                      number(after), number(row['noise_floor_arcsec'])))
         bars.append((row['scenario'], [(before, 'before', 'before'), (after, 'after', 'after')]))
     total = len(report['scenarios'])
@@ -204,8 +193,8 @@ def write_all_page(folder, report):
                 [], '', '' if good == total else 'alarm'),
         section('Each scenario', table(
             ('scenario', 'verdict', 'effects added', 'found', 'before ″', 'after ″', 'floor ″'),
-            rows, 'sort'), note='Miss distance of fresh stars pointed at blind, radial RMS on the '
-            'sky, arcsec.'),
+            rows, 'sort'), note='The same fresh stars with the model before and after, radial RMS '
+            'on the sky, arcsec.'),
         section('Before and after', gains(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models that were mended and tried')

@@ -51,26 +51,37 @@ def _effects(report):
                           f'{sigma[name]:.2f}', *((p, gain) if i == 0 else ('', '')))
     for entry in report['refused']:
         table.add_row(', '.join(map(readable, entry['effects'])), 'not published', '', '', '', '')
+    for axis in report['follows']:
+        table.add_row(_follows(axis), '', '', '', '', '')
     if not report['effects'] and not report['refused']:
         table.add_row('nothing significant; the model stays as it was', '', '', '', '', '')
     return table
 
 
+def _follows(axis):
+    return f'zero of the {axis} encoder: follows the absolute encoder'
+
+
 def _errors(report):
     table = new_table('RMS on the sky, arcsec', '', *_names(report).columns, 'radial', 'rows')
+    same = report['paired']
+    if same['of'] == 'fresh stars':
+        for when in ('before', 'after'):
+            table.add_row(f'the same fresh stars, model {when}', *_rms(same[when]),
+                          str(same['rows']))
     for when in ('before', 'after'):
-        check = report[f'blind_{when}']
-        if check is not None:
-            count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
-            table.add_row(f'fresh stars, pointed blind, {when}', *_rms(check), count)
-    for when in ('before', 'after'):
-        table.add_row(f'rows fitted, {when}', *_rms(report[when]), '')
+        table.add_row(f'rows kept out, {when}', '', '',
+                      _arcsec(report[when]['holdout_rms_arcsec']), str(report['kept_out']))
     for when in ('before', 'after'):
         table.add_row(f'cross-validated, {when}', '', '',
                       _arcsec(report[when]['cv_rms_arcsec']), '')
     for when in ('before', 'after'):
-        table.add_row(f'rows kept out, {when}', '', '',
-                      _arcsec(report[when]['holdout_rms_arcsec']), str(report['kept_out']))
+        table.add_row(f'rows fitted, {when}', *_rms(report[when]), '')
+    for when in ('before', 'after'):
+        check = report[f'blind_{when}']
+        if check is not None:
+            count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
+            table.add_row(f'other stars each, pointed blind, {when}', *_rms(check), count)
     table.add_row('noise floor', '', '', _arcsec(report['noise_floor_arcsec']), '')
     return table
 
@@ -109,8 +120,8 @@ def all_table(report):
     """One table of all scenarios; `report` of `close_the_loop.close_all`."""
     names = ['scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor']
     alarms = any(row.get('alarms') for row in report['scenarios'])
-    table = new_table('Miss distance of fresh stars pointed blind, radial RMS on the sky, arcsec',
-                      *names, *['alarms'] * alarms)
+    table = new_table('The same fresh stars with the model before and after, radial RMS on the '
+                      'sky, arcsec', *names, *['alarms'] * alarms)
     for row in report['scenarios']:
         if 'error' in row:
             table.add_row(row['scenario'], 'failed', row['error'])
@@ -119,11 +130,15 @@ def all_table(report):
         if _besides(row):
             found += f', {len(row["false"])} besides'
         table.add_row(
-            row['scenario'], row['verdict'], '\n'.join(map(readable, row['applied'])) or '–', found,
-            _arcsec(row['blind_before'] and row['blind_before']['rms_arcsec']),
-            _arcsec(row['blind_after'] and row['blind_after']['rms_arcsec']),
+            row['scenario'], row['verdict'], '\n'.join(added(row)) or '–', found,
+            *(_arcsec(row['paired'][when]['rms_arcsec']) for when in ('before', 'after')),
             _arcsec(row['noise_floor_arcsec']), *[_alarms(row)] * alarms)
     return table
+
+
+def added(report):
+    """What the diagnosis added to the model, as a list of str for people."""
+    return [*map(readable, report['applied']), *map(_follows, report['follows'])]
 
 
 def _besides(report):

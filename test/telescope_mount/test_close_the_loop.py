@@ -22,10 +22,9 @@ from telescope_mount.close_the_loop import (
     _site_of,
     close_the_loop,
     drive_error,
-    judgement,
     loop_plan,
-    points_worse,
 )
+from telescope_mount.loop_judgement import judgement, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
 from telescope_mount.replay import _has_exposures
 from telescope_mount.runs import load_run
@@ -169,14 +168,19 @@ def test_the_change_is_judged_before_and_after_it_is_published(german, ended):
 
 def test_what_is_printed_and_written(german):
     for words in ('Verdict: identified', 'MA by counterweight', ' ha ', ' dec ',
-                  'fresh stars, pointed blind, before', 'noise floor', 'leans 15"',
+                  'the same fresh stars, model before', 'noise floor', 'leans 15"',
                   'found: yes', f'{german.report["blind_after"]["rms_arcsec"]:.2f}'):
         assert words in german.text, words
     assert 'azimuth' not in german.text
     page = (german.folder / 'diagnosis.html').read_text()
     assert page.startswith('<!DOCTYPE html') and 'hour angle' in page
     whole = (german.folder / 'page.html').read_text()
-    assert '<h2>Fresh stars pointed at blind: from ' in whole
+    before, after = (german.report['judged']['radial'][f'{when}_arcsec']
+                     for when in ('before', 'after'))
+    assert f'<h2>The same fresh stars: from {before:.2f}″ to {after:.2f}″' in whole
+    # the pair of the same stars stands above those of other stars
+    assert 0 < german.text.index('model before') < german.text.index('other stars each')
+    assert german.report['paired']['before']['rms_arcsec'] == before
     assert '<h2 class="part">Pointing diagnosis' in whole and whole.count('class="controls"') == 1
     for path in german.report['files'].values():
         assert path in german.text
@@ -199,6 +203,11 @@ def test_a_night_whose_counts_wander_points_by_the_absolute_encoder(cli, ended, 
     assert report['effects'] == []
     assert loop.model.effects == () and 'the model stays as it was' in loop.text
     assert list(follows) == ['elevation'] and loop.diagnosis['zero_follows'] == follows
+    assert report['follows'] == ['elevation']
+    assert 'zero of the elevation encoder: follows the absolute encoder' in loop.text
+    # nothing was published: one model, and so one figure, though other stars were pointed at before
+    assert report['paired']['before'] == report['paired']['after']
+    assert report['paired']['after']['rms_arcsec'] == report['blind_after']['rms_arcsec']
     # the stars' noise of 1.4, what 36 stars leave and the way to the star, in 12 stars
     assert report['blind_after']['rms_arcsec'] < 2.6
     assert any('counts of the elevation encoder wander' in note for note in report['notes'])
@@ -228,6 +237,9 @@ def test_the_mmt_night_goes_through_the_same_graph(mmt):
     assert '60 of 60 rows used' in mmt.text
     assert (report['rows_read'], report['rows_used']) == (60, 60)
     assert 'rows kept out, after' in mmt.text and 'pointed blind' not in mmt.text
+    assert report['paired']['of'] == 'rows kept out' and report['paired']['rows'] == 20
+    assert (report['paired']['before']['rms_arcsec'],
+            report['paired']['after']['rms_arcsec']) == (before, after)
 
 
 def test_a_measured_night_is_logged_and_found_again(mmt, german, ended):
@@ -288,6 +300,41 @@ def test_what_an_answer_is_worth_where_no_effect_is_the_right_one(verdict, wante
     assert judgement([], [effect('a')], verdict) == (wanted, ['a'])
     assert judgement([], [effect('a')], verdict, harmful=True) == ('harmful', ['a'])
     assert judgement(['a'], [effect('a')], verdict, harmful=True) == ('harmful', [])
+
+
+@pytest.mark.parametrize('shows_as, effects, follows, wanted', [
+    (['elevation_zero_with_time'], [], ['elevation'], ('followed', [])),
+    (['elevation_zero_with_time'], [], ['azimuth'], ('no', [])),
+    (['elevation_zero_step', 'a'], [effect('a')], ['elevation'], ('followed', [])),
+    (['elevation_zero_step', 'a'], [], ['elevation'], ('in part', [])),
+    (['elevation_zero_step'], [effect('elevation_zero_step')], ['elevation'], ('yes', [])),
+    ([], [], ['elevation'], ('rightly none', [])),
+])
+def test_counts_that_are_followed_are_found(shows_as, effects, follows, wanted):
+    assert judgement(shows_as, effects, 'none', follows=follows) == wanted
+
+
+def test_before_and_after_are_of_the_same_stars():
+    def blind(rms):
+        return {'stars': 30, 'rms_arcsec': rms, 'rms_x_arcsec': 1.0, 'rms_y_arcsec': 1.0}
+    figures = {f'{name}rms_arcsec': 1.0 for name in ('', 'cv_', 'holdout_')}
+    # the night has become worse, and the change is for the better all the same
+    report = {'blind_before': blind(5.06), 'blind_after': blind(5.46), 'published': True,
+              'kept_out': 30, 'rows_used': 90, 'before': figures, 'after': figures, 'judged': {
+                  'rows': 30, **{axis: {'before_arcsec': 6.65, 'after_arcsec': 5.46}
+                                 for axis in ('radial', 'az', 'el')}}}
+
+    def pair(**more):
+        got = paired({**report, **more})
+        return got['of'], *(got[when]['rms_arcsec'] for when in ('before', 'after'))
+    assert pair() == ('fresh stars', 6.65, 5.46)
+    assert pair(judged=None, published=False) == ('fresh stars', 5.46, 5.46)
+    assert pair(judged=None) == ('rows kept out', 1.0, 1.0)
+    lone = {**figures, 'holdout_rms_arcsec': None}
+    assert pair(judged=None, after=lone)[0] == 'rows left out in turn'
+    figures['rms_x_arcsec'] = figures['rms_y_arcsec'] = 0.7
+    lone = {**figures, 'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
+    assert pair(judged=None, after=lone) == ('rows fitted', 1.0, 1.0)
 
 
 def test_worse_beyond_noise():
@@ -397,7 +444,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     lines = {line.split()[0]: line for line in out.getvalue().splitlines() if line.strip()}
     assert 'the mount fell over' in lines['loop_clean'] and 'alarms' not in out.getvalue()
     for words in ('identified', 'MA by counterweight', 'yes, 1 besides',
-                  f'{german.report["blind_before"]["rms_arcsec"]:.2f}'):
+                  f'{german.report["judged"]["radial"]["before_arcsec"]:.2f}'):
         assert words in lines['loop_refraction']
     # a pattern, and what the witnesses said
     asked.clear()

@@ -1,0 +1,131 @@
+"""Whether a night of `close-the-loop` found what was wrong, and what it gained."""
+
+import numpy as np
+
+#: what is claimed of curves without a name, or of nothing
+_UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
+#: something was claimed, and judges did not let it pass
+_REFUSED = ('withheld', 'taken_back')
+
+
+def judgement(shows_as, effects, verdict='', harmful=False, follows=()):
+    """Whether the diagnosis found what the scenario does.
+
+    Parameters
+    ----------
+    shows_as : list of str or None
+        Beginnings of names of effects.
+    effects : list of dict
+        Of the diagnosis, with ``name``, ``alternatives`` and ``aliases``.
+    verdict : str
+        Of the diagnosis.
+    harmful : bool
+        As of `points_worse`.
+    follows : sequence of str
+        Axes whose zero follows the absolute encoder, in words.
+
+    Returns
+    -------
+    found : str or None
+        'yes': every effect is there by its first name or one that is the same curve, and nothing
+        else; 'followed': the same, but the zero follows what is one of the zero of its axis; 'in
+        the set': every one is among those reported together; 'in part'; 'no'. Where
+        the scenario shows as no effect: 'rightly none'; 'unknown', something without a name;
+        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and judges refused it.
+        'harmful' whatever was found. None: not said.
+    false : list of str
+        Effects that are none of those.
+    """
+    if shows_as is None:
+        return None, []
+
+    def among(wanted, names):
+        return any(name.startswith(wanted) for name in names)
+
+    first = [[e['name'], *e['aliases']] for e in effects]
+    sets = [[*names, *e['alternatives']] for names, e in zip(first, effects)]
+    false = [e['name'] for e, names in zip(effects, sets)
+             if not any(among(wanted, names) for wanted in shows_as)]
+    if harmful:
+        return 'harmful', false
+    if not shows_as:
+        if verdict in _REFUSED:
+            return verdict.replace('_', ' '), false
+        if not effects:
+            return 'rightly none', false
+        return ('unknown' if verdict in _UNCLAIMED else 'wrong'), false
+    named = [any(among(wanted, names) for names in first) for wanted in shows_as]
+    followed = [any(wanted.startswith(f'{axis}_zero') for axis in follows) for wanted in shows_as]
+    there = [any(among(wanted, names) for names in sets) or at_zero
+             for wanted, at_zero in zip(shows_as, followed)]
+    if all(named):
+        return 'yes', false
+    if all(one or at_zero for one, at_zero in zip(named, followed)):
+        return 'followed', false
+    if all(there):
+        return 'in the set', false
+    return ('in part' if any(there) else 'no'), false
+
+
+def points_worse(before, after, judged=None):
+    """Whether blind stars after a change are missed by more than before, beyond noise.
+
+    Parameters
+    ----------
+    before, after : dict or None
+        Of `pointing_model.observing.blind_checks.blind_summary`: other stars each.
+    judged : dict, optional
+        Both models on the stars of `after`, with ``radial`` where there were enough: what has
+        become worse there for both is the night, and not the change.
+
+    Returns
+    -------
+    bool
+        The logarithm of the ratio is above 2 sigma; of an RMS over n stars, 2 n values, it has
+        sigma^2 = 1 / (4 n), so that 2 % of harmless changes look so. On the same stars the change
+        makes the RMS larger by 5 % at least.
+    """
+    if not (before and after and before['stars'] and after['stars']):
+        return False
+    same = (judged or {}).get('radial')
+    if same and same['after_arcsec'] < 1.05 * same['before_arcsec']:
+        return False
+    sigma = np.sqrt(0.25 / before['stars'] + 0.25 / after['stars'])
+    return bool(after['rms_arcsec'] > before['rms_arcsec'] * np.exp(2.0 * sigma))
+
+
+def paired(report):
+    """The error with the model of before and with that of after, on the same data.
+
+    Parameters
+    ----------
+    report : dict
+        As `close_the_loop` writes it.
+
+    Returns
+    -------
+    dict
+        ``of`` what data: 'fresh stars', both models on those after the change; where these were
+        not judged, 'rows kept out', 'rows left out in turn' or 'rows fitted'. ``rows``, how many;
+        None where it is not known. ``before`` and ``after``: ``rms_arcsec`` (radial),
+        ``rms_x_arcsec``, ``rms_y_arcsec``; None of an axis that is not known.
+    """
+    judged, blind = report['judged'] or {}, report['blind_after'] or {}
+    if judged.get('radial'):
+        return {'of': 'fresh stars', 'rows': judged['rows'], **{
+            when: {f'rms_{part}arcsec': judged[axis][f'{when}_arcsec']
+                   for part, axis in (('', 'radial'), ('x_', 'az'), ('y_', 'el'))}
+            for when in ('before', 'after')}}
+    if blind.get('stars') and not report['published']:  # the model stayed as it was
+        same = {key: blind[key] for key in ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec')}
+        return {'of': 'fresh stars', 'rows': blind['stars'], 'before': same, 'after': same}
+    for key, label, rows in (('holdout_rms_arcsec', 'rows kept out', report['kept_out']),
+                             ('cv_rms_arcsec', 'rows left out in turn', report['rows_used'])):
+        values = [report[when][key] for when in ('before', 'after')]
+        if None not in values:
+            return {'of': label, 'rows': rows, **{
+                when: {'rms_arcsec': value, 'rms_x_arcsec': None, 'rms_y_arcsec': None}
+                for when, value in zip(('before', 'after'), values)}}
+    return {'of': 'rows fitted', 'rows': report['rows_used'], **{
+        when: {key: report[when][key] for key in ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec')}
+        for when in ('before', 'after')}}
