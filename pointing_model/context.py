@@ -259,16 +259,21 @@ class Context:
 
     # ------------------------------------------------------------------------------- derived
 
+    def on_horizon(self):
+        """Azimuth and elevation of the places, whichever way the mount looks there."""
+        return self.mount.horizon_of(self.az, self.el)
+
     def _derive_azimuth(self):
-        return self.mount.horizon_of(self.az, self.el)[0]
+        return self.on_horizon()[0]
 
     def _derive_elevation(self):
-        return self.mount.horizon_of(self.az, self.el)[1]
+        return self.on_horizon()[1]
 
     def _derive_pier_side(self):
-        if self.mount.altaz:
+        beyond = is_beyond(self.el)
+        if self.mount.altaz and not np.any(beyond):
             return None
-        return np.where(is_beyond(self.el), -1.0, 1.0)
+        return np.where(beyond, -1.0, 1.0)
 
     def _derive_counterweight(self):
         # of a level shaft; it turns with the first axis

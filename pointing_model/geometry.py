@@ -58,9 +58,10 @@ def _unit(az, el):
     return cos_el * np.sin(az), cos_el * np.cos(az), np.sin(el)
 
 
-def _side(cos_el, mount):
+def _side(cos_el):
     """-1 where a place is one through the pole."""
-    return 1.0 if mount.altaz else np.where(cos_el < 0.0, -1.0, 1.0)
+    beyond = cos_el < 0.0
+    return np.where(beyond, -1.0, 1.0) if np.any(beyond) else 1.0
 
 
 def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
@@ -79,7 +80,7 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     az_enc, el_enc : ndarray
         Radians; the azimuth on the branch nearest to `az`. NaN where the mount cannot look:
         nearer to its pole than collimation and non-perpendicularity allow. The solution is that
-        on the side of the place; of an alt-azimuth mount never the one past the zenith.
+        on the side of the place.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
 
     def ends(a, e):
         sines = *sincos(a), *sincos(e)
-        d_az, d_el, _ = to_axes(sines, known, mount, _side(sines[3], mount))
+        d_az, d_el, _ = to_axes(sines, known, mount, _side(sines[3]))
         d_el += ie
         if tf and mount.altaz:
             d_el += tf * sines[3]
@@ -154,11 +155,9 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         if star is not None:
             place = lowered(place, tf, mount.zenith, star)
         x, y, z = place
-        if mount.altaz:
-            return az_enc + wrap(np.arctan2(x, y) - az_enc), np.arctan2(z, np.hypot(x, y))
         side = np.where(vy < 0.0, -1.0, 1.0)
         az, el = np.arctan2(side * x, side * y), np.arctan2(z, side * np.hypot(x, y))
-        return az_enc + wrap(az - az_enc), el_enc + wrap(el - el_enc)
+        return az_enc + wrap(az - az_enc), el if mount.altaz else el_enc + wrap(el - el_enc)
 
     a, e = az_enc - ia, el_enc - ie
     az, el = look(a, e)
@@ -172,8 +171,13 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         az, el = az_new, el_new
         open_ = step > _TOLERANCE
         if not open_.any():
-            return az, el
-    return np.where(open_, np.nan, az), np.where(open_, np.nan, el)
+            break
+    else:
+        az, el = np.where(open_, np.nan, az), np.where(open_, np.nan, el)
+    if mount.altaz:
+        az, el, _ = sides(az, el)
+        az = az_enc + wrap(az - az_enc)
+    return az, el
 
 
 def _to_sky(az_enc, el_enc, known, mount):
@@ -279,7 +283,7 @@ def linearised(az, el, sines, known, names, mount):
     """
     ia, ie, tf = known[0], known[1], known[6]
     cos_el = sines[3]
-    d_az, d_el, way = to_axes(sines, known, mount, _side(cos_el, mount))
+    d_az, d_el, way = to_axes(sines, known, mount, _side(cos_el))
     d_az += ia
     x = in_turn(d_az) * cos_el
     d_el += ie

@@ -8,10 +8,11 @@ equator of the frame to its pole. So every mount is the same mount in another fr
     direction = (cos e sin a, cos e cos a, sin e) in the axis frame
 
 A direction is reached in two ways, (a, e) and, through the pole, (a + 180 deg, 180 deg - e): the
-two sides of the pier. Catalogue places of a run are the axis angles of a perfect mount *on the
-side that it was on*, so second angles beyond 90 degrees are ordinary. What an axis does then has
-one formula on both sides, and what changes its sign on the sky follows from the geometry; what
-gravity or the sky does is turned from the horizon into the axes, see `Mount.toward`.
+two sides of the pier, or of an alt-azimuth mount on this side of the zenith and beyond. Catalogue
+places of a run are the axis angles of a perfect mount *on the side that it was on*, so second
+angles beyond 90 degrees are ordinary. What an axis does then has one formula on both sides, and
+what changes its sign on the sky follows from the geometry; what gravity or the sky does is turned
+from the horizon into the axes, see `Mount.toward`.
 
 A program that corrects hour angle and declination *before* it works out the side of the pier has
 errors of another kind: they act on the sky, the same on both sides (`Mount.errors`).
@@ -123,7 +124,7 @@ class Mount:
 
     @property
     def altaz(self):
-        """Whether the axis frame is the horizon, and nothing is beyond the pole."""
+        """Whether the axis frame is the horizon, whose pole is the zenith."""
         return self.kind == 'altaz'
 
     def entries(self):
@@ -249,7 +250,7 @@ class Mount:
         first, second : float or ndarray
             Axis angles, radians; the second may be beyond the pole.
         """
-        if self.altaz:
+        if self.altaz and not np.any(is_beyond(second)):
             return first, second
         east, north, up = self.direction(first, second)
         return np.mod(np.arctan2(east, north), 2.0 * np.pi), np.arctan2(up, np.hypot(east, north))

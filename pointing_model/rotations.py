@@ -214,7 +214,7 @@ def to_axes(sines, coefficients, mount, side):
     with np.errstate(invalid='ignore', divide='ignore'):
         # NaN: a direction closer to the axis than the line of sight
         vy = np.sqrt(horizontal - vx * vx)
-        if not mount.altaz:
+        if np.ndim(side) or side < 0.0:
             vy = vy * side
         cos_e = vy * (1.0 / cos_c)
         across, along = ux * cos_a - uy * sin_a, ux * sin_a + uy * cos_a
@@ -330,11 +330,11 @@ def to_sky(sines, coefficients, mount):
         return turned((vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz), -an, -aw)
 
     x, y, z = look(sin_el, cos_el)
-    settled = True
+    settled, side = True, np.where(cos_el < 0.0, -1.0, 1.0)
     if tf and mount.altaz:
         bend = 0.0
         for _ in range(_STEPS):  # bend = TF cos E, by Newton
-            step = (tf * np.sqrt(x * x + y * y) - bend) / (1.0 - tf * z)
+            step = (tf * side * np.sqrt(x * x + y * y) - bend) / (1.0 - tf * z)
             bend = bend + step
             sine, cosine = _of_small(bend, 2.0 * tf)
             x, y, z = look(sin_el * cosine - cos_el * sine, cos_el * cosine + sin_el * sine)
@@ -354,7 +354,6 @@ def to_sky(sines, coefficients, mount):
         x, y, z = star
     horizontal = np.sqrt(x * x + y * y)
     if not mount.altaz:
-        side = np.where(cos_el < 0.0, -1.0, 1.0)
         x, y, horizontal = side * x, side * y, side * horizontal
     with np.errstate(invalid='ignore', divide='ignore'):
         d_el = small_angle(z * cos_el - horizontal * sin_el, horizontal * cos_el + z * sin_el)

@@ -60,7 +60,7 @@ class Points:
                  faster=1.0, any_magnitude=False, only_later=False):
         known, mount = obs.context, obs.context.mount
         self._drivers = drivers
-        above = known.get('elevation')
+        above = known.on_horizon()[1]
         low, high = elevations or (max(15.0 * DEG, float(above.min())), float(above.max()))
         low = low if low_deg is None else min(low, low_deg * DEG)
         high = min(88.0 * DEG, max(high, low + 0.1))

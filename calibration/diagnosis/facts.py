@@ -70,8 +70,8 @@ def unequal_scatter(diagnosis):
         elevation and ``rms_arcsec``. None where it does not, or where rows are too few.
     """
     rows = np.flatnonzero(diagnosis.weights > 0.0)
-    elevation = diagnosis.observations.context.get('elevation')
-    if elevation is None or len(rows) < 3 * _FEWEST_IN_BAND:
+    elevation = diagnosis.observations.context.on_horizon()[1]
+    if len(rows) < 3 * _FEWEST_IN_BAND:
         return None
     rows = rows[np.argsort(elevation[rows], kind='stable')]
     bands, best = np.array_split(np.arange(len(rows)), 3), None

@@ -36,7 +36,8 @@ class FileRows:
     columns : list of ndarray, shape (n,)
         Places and readings, radians, before rows are placed beyond the pole.
     beyond : ndarray of bool, shape (n,), or None
-        Rows that a column of the file places beyond the pole.
+        Rows that a column of the file places beyond the pole, or of an alt-azimuth mount those
+        beyond the zenith.
     label : ndarray of int, shape (n,)
         Number of the run of each row.
     line : ndarray of int, shape (n,)
@@ -79,9 +80,11 @@ def _written(run, encoder):
             return written, place
     some = _evenly(len(run), _SOME)
     columns = {name: np.asarray(run[name][some], float) for name in ('az', 'el', *names)}
-    if not run.mount.altaz:  # places as they are on the sky
-        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'],
-                                                    is_beyond(columns['el']))
+    beyond = is_beyond(columns['el'])
+    if not run.mount.altaz or beyond.any():  # places as they are on the sky
+        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+    if run.mount.altaz and beyond.any():
+        columns['beyond'] = beyond
     return {**columns, 'line': run.lines[some], 'misplaced_rows': 0,
             'misplaced': np.zeros(len(some), bool)}, some
 

@@ -250,7 +250,8 @@ class _Columns:
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
             p = reading.places(*self.columns, held=self.held, lst=self.lst)
             p, mount = self._by_axes(p, reading), _mount_of(reading, self.mount)
-            high = mount.horizon_of(p.az, p.el)[1]
+            high = p.el if mount.altaz and self.rows.beyond is None else mount.horizon_of(
+                p.az, p.el)[1]
             good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])
         if good.sum() < _FEW or good.mean() < 1.0 - MOST_LEFT_OUT:
             return None
@@ -272,7 +273,7 @@ class _Columns:
 
         That is, as `run_files.places.to_axes` has it, what the readings say, else a column.
         """
-        if self.mount.altaz:
+        if self.mount.altaz and self.rows.beyond is None:
             return p
         az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
         if reading.exchanged:

@@ -107,7 +107,7 @@ def _grid(obs):
     short : ndarray of bool
         Reached by a move of `SHORT` back on the one before.
     """
-    mount, above = obs.context.mount, obs.context.get('elevation')
+    mount, above = obs.context.mount, obs.context.on_horizon()[1]
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
     az, el, s_az, s_el, later, short = places_under(

@@ -35,11 +35,12 @@ def axes_note(context):
     context : Context
     """
     names, through = context.mount.names, np.abs(context.el) > np.pi / 2.0
-    if context.mount.altaz or not through.any():
+    if not through.any():
         return ''
     first, second = names.axes
+    way = 'past the zenith' if context.mount.altaz else 'through the pole'
     text = (f'{first.capitalize()} and {second} are those of the axes, as their encoders count. '
-            f'In {int(through.sum())} of {len(context)} rows the telescope looks through the pole, '
+            f'In {int(through.sum())} of {len(context)} rows the telescope looks {way}, '
             f'the {second} beyond 90°')
     if names.columns[0] == 'ha':
         way = 'on either side of the pier' if context.mount.kind == 'german' else \

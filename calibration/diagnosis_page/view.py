@@ -12,7 +12,7 @@ from calibration.diagnosis.summary import correlations, effect_offsets, its_own
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
-from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.mounts import ALTAZ, Mount, is_beyond
 
 from ..page.parts import value_and_error
 from ..page.residuals import Residuals
@@ -161,12 +161,13 @@ def view_of(diagnosis):
     """
     obs = diagnosis.observations
     context = obs.context
+    az, el = context.on_horizon()
     document = diagnosis.to_dict()
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
     names, matrix = correlations(diagnosis)
     return View(
         document={**document, 'excluded': diagnosis.excluded},
-        az=context.get('azimuth'), el=context.get('elevation'),
+        az=az, el=el,
         before=diagnosis.residual_before / ARCSEC,
         after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
         names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
@@ -207,10 +208,10 @@ def _in_words(rows, mount):
 def _axes_of(context):
     """What the axes are called, and how they stand to the horizon."""
     mount = context.mount
-    if mount.altaz:
+    if mount.altaz and not is_beyond(context.el).any():
         return {}
     first, second = mount.names.axes
-    horizon = ALTAZ.tangents(context.get('azimuth'), context.get('elevation'))
+    horizon = ALTAZ.tangents(*context.on_horizon())
     return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
             'turned': np.array([[np.sum(own * toward, axis=0) for own in context.tangent()]
                                 for toward in horizon])}

@@ -174,7 +174,9 @@ def blank_absurd(table):
 def flag_rows(table, mount):
     """Leave out rows below or beyond the sky, and copies of an earlier row."""
     low, high = ELEVATION_LIMITS
-    el = mount.horizon_of(table.columns['az'], table.columns['el'])[1]
+    el = table.columns['el']  # of an alt-azimuth mount as written
+    if not mount.altaz:
+        el = mount.horizon_of(table.columns['az'], el)[1]
     with np.errstate(invalid='ignore'):
         table.exclude((el < low * DEG) | (el > high * DEG),
                       f'elevation outside {low:g}..{high:g} deg')
@@ -274,7 +276,7 @@ def _as_written(table):
 
     Places and readings as the file has them, before rows are placed beyond the pole: what a column
     is not, such a place is not either. ``line``; ``misplaced``: rows that are left out for their
-    place; ``beyond``: of mounts with a column ``pier_side``, which rows it places there;
+    place; ``beyond``: rows that a column ``pier_side`` places there, or that are beyond the zenith;
     ``misplaced_rows``: how many there are in all.
     """
     begins, ends = _NO_PLACE
@@ -287,7 +289,8 @@ def _as_written(table):
     columns = {**table.columns, **table.written}
     names = [name for pair in PAIRS if set(pair) <= set(columns) for name in pair]
     if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
-        names += [name for name in ('lst_h', 'time', 'beyond') if name in columns]
+        names += [name for name in ('lst_h', 'time') if name in columns]
+    names += ['beyond'] if 'beyond' in columns else []
     return {'line': table.lines[rows], 'misplaced': misplaced[rows],
             'misplaced_rows': int(misplaced.sum()), **{name: columns[name][rows] for name in names}}
 

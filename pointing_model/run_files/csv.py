@@ -363,14 +363,15 @@ def write_csv(run, path, *, plain=False):
     names = [name for name in COLUMNS if name in run]
     names += [name for name in run.columns if name not in COLUMNS]
     header, columns, mount = [], [], run.mount
-    places = {} if mount.altaz else dict(zip(  # of the sky; the readings tell the side
-        ('az', 'el'), through_pole(run['az'], run['el'], is_beyond(run['el']))))
+    beyond = is_beyond(run['el'])
+    places = {} if mount.altaz and not beyond.any() else dict(zip(
+        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
     for name in names:
         values = places.get(name, run[name])
         unit = COLUMNS[name][1] if name in COLUMNS else 1.0
         header.append(column_name(name, mount.names))
-        if not mount.altaz and name in ('miss_x', 'miss_y'):
-            values = np.where(is_beyond(run['el']), -values, values)
+        if name in ('miss_x', 'miss_y'):
+            values = np.where(beyond, -values, values)
         if name == 'time' and run.meta.get('time_is_utc', True):
             columns.append(iso_utc(np.asarray(values, dtype=float), 'us' if plain else 'ns'))
         elif values.dtype.kind in 'fc':

@@ -133,6 +133,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     if meta['azimuth_origin'] == 'S':
         places.from_south(columns)
     checks.flag_rows(table, mount)
+    if mount.altaz:
+        places.past_zenith(table)
     checks.derive_approach(table)
     return PointingRun(checks.finish(path, table), meta)
 

@@ -12,6 +12,9 @@ from .declared import standard_pressure
 from .pier import through_the_pole
 from .solves import are_images, refuse_hours
 
+_NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
+_MOST = 0.9  # of the rows are near their places, where some are beyond the zenith
+
 
 def observe_places(path, table, weather, origin, mount):
     """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
@@ -167,12 +170,64 @@ def to_axes(path, table, mount):
             az = pairs[0][0]
             columns['az'] = np.where(sound, columns[az] + wrap(columns['az'] - columns[az]),
                                      columns['az'])
-    for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
-        if name in columns:  # on the sky; beyond the pole both axes grow the other way
-            columns[name] = np.where(beyond, -columns[name], columns[name])
+    _turn_on_sky(columns, beyond)
     if beyond.any():
         meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '
                              'the other side of the pier')
+
+
+def past_zenith(table):
+    """Rows of an alt-azimuth mount beyond its zenith, as angles of its axes.
+
+    There the azimuth reads half a turn on, and the elevation beyond 90 degrees; or the elevation
+    reads as if it were not beyond, and the azimuth alone says so. Places are then beyond the
+    zenith too. Nothing is done where readings are not near their places in most rows, on one side
+    or the other: that is for a check of the columns.
+    """
+    columns, pairs = table.columns, [pair for pair in PAIRS[1:] if set(pair) <= set(table.columns)]
+    if not pairs:
+        return
+    sound = (table.reasons == 0) & np.isfinite(sum(columns[n] for n in PAIRS[0] + pairs[0]))
+    place, reads = [[np.where(sound, columns[name], 0.0) for name in pair]
+                    for pair in (PAIRS[0], pairs[0])]
+    away = wrap(reads[0] - place[0])
+    high = is_beyond(reads[1])
+    near = [np.abs(reads[1] - to) < _NEAR for to in (place[1], np.pi - place[1])]
+    turn = wrap(away - _zero(away[sound & ~high]))
+    half = (np.cos(turn) < 0.0) & (np.abs(wrap(turn + np.pi)) * np.cos(place[1]) < _NEAR)
+    # nearer to the zenith an axis that leans swings the azimuth as far
+    folded = sound & ~high & half & near[0] & (place[1] < 0.5 * np.pi - _NEAR)
+    beyond = sound & high & half & near[1] | folded
+    straight = sound & ~beyond & near[0] & (np.abs(turn) * np.cos(place[1]) < _NEAR)
+    if not beyond.any() or (beyond | straight).sum() < _MOST * sound.sum():
+        return
+    written = {name: columns[name] for name in PAIRS[0]}
+    with np.errstate(invalid='ignore'):
+        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        for _, el in pairs:
+            over = np.where(is_beyond(columns[el]), columns[el], np.pi - columns[el])
+            columns[el] = np.where(beyond, columns['el'] + wrap(over - columns['el']), columns[el])
+    table.written = {**written, **{name: columns[name] for pair in pairs for name in pair},
+                     'beyond': beyond}
+    _turn_on_sky(columns, beyond)
+    table.meta['notes'].append(
+        f'{int(beyond.sum())} of {len(beyond)} rows are beyond the zenith: azimuth half a turn on, '
+        'elevation beyond 90 degrees' + (f', which is folded back in {int(folded.sum())}'
+                                         if folded.any() else ''))
+
+
+def _zero(away):
+    """Azimuth zero of readings of which some may be half a turn on."""
+    if not len(away):
+        return 0.0
+    zero = 0.5 * np.angle(np.exp(2j * away).sum())
+    return zero if np.cos(away - zero).mean() > 0.0 else zero + np.pi
+
+
+def _turn_on_sky(columns, beyond):
+    for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
+        if name in columns:  # on the sky; beyond the pole both axes grow the other way
+            columns[name] = np.where(beyond, -columns[name], columns[name])
 
 
 def _keep_written(table, pairs, beyond, mount):

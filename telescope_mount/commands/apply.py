@@ -79,6 +79,10 @@ def _apply(model, args):
     columns, notes = _drivers(name, lines, cells, pair, places, args)
     az, el = (_angles(name, lines, column, cells) for column in pair)
     _check(name, lines, pair, az, el, args.reverse or not model.mount.altaz)
+    if model.mount.altaz and not args.reverse and (el > 90.0).any():
+        notes.append('past the zenith, tube over the back, in row'
+                     f'{"s" * int((el > 90.0).sum() > 1)} {_listed(np.asarray(lines)[el > 90.0])}: '
+                     'at azimuth - 180, 180 - elevation')
     place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
     context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
     zero, applied = zeros_of_rows(model, args.zero, columns.get('run'))
@@ -155,7 +159,7 @@ def _check(name, lines, pair, az, el, beyond):
     """Refuse what is no direction in degrees."""
     import numpy as np
     # a tube past the zenith or through the pole
-    bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
+    bad = (el < (-180.0 if beyond else -90.0)) | (el > 180.0)
     if bad.any():
         i = int(np.argmax(bad))
         raise ValueError(f'{name}, row {lines[i]}, column {pair[1]}: {el[i]:g} is no such '

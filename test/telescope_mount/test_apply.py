@@ -84,7 +84,7 @@ def test_the_standard_input_and_models_of_other_programs(ended, tmp_path, monkey
     ('az_deg,el_deg\n1,2\n3,x\n', [], "row 3, column el_deg: 'x' is not a number"),
     ('az_deg,el_deg\n1,2\n3,nan\n', [], "row 3, column el_deg: 'nan' is no angle"),
     ('az_deg,el_deg\n1,\n', [], "column el_deg: 'empty' is no angle"),
-    ('az_deg,el_deg\n1,95\n', [], '95 is no such angle'),
+    ('az_deg,el_deg\n1,195\n', [], '195 is no such angle'),
     ('az_deg,el_deg\n1,0.2\n2,0.5\n3,1.2\n', [], 'look like radians'),
     ('az_deg,el_deg\n1,2,3\n', [], 'row 2: 3 cells, but the header has 2'),
     ('az_deg,az_deg,el_deg\n1,2,3\n', [], "'az_deg' is there twice"),

@@ -32,7 +32,7 @@ def scattered(seed, more=1.0, n=120):
     left = ARCSEC * rng.normal(size=(2, n))
     left[1] *= np.where((el > 0.5) & (el < 0.9), more, 1.0)
     return SimpleNamespace(weights=np.ones(n), residual_after=left, observations=SimpleNamespace(
-        context=SimpleNamespace(get={'elevation': el}.get)))
+        context=SimpleNamespace(on_horizon=lambda: (el, el))))
 
 
 def test_scatter_that_is_not_the_same_at_all_elevations_is_told():
