@@ -39,7 +39,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     Returns
     -------
     dict
-        The calibration report, and in ``diagnosis`` that of the replay, None without one.
+        The calibration report; in ``diagnosis`` that of the replay, None without one; in
+        ``problems`` what is wrong with the log.
 
     Raises
     ------
@@ -124,6 +125,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
         Path(out).write_text(model + '\n')
     report = json.loads(documents[0])
     report['diagnosis'] = json.loads(documents[1]) if diagnosed else None
+    report['problems'] = bag.problems
     return report
 
 

@@ -2,6 +2,7 @@
 
 import re
 import struct
+import zlib
 from io import BytesIO
 
 import lz4.frame
@@ -66,6 +67,33 @@ def unpack_chunk(body):
     return size, crc, compression, body[40 + n:40 + n + length], length
 
 
+def by_checksum(body, most):
+    """The records in a chunk whose head is damaged, where its checksum is right; else None.
+
+    Parameters
+    ----------
+    body : bytes
+        Of the chunk record, as long as it is.
+    most : int
+        Bytes that it may hold.
+
+    Returns
+    -------
+    bytes or None
+    """
+    (crc,) = struct.unpack_from('<I', body, 24)
+    for name in ('zstd', 'lz4', '') if crc else ():
+        data = body[40 + len(name):]
+        try:
+            size = zstandard.frame_content_size(data) if name == 'zstd' else most
+            buffer = decompress(data, name, min(size, most) if size > 0 else most)
+        except (ValueError, MemoryError, zstandard.ZstdError):
+            continue
+        if zlib.crc32(buffer) == crc:
+            return buffer
+    return None
+
+
 def decompress(data, compression, size):
     """At most `size` bytes of `data`; fewer where it was cut."""
     if size > MAX_CHUNK:
@@ -82,6 +110,14 @@ def decompress(data, compression, size):
     except (zstandard.ZstdError, RuntimeError, EOFError) as error:
         raise ValueError(f'{compression} data damaged: {error}') from None
     raise ValueError(f'chunk compression {compression!r} is unknown')
+
+
+def index_record(body):
+    """Channel and log times of a message index record; ValueError where it is none."""
+    channel, n = struct.unpack_from('<HI', body)
+    if n != len(body) - 6 or n % 16:
+        raise ValueError('message index with half an entry')
+    return channel, [row[0] for row in struct.iter_unpack('<QQ', body[6:])]
 
 
 def chunk_index(body):

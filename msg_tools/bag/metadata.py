@@ -2,6 +2,7 @@
 
 import os
 from pathlib import PurePath
+from typing import NamedTuple
 
 import yaml
 
@@ -93,45 +94,83 @@ def sync_folder(folder):
         os.close(number)
 
 
+class Listed(NamedTuple):
+    """What ``metadata.yaml`` tells of a file of the bag; NEVER and 0 where it tells nothing."""
+
+    count: int = 0
+    start: int = NEVER
+    end: int = 0
+
+
 def listed_files(folder):
-    """Names of the files that metadata.yaml lists, without any folder in front.
+    """The files that metadata.yaml lists, without any folder in front, and what it tells of them.
 
     Returns
     -------
-    names : list of str
+    files : dict of str to Listed
     problem : str
         Empty if all is well.
     """
     path = folder / METADATA_FILE
     try:
         if path.stat().st_size > MAX_SIZE:
-            return [], f'{METADATA_FILE} has more than {MAX_SIZE} bytes'
-        paths = _paths(yaml.parse(path.read_text(encoding='utf-8'), Loader=Loader))
+            return {}, f'{METADATA_FILE} has more than {MAX_SIZE} bytes'
+        root = _tree(yaml.parse(path.read_text(encoding='utf-8'), Loader=Loader))
     except FileNotFoundError:
-        return [], f'{METADATA_FILE} is missing'
+        return {}, f'{METADATA_FILE} is missing'
     except (yaml.YAMLError, ValueError) as error:
-        return [], f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
-    if not paths:
-        return [], f'{METADATA_FILE} lists no file'
+        return {}, f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
+    info = _of(root, 'rosbag2_bagfile_information')
     # before version 4 the paths had the folder in front
-    return [PurePath(path).name for path in paths], ''
+    files = {PurePath(name).name: Listed() for name in _of(info, 'relative_file_paths', list)
+             if isinstance(name, str)}
+    for row in _of(info, 'files', list):
+        name, told = _of(row, 'path', str), _listed(row)
+        if name in files and told is not None:
+            files[name] = told
+    return files, '' if files else f'{METADATA_FILE} lists no file'
 
 
-def _paths(events):
-    """The scalars of ``relative_file_paths``, from YAML events: foreign nesting cannot hurt."""
-    depth, found = 0, None
+def _listed(row):
+    """`Listed` of a row of ``files``; None where its numbers are none."""
+    try:
+        start = int(_of(_of(row, 'starting_time'), 'nanoseconds_since_epoch', str))
+        span = int(_of(_of(row, 'duration'), 'nanoseconds', str))
+        return Listed(int(_of(row, 'message_count', str)), start, start + span)
+    except ValueError:
+        return None
+
+
+def _of(tree, key, kind=dict):
+    """What stands under `key`, of one kind; empty where nothing of it does."""
+    value = tree.get(key) if isinstance(tree, dict) else None
+    return value if isinstance(value, kind) else kind()
+
+
+def _tree(events):
+    """Dicts, lists and str of YAML events: foreign nesting and types cannot hurt."""
+    root = []
+    stack = [(root, None)]  # what is open, and the key under which the next value comes
+
+    def put(value):
+        above, key = stack[-1]
+        if isinstance(above, list):
+            above.append(value)
+        elif key is None:
+            stack[-1] = above, value if isinstance(value, str) else ''
+        else:
+            above[key] = value
+            stack[-1] = above, None
+
     for event in events:
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > 20:
+            if len(stack) > 20:
                 raise ValueError('nested too deep')
+            value = {} if isinstance(event, yaml.MappingStartEvent) else []
+            put(value)
+            stack.append((value, None))
         elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-            if found is not None:
-                return found
-        elif isinstance(event, yaml.ScalarEvent):
-            if found is not None and depth == 3:
-                found.append(event.value)
-            elif depth == 2 and event.value == 'relative_file_paths':
-                found = []
-    return found
+            stack.pop()
+        elif isinstance(event, (yaml.ScalarEvent, yaml.AliasEvent)):
+            put(getattr(event, 'value', ''))
+    return root[0] if root else None

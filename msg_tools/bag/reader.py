@@ -6,111 +6,16 @@ import re
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
 
 from .chunk_rows import ChunkRows
-from .decode import Decoders
-from .file import MIN_RECORDS, BagFile
+from .file import MIN_RECORDS, BagFile, attachment_data
+from .log import BagMessage, Reader, Topic
 from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short
-from .metadata import is_truth, listed_files
-from .ros_schema import load_qos
+from .metadata import Listed
 from .writer import plain_name
 
 #: bytes of chunks that overlap in time and are held at once
 MAX_HELD = MAX_CHUNK + 64 * 2**20
-
-
-class Topic(NamedTuple):
-    """A topic of a bag."""
-
-    name: str
-    type: str
-    count: int
-    qos: list
-    type_hash: str
-
-    @property
-    def latched(self):
-        """Whether a publisher offered its last messages to late subscribers."""
-        return any(profile['durability'] == 'transient_local' for profile in self.qos)
-
-
-class BagMessage(NamedTuple):
-    """One message; times in ns since 1970; `data` is bytes, or the decoded object."""
-
-    topic: str
-    type: str
-    data: object
-    log_time: int
-    publish_time: int
-    sequence: int = 0
-
-
-def _natural(path):
-    """Sort key: night_2 before night_10."""
-    return [int(t) if t.isdecimal() and len(t) < 20 else 0 if t.isdecimal() else t
-            for t in re.split(r'(\d+)', path.name)]
-
-
-class Reader:
-    """What readers of all kinds of files have in common; each tells the SUFFIX of its files."""
-
-    def __init__(self, path):
-        self.path = Path(path)
-        self._problems = []
-        self._skipped = Counter()
-        self._decoders = Decoders(self._skipped)
-        self._qos = {'': []}  # by its text
-        if not self.path.exists():
-            raise ValueError(f'{self.path} does not exist; give the folder of a log, or of its '
-                             'night')
-
-    @property
-    def message_count(self):
-        """Messages that the index, or reading through, found."""
-        return sum(topic.count for topic in self.topics)
-
-    @property
-    def has_truth(self):
-        """A topic of the simulator's truth is in it; calibration must refuse such a bag."""
-        return any(is_truth(topic.name) for topic in self.topics)
-
-    @property
-    def problems(self):
-        """What is wrong with the log, one str each; grows while messages are read."""
-        return self._problems + [
-            f'{what} ({count} times)' if count > 1 else what
-            for what, count in self._skipped.items()]
-
-    def _find(self):
-        """The files: as metadata.yaml lists them, then those that it does not know."""
-        if not self.path.is_dir():
-            return [self.path]
-        names, problem = listed_files(self.path)
-        if problem:
-            self._problems.append(problem)
-        files = []
-        for name in dict.fromkeys(names):
-            file = self.path / name
-            if file.suffix == self.SUFFIX and file.is_file():
-                files.append(file)
-            else:
-                self._problems.append(f'{name} is listed in metadata.yaml but missing')
-        found = sorted(self.path.glob(f'*{self.SUFFIX}'), key=_natural)
-        files += [file for file in found if file not in files and file.is_file()]
-        if not files:
-            raise ValueError(f'{self.path} holds no {self.SUFFIX} file')
-        return files
-
-    def _qos_of(self, topic, text):
-        if text not in self._qos:
-            try:
-                self._qos[text] = load_qos(text)
-            except ValueError as error:
-                self._qos[text] = []
-                if len(self._problems) < 200:
-                    self._problems.append(f'{topic}: QoS text not understood ({short(error)})')
-        return self._qos[text]
 
 
 class BagReader(Reader):
@@ -174,11 +79,51 @@ class BagReader(Reader):
         segments = [s for file in self._files for s in file.segments]
         self.start_time = min((s.start for s in segments), default=None)
         self.end_time = max((s.end for s in segments), default=None)
+        self._check_times()
+
+    @property
+    def problems(self):
+        """What is wrong with the log, one str each; grows while messages are read."""
+        return super().problems + [
+            f'{file.path.name}: the chunk at byte {offset} has a damaged head ({why}); by its '
+            'checksum nothing of it is lost'
+            for file in self._files for offset, why in sorted(file.mended.items())] + [
+            f'{path.name}: {part}' for path, part in self.lost if part.why]
 
     @property
     def lost(self):
-        """(file, offset, length) of bytes that could not be read."""
-        return [(file.path, *part) for file in self._files for part in file.lost]
+        """(Path, `Lost`) of what could not be read, messages by topic; grows as `problems`."""
+        return [(file.path, part._replace(counts=file.by_topic(part.counts)))
+                for file in self._files for part in file.lost]
+
+    def recorded(self):
+        """Messages that were recorded, as far as the log tells.
+
+        Returns
+        -------
+        topics : Counter
+            By topic, of files that are there; '' of channels that are not described.
+        others : int
+            Of topics that are not known.
+        known : bool
+            Whether these are all.
+        """
+        topics, others, known = Counter(), 0, True
+        for file in self._files:
+            counts = file.counts
+            if not file.indexed:
+                counts = sum((Counter(part.counts) for part in file.lost), counts)
+            told = self._listed.get(file.path.name, Listed())
+            missing = told.count - sum(file.repeated.values()) - sum(counts.values())
+            topics.update(file.by_topic(counts))
+            others += max(0, missing) if file.lost and not file.indexed else 0
+            known = known and file.closed and (
+                file.indexed or missing >= 0 or all(part.known for part in file.lost))
+        for name, told in self._listed.items():
+            if not any(file.path.name == name for file in self._files):
+                others += told.count
+                known = known and told.count > 0
+        return topics, others, known
 
     def schema_of(self, topic, type_name):
         """(`mcap` Schema, encoding of the messages) of a topic's type; (None, '') without."""
@@ -326,20 +271,15 @@ class BagReader(Reader):
                     heapq.heappop(heap)
 
     def _rows(self, segment, stream, chosen, low, high, held):
-        chunk = f'{segment.file.path.name}: the chunk at byte {segment.offset - 9} is'
         try:
             if held and held + segment.expanded > MAX_HELD:
                 raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
             buffer = segment.file.load(segment, stream)
             if held and held + len(buffer) > MAX_HELD:
                 raise ValueError(f'chunks of more than {MAX_HELD} bytes overlap in time')
-        except PARSE_ERRORS as error:
-            self._skipped[f'{chunk} damaged ({short(error)}) and left out'] = 1
-            return None
-        try:
             return ChunkRows(buffer, chosen, low, high, MIN_RECORDS + segment.length)
-        except ValueError as error:
-            self._skipped[f'{chunk} left out ({error})'] = 1
+        except PARSE_ERRORS as error:
+            segment.file.lose_segment(segment, stream, short(error))
             return None
 
     def read_attachment(self, name):
@@ -348,13 +288,11 @@ class BagReader(Reader):
         Raises
         ------
         ValueError
-            There is none; the message lists those that are.
+            There is none, and the message lists those that are; or it is damaged.
         """
         for info in reversed(self.attachments):
             if info.name == name:
-                with open(info.file, 'rb') as stream:
-                    stream.seek(info.offset)
-                    return stream.read(info.size)
+                return attachment_data(info)
         known = ', '.join(a.name for a in self.attachments) or 'none'
         raise ValueError(f'{self.path} has no attachment {name!r} (it has: {known})')
 
@@ -397,9 +335,12 @@ def _drop_repeated(file):
     if not file.repeated or not file.segments:
         return
     first = min(file.segments, key=lambda segment: segment.offset)
-    if not set(file.repeated) >= {file.channels[n].topic for n in first.channels
-                                  if n in file.channels}:
-        return  # it was damaged and is not there
+    if not set(file.repeated) >= set(file.by_topic(dict.fromkeys(first.channels, 1))) - {''}:
+        # it was damaged and is not there: nothing of it is lost
+        file.lost = [part._replace(counts={}, known=True)
+                     if part.known and file.by_topic(part.counts) == Counter(file.repeated)
+                     and part.offset < first.offset else part for part in file.lost]
+        return
     file.segments.remove(first)
     for topic, count in file.repeated.items():
         if topic in by_topic:

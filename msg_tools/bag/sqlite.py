@@ -8,8 +8,9 @@ from pathlib import Path
 
 from mcap.records import Schema
 
+from .log import BagMessage, Reader, Topic
 from .mcap_records import short
-from .reader import BagMessage, BagReader, Reader, Topic
+from .reader import BagReader
 from .ros_schema import message_definition
 
 
@@ -83,6 +84,7 @@ class SqliteReader(Reader):
                     name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
         self.topics = list(merged.values())
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)
+        self._check_times()
         self.complete = True
 
     def _read_topics(self, base):

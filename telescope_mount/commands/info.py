@@ -1,9 +1,11 @@
 """The command ``info``: what is in a log, and whether it is whole."""
 
-from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 from . import options
+
+#: messages so far from all others, ns, that are no more than such a share, have a wrong time
+PAUSE, FEW = 86_400 * 10**9, 0.01
 
 
 def add(commands):
@@ -62,9 +64,10 @@ def log_info(path, *, quick=False):
         It is no log, or may not be read.
     """
     from msg_tools.bag import OWN_RECORD
+    from msg_tools.bag.losses import utc
     from msg_tools.bag.sqlite import open_bag
     bag = open_bag(path)
-    seen = {} if quick else _read_through(bag)
+    seen, odd = ({}, []) if quick else _read_through(bag)
     span = 0.0 if bag.start_time is None else (bag.end_time - bag.start_time) * 1e-9
     topics = []
     for topic in sorted(bag.topics):
@@ -81,40 +84,47 @@ def log_info(path, *, quick=False):
     return {
         'path': str(path), 'files': [file.name for file in bag.files],
         'size_bytes': sum(Path(file).stat().st_size for file in bag.files),
-        'start': _utc(bag.start_time), 'end': _utc(bag.end_time), 'duration_s': span,
+        'start': utc(bag.start_time), 'end': utc(bag.end_time), 'duration_s': span,
         'messages': sum(row['count'] for row in topics), 'topics': topics,
         'complete': bag.complete, 'read_through': not quick, 'truth': bag.has_truth,
         'written_with': dict(bag.metadata.get(OWN_RECORD, {})),
         'nodes': sorted(name.split(' ', 1)[1] for name in bag.metadata
                         if name.startswith('parameters ')),
         'attachments': [{'name': a.name, 'bytes': a.size} for a in bag.attachments],
-        'problems': bag.problems}
+        'problems': bag.problems + odd}
 
 
 def _read_through(bag):
-    """(first, last log time, count, SequenceGaps) by topic and type."""
+    """(first, last log time, count, SequenceGaps) by topic and type; and what is odd, sentences."""
+    from msg_tools.bag.file import attachment_data
+    from msg_tools.bag.losses import counted, span
     from msg_tools.gaps import SequenceGaps
     latched = {(t.name, t.type): t.latched for t in bag.topics}
-    seen = {}
+    seen, odd, parts, before = {}, [], [], None  # parts: times and numbers between long pauses
     for message in bag.messages():
-        key = message.topic, message.type
+        key, now = (message.topic, message.type), message.log_time
         row = seen.get(key)
         if row is None:
-            row = seen[key] = [message.log_time, 0, 0, SequenceGaps(latched.get(key, False))]
-        row[1] = message.log_time
+            row = seen[key] = [now, 0, 0, SequenceGaps(latched.get(key, False))]
+        row[1] = now
         row[2] += 1
         row[3].add(message.sequence)
-    return seen
-
-
-def _utc(ns):
-    if ns is None:
-        return None
-    try:
-        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
-    except OverflowError:
-        return f'{ns} ns since 1970'
-    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+        if before is None or now - before > PAUSE:
+            parts.append([now, now, 0, set()])
+        before = parts[-1][1] = now
+        parts[-1][2] += 1
+        parts[-1][3].add(message.topic)
+    total = sum(part[2] for part in parts)
+    for first, last, count, topics in parts:
+        if count <= FEW * total:
+            odd.append(f'{counted(count, True)} {span(first, last)} beside {total - count} of '
+                       f'other days, of {", ".join(sorted(topics)[:5])}')
+    for attachment in bag.attachments:
+        try:
+            attachment_data(attachment)
+        except ValueError as error:
+            odd.append(str(error))
+    return seen, odd
 
 
 def info_tables(info):

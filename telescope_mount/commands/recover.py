@@ -1,5 +1,6 @@
 """The command ``recover``: a new log from whatever can be read of a damaged one."""
 
+from collections import Counter
 from pathlib import Path
 
 from . import options
@@ -10,7 +11,8 @@ def add(commands):
     parser = commands.add_parser(
         'recover', help='make a whole log of what can be read of a damaged one',
         description='Write what can be read of a log into a new one, with index, statistics and '
-        'metadata, and say what was lost. The damaged log is only read.')
+        'metadata, and say how many messages of which topics and times are lost. The damaged log '
+        'is only read. Exit code 1 where anything of it is missing in the new one.')
     parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder of the new log (default: BAG_recovered)')
@@ -24,10 +26,27 @@ def run(args):
     options.check_target(args.json)
     report = recover_log(args.log, args.out)
     console = new_console()
-    print_lines(console, 'lost', report['lost'])
-    console.print(f'{report["messages"]} messages of {report["topics"]} topics saved, '
-                  f'{report["lost_bytes"]} bytes lost: {report["out"]}', soft_wrap=True)
+    print_lines(console, 'problem', report['lost'])
+    print_lines(console, 'lost', [
+        f'{topic}: {n} of {report["recorded"][topic]} messages'
+        for topic, n in report['missing'].items()])
+    console.print(f'{report["messages"]} messages of {report["topics"]} topics saved: '
+                  f'{report["out"]}; {_what_is_lost(report)}', soft_wrap=True)
     write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'result'))
+    return int(not report['whole'])
+
+
+def _what_is_lost(report):
+    from msg_tools.bag.losses import span
+    if report['whole']:
+        return 'nothing is lost'
+    total = report['messages'] + report['messages_lost']
+    count = f'{report["messages_lost"]} of {total} messages are lost'
+    if not report['all_known']:
+        count = f'at least {count}' if report['messages_lost'] else 'how many are lost is not known'
+    parts = [part for part in report['parts'] if part['start_ns'] is not None]
+    when = f', {span(parts[0]["start_ns"], parts[0]["end_ns"])}' if len(parts) == 1 else ''
+    return f'{count} ({report["lost_bytes"]} bytes){when}'
 
 
 def recover_log(bag, out=None, compression='zstd'):
@@ -44,8 +63,11 @@ def recover_log(bag, out=None, compression='zstd'):
     Returns
     -------
     dict
-        ``out`` (Path), ``messages``, ``topics``, ``attachments``, ``lost_bytes`` and ``lost``,
-        a line for all that could not be saved.
+        ``out`` (Path), ``messages``, ``topics``, ``attachments``: what is in the new log;
+        ``whole``, whether that is all; ``messages_lost``, of them by topic ``missing`` beside
+        ``recorded``; ``all_known``, whether these are all that were lost; ``parts``, what of the
+        files is damaged, with its bytes, times (ns) and messages; ``lost_bytes``; ``lost``, a line
+        for all that is wrong with the log or could not be saved.
 
     Raises
     ------
@@ -70,15 +92,28 @@ def recover_log(bag, out=None, compression='zstd'):
             if name not in own:
                 new.add_metadata(name, data)
         types = {topic.name: topic.type for topic in topics}
+        saved = Counter()
         for message in reader.messages(list(types)):
-            if message.type == types[message.topic]:
-                new.write(message.topic, message.data, min(message.log_time, 2**63 - 1),
+            # a later time is none that a log can hold
+            if message.type == types[message.topic] and message.log_time < 2**63:
+                saved[message.topic] += 1
+                new.write(message.topic, message.data, message.log_time,
                           min(message.publish_time, 2**63 - 1), message.sequence)
-        saved = [info.name for info in reader.attachments
-                 if _add_attachment(reader, new, info, notes)]
+        attachments = [info.name for info in reader.attachments
+                       if _add_attachment(new, info, notes)]
         count = new.message_count
-    return {'out': out, 'messages': count, 'topics': len(topics), 'attachments': saved,
-            'lost_bytes': sum(length for _, _, length in reader.lost),
+    recorded, others, known = reader.recorded()
+    missing = {topic: recorded[topic] - saved[topic] for topic in sorted(recorded)
+               if topic and recorded[topic] > saved[topic]}
+    lost = sum(missing.values()) + recorded[''] + others
+    return {'out': out, 'messages': count, 'topics': len(topics), 'attachments': attachments,
+            'whole': known and not lost and not notes, 'messages_lost': lost,
+            'missing': missing, 'recorded': dict(sorted(recorded.items())), 'all_known': known,
+            'parts': [{'file': file.name, 'offset': part.offset, 'bytes': part.length,
+                       'why': part.why, 'start_ns': part.start, 'end_ns': part.end,
+                       'messages': part.counts, 'all_known': part.known}
+                      for file, part in reader.lost],
+            'lost_bytes': sum(part.length for _, part in reader.lost),
             'lost': reader.problems + notes}
 
 
@@ -96,13 +131,12 @@ def _add_topic(reader, new, topic, notes):
     return True
 
 
-def _add_attachment(reader, new, info, notes):
+def _add_attachment(new, info, notes):
+    from msg_tools.bag.file import attachment_data
     from msg_tools.bag.writer import plain_name
     try:
         plain_name(info.name)
-        with open(info.file, 'rb') as stream:
-            stream.seek(info.offset)
-            new.add_attachment(info.name, info.media_type, stream.read(info.size))
+        new.add_attachment(info.name, info.media_type, attachment_data(info))
     except ValueError as error:
         notes.append(f'{error}; left out')
         return False

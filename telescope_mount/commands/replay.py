@@ -25,7 +25,14 @@ def add(commands):
 def run(args):
     """Replay, print, write."""
     from ..replay import replay_log
-    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    from .console import (
+        Progress,
+        new_console,
+        print_calibration,
+        print_files,
+        print_lines,
+        write_outputs,
+    )
     options.check_outputs(args)
     if args.reference is not None:
         from pointing_model.model import PointingModel
@@ -38,6 +45,7 @@ def run(args):
         report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.save,
                             domain_number=args.domain, harmonics=harmonics, progress=progress)
     print_calibration(console, report)
+    print_lines(console, 'problem', report['problems'])
     if report['diagnosis']:
         from pointing_model.effects.base import readable
         found = report['diagnosis']

@@ -105,11 +105,17 @@ def test_damage_in_the_middle_costs_one_chunk(demo, tmp_path):
         victim = chunks[5][2]
         struct.pack_into('<Q', data, victim + 1, 2**62)
         file.write_bytes(data[:-50])  # nor is there an index
+        reader = BagReader(file)  # its checksum is still right
+        assert len(list(reader.messages())) == 606 and not reader.lost
+        assert any('damaged head' in problem for problem in reader.problems)
+        data[chunks[5][0] - 30] ^= 255
+        file.write_bytes(data[:-50])
         reader = BagReader(file)
         lost = 606 - len(list(reader.messages()))
         assert 0 < lost <= max(n for _, n, _ in chunks)
         assert any('damaged' in problem for problem in reader.problems)
-        assert reader.lost[0][1] == victim
+        (_, part), = reader.lost
+        assert part.offset == victim and sum(part.counts.values()) == lost
 
 
 def test_first_chunk_destroyed_does_not_take_the_types_along(demo, tmp_path):

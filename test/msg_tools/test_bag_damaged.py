@@ -99,9 +99,13 @@ def test_bomb_is_refused(demo, tmp_path):
     file.write_bytes(data)
     for content, words in ((data, 'index says'), (data[:-40], 'claims')):  # without the index
         file.write_bytes(content)
-        reader = BagReader(file)
-        assert list(reader.messages()) == []
+        reader = BagReader(file)  # by its checksum it is read all the same
+        assert [row.data for row in reader.messages()] == [b'\0' * 1000]
         assert any(words in p for p in reader.problems), reader.problems
+    data[place + 8] ^= 1  # the checksum
+    for content in (data, data[:-40]):
+        file.write_bytes(content)
+        assert list(BagReader(file).messages()) == []
 
 
 def test_file_without_chunks_or_index(demo, tmp_path):
@@ -144,3 +148,26 @@ def test_damaged_metadata_does_not_matter(demo, tmp_path):
         assert reader.message_count == 505 and reader.problems
     (folder / 'metadata.yaml').unlink()
     assert BagReader(folder).message_count == 505
+
+
+def test_an_attachment_is_held_by_its_checksum(demo, tmp_path):
+    with demo.write_night(tmp_path / 'night', close=False) as writer:
+        writer.add_attachment('model.json', 'application/json', b'{"IA": 12.5}')
+    assert BagReader(writer.file).read_attachment('model.json') == b'{"IA": 12.5}'
+    writer.file.write_bytes(writer.file.read_bytes().replace(b'12.5}', b'17.5}'))
+    with pytest.raises(ValueError, match='model.json is damaged'):
+        BagReader(writer.file).read_attachment('model.json')
+
+
+def test_times_that_cannot_be_are_told(tmp_path):
+    """A simulated clock may begin with 0; one stamp of 0 beside others of today may not."""
+    today = 1_768_482_000 * 10**9
+    for number, (times, words) in enumerate((
+            ((5, 6), None), ((today, today + 5), None), ((0, today), 'from 1970-01-01'),
+            ((today, 2**63 - 1), 'to 2262-04-11'))):
+        with bag.BagWriter(tmp_path / str(number)) as writer:
+            writer.add_foreign_topic('/t', 'a/msg/B', [], b'', '')
+            for time in times:
+                writer.write('/t', b'x', time, time)
+        problems = BagReader(tmp_path / str(number)).problems
+        assert problems == [] if words is None else words in problems[0], problems

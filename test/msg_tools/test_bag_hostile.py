@@ -126,7 +126,7 @@ def test_qos_text(text):
 def test_metadata_file(tmp_path, content):
     (tmp_path / 'metadata.yaml').write_bytes(content)
     names, problem = listed_files(tmp_path)
-    assert names == [] and problem and '\n' not in problem
+    assert names == {} and problem and '\n' not in problem
 
 
 @pytest.mark.parametrize('definition', [

@@ -55,7 +55,7 @@ def test_quick_reads_no_message(log):
     quick, full = log_info(log, quick=True), log_info(log)
     assert quick['messages'] == 99 and quick['problems'] == []
     assert quick['topics'][0]['count'] == 98 and quick['topics'][0]['lost'] is None
-    assert any('is damaged' in problem for problem in full['problems']), full['problems']
+    assert ['left out: 99 messages from' in problem for problem in full['problems']] == [True]
     lines = [part for part in info_tables(full) if isinstance(part, str)]
     assert any('damaged' in line for line in lines)
 
@@ -68,6 +68,20 @@ def test_command(log, tmp_path, capsys):
         assert words in out
     assert main(['info', str(tmp_path / 'absent')]) == 2
     assert 'does not exist' in capsys.readouterr().err
+
+
+def test_a_few_messages_of_another_day_are_named(tmp_path, capsys):
+    """Neither too early nor too late for a time, but not of this night."""
+    with BagWriter(tmp_path / 'log') as writer:
+        writer.add_foreign_topic('/a', 'std_msgs/msg/Int32', [], DEFINITION, '')
+        writer.add_foreign_topic('/b', 'std_msgs/msg/Int32', [], DEFINITION, '')
+        writer.write('/b', number(1), START - 3 * 86400 * 10**9, START)
+        for i in range(150):
+            writer.write('/a', number(i), START + i * 10**7, START)
+    info = log_info(tmp_path / 'log')
+    assert info['problems'] == ['1 message from 2026-01-12T13:00:00.000Z to '
+                                '2026-01-12T13:00:00.000Z beside 150 of other days, of /b']
+    assert main(['info', str(tmp_path / 'log')]) == 1 and 'whole' not in capsys.readouterr().out
 
 
 # --- bags in SQLite ------------------------------------------------------------------------------

@@ -1,0 +1,113 @@
+"""What readers of logs of all kinds have in common."""
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+from .decode import Decoders
+from .losses import counted, implausible, span
+from .mcap_records import short
+from .metadata import is_truth, listed_files
+from .ros_schema import load_qos
+
+
+class Topic(NamedTuple):
+    """A topic of a bag."""
+
+    name: str
+    type: str
+    count: int
+    qos: list
+    type_hash: str
+
+    @property
+    def latched(self):
+        """Whether a publisher offered its last messages to late subscribers."""
+        return any(profile['durability'] == 'transient_local' for profile in self.qos)
+
+
+class BagMessage(NamedTuple):
+    """One message; times in ns since 1970; `data` is bytes, or the decoded object."""
+
+    topic: str
+    type: str
+    data: object
+    log_time: int
+    publish_time: int
+    sequence: int = 0
+
+
+def _natural(path):
+    """Sort key: night_2 before night_10."""
+    return [int(t) if t.isdecimal() and len(t) < 20 else 0 if t.isdecimal() else t
+            for t in re.split(r'(\d+)', path.name)]
+
+
+class Reader:
+    """What readers of all kinds of files have in common; each tells the SUFFIX of its files."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self._problems = []
+        self._listed = {}
+        self._skipped = Counter()
+        self._decoders = Decoders(self._skipped)
+        self._qos = {'': []}  # by its text
+        if not self.path.exists():
+            raise ValueError(f'{self.path} does not exist; give the folder of a log, or of its '
+                             'night')
+
+    @property
+    def message_count(self):
+        """Messages that the index, or reading through, found."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def has_truth(self):
+        """A topic of the simulator's truth is in it; calibration must refuse such a bag."""
+        return any(is_truth(topic.name) for topic in self.topics)
+
+    @property
+    def problems(self):
+        """What is wrong with the log, one str each; grows while messages are read."""
+        return self._problems + [
+            f'{what} ({count} times)' if count > 1 else what
+            for what, count in self._skipped.items()]
+
+    def _check_times(self):
+        wrong = implausible(self.start_time, self.end_time)
+        if wrong:
+            self._problems.append(wrong)
+
+    def _find(self):
+        """The files: as metadata.yaml lists them, then those that it does not know."""
+        if not self.path.is_dir():
+            return [self.path]
+        self._listed, problem = listed_files(self.path)
+        if problem:
+            self._problems.append(problem)
+        files = []
+        for name, told in self._listed.items():
+            file = self.path / name
+            if file.suffix == self.SUFFIX and file.is_file():
+                files.append(file)
+            else:
+                self._problems.append(f'{name} is listed in metadata.yaml but missing' + (
+                    f', with {counted(told.count, True)} {span(told.start, told.end)}'
+                    if told.count else ''))
+        found = sorted(self.path.glob(f'*{self.SUFFIX}'), key=_natural)
+        files += [file for file in found if file not in files and file.is_file()]
+        if not files:
+            raise ValueError(f'{self.path} holds no {self.SUFFIX} file')
+        return files
+
+    def _qos_of(self, topic, text):
+        if text not in self._qos:
+            try:
+                self._qos[text] = load_qos(text)
+            except ValueError as error:
+                self._qos[text] = []
+                if len(self._problems) < 200:
+                    self._problems.append(f'{topic}: QoS text not understood ({short(error)})')
+        return self._qos[text]

@@ -1,0 +1,62 @@
+"""What of a log cannot be read: which bytes, how many messages, of which time."""
+
+from datetime import datetime, timedelta, timezone
+from typing import NamedTuple
+
+#: before 1980 and after 2100, ns since 1970: no time of a message beside others between them
+EARLIEST, LATEST = 315_532_800 * 10**9, 4_102_444_800 * 10**9
+
+
+class Lost(NamedTuple):
+    """A part of a file that cannot be read.
+
+    Its messages are those that the index tells of, by channel; `known` where these are all.
+    """
+
+    offset: int
+    length: int
+    why: str
+    counts: dict
+    known: bool
+    start: int | None = None
+    end: int | None = None
+
+    def __str__(self):
+        size = f'{self.length} bytes at byte {self.offset} are damaged ({self.why})'
+        if self.known and not self.counts:
+            return f'{size}; no message is in them'
+        return f'{size} and left out: {counted(sum(self.counts.values()), self.known)}' + (
+            '' if self.start is None else f' {span(self.start, self.end)}')
+
+
+def counted(count, known):
+    """So many messages, where not all of them may be known."""
+    if not known:
+        return f'at least {count} messages' if count else 'an unknown number of messages'
+    return f'{count} message{"s" * (count != 1)}'
+
+
+def utc(ns):
+    """ISO 8601 of ns since 1970; None for None."""
+    if ns is None:
+        return None
+    try:
+        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
+    except OverflowError:
+        return f'{ns} ns since 1970'
+    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def span(start, end):
+    """From one time to another, ns since 1970."""
+    return f'from {utc(start)} to {utc(end)}'
+
+
+def implausible(start, end):
+    """What is wrong with the first and the last time of a log, ns since 1970; '' if nothing is.
+
+    A clock that is simulated may begin with 0: times are compared with each other.
+    """
+    if start is None or not (end > LATEST or start < EARLIEST <= end):
+        return ''
+    return (f'its times run {span(start, end)}: damage, or a clock that was not set')

@@ -1,0 +1,274 @@
+"""Reading an MCAP file through, where its index is missing or damaged."""
+
+import re
+import struct
+from collections import Counter
+from contextlib import suppress
+
+from mcap.opcode import Opcode
+
+from .chunks import NEVER
+from .losses import Lost
+from .mcap_records import (
+    CHUNK_HEAD,
+    MAX_CHUNK,
+    PARSE_ERRORS,
+    index_record,
+    read_at,
+    short,
+    walk,
+)
+
+#: bytes that are looked through at a time for the next chunk after a damaged record
+WINDOW = 2**22
+#: records that stand before the end of the data
+_OF_DATA = frozenset(map(int, (
+    Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END)))
+_DATA_END = re.compile(rb'\x0f\x04\0{7}.{4}[\x02-\x0e].{5}\0{3}', re.DOTALL)
+_INDEX = re.compile(rb'\x07.{4}\0{4}', re.DOTALL)
+
+
+def indexes_at(stream, place):
+    """Log times by channel of the message indexes at `place`, and where they end."""
+    times = {}
+    while True:
+        head = read_at(stream, place, 9)
+        if len(head) < 9 or head[0] != Opcode.MESSAGE_INDEX:
+            return times, place
+        (length,) = struct.unpack_from('<Q', head, 1)
+        try:
+            channel, rows = index_record(read_at(stream, place + 9, min(length, MAX_CHUNK)))
+        except PARSE_ERRORS:
+            return times, place
+        times[channel] = rows
+        place += 9 + length
+
+
+class Scan:
+    """Read a file from its start; after damage go on at the next thing that is whole.
+
+    Parameters
+    ----------
+    file : BagFile
+        Takes what is found.
+    """
+
+    def __init__(self, file):
+        self._file, self._size = file, file.size
+        self._plain = None  # start, first time, last time, channels of a row of plain messages
+        self._any_plain = False
+        self._in_chunk, self._span = Counter(), (0, 0)  # of the last chunk that was read
+        self._behind = 0  # where the message indexes of the last chunk end
+
+    def run(self):
+        """Read it."""
+        pos, closed = 8, False
+        while pos + 9 <= self._size and not closed:
+            head = self._file.at(pos, 64)
+            opcode, length = struct.unpack_from('<BQ', head)
+            end = pos + 9 + length
+            if opcode == Opcode.MESSAGE and length >= 22 and end <= self._size and not (
+                    CHUNK_HEAD.match(b'\x06' + head[1:])):
+                self._take_plain(pos, end)
+                pos = end
+                continue
+            self._end_plain(pos)
+            following = None
+            # a chunk is one whatever its opcode
+            if opcode == Opcode.CHUNK or CHUNK_HEAD.match(b'\x06' + head[1:]):
+                following = self._take_chunk(pos, length)
+            elif end <= self._size and opcode != Opcode.MESSAGE and (
+                    opcode in _OF_DATA or (opcode == Opcode.HEADER and pos == 8)):
+                closed = opcode == Opcode.DATA_END
+                self._take_record(opcode, pos, end)
+                following = end
+            if following is None:
+                following = self._after_damage(pos, end, opcode == Opcode.CHUNK)
+            if following is None:
+                break
+            pos = following
+        self._end_plain(pos)
+        self._conclude(pos, closed)
+
+    def _conclude(self, pos, closed):
+        file = self._file
+        file.closed = closed
+        if closed and file.ended:
+            file.complete = not (file.problems or file.lost or file.mended)
+        elif closed:
+            file.say('the index at its end is cut off; the messages before it are whole')
+        else:
+            if pos < self._size:
+                file.lost.append(Lost(pos, self._size - pos, '', {}, False))
+            file.say(f'not closed: {sum(file.counts.values())} messages read up to byte '
+                     f'{min(pos, self._size)} of {self._size}')
+
+    def _is_record(self, pos):
+        """Whether a record of the data may be at `pos`."""
+        head = self._file.at(pos, 9) if pos < self._size else b''
+        return len(head) == 9 and head[0] in _OF_DATA and (
+            pos + 9 + struct.unpack_from('<Q', head, 1)[0] <= self._size)
+
+    def _take_record(self, opcode, pos, end):
+        try:
+            if opcode in (Opcode.METADATA, Opcode.ATTACHMENT):
+                self._file.take_large(opcode, pos + 9, end - pos - 9)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._file.take(opcode, self._file.at(pos + 9, min(end - pos - 9, MAX_CHUNK)))
+        except PARSE_ERRORS as error:
+            self._file.lost.append(Lost(pos, end - pos, short(error), {}, True))
+
+    # --- messages outside of chunks ---------------------------------------------------------
+
+    def _take_plain(self, pos, end):
+        channel, _, log_time = struct.unpack('<HIQ', self._file.at(pos + 9, 14))
+        self._any_plain = True
+        if self._plain is None:
+            self._plain = [pos, log_time, log_time, set()]
+        self._plain[1] = min(self._plain[1], log_time)
+        self._plain[2] = max(self._plain[2], log_time)
+        self._plain[3].add(channel)
+        self._file.counts[channel] += 1
+        if end - self._plain[0] > 2**20:
+            self._end_plain(end)
+
+    def _end_plain(self, end):
+        if self._plain is not None:
+            begin, first, last, channels = self._plain
+            self._file.segment(first, last, begin, end - begin, chunk=False,
+                               channels=frozenset(channels))
+            self._plain = None
+
+    # --- chunks -----------------------------------------------------------------------------
+
+    def _take_chunk(self, pos, length):
+        """Take the chunk at `pos`; where the next record is, None where that is not known."""
+        file, end = self._file, pos + 9 + length
+        n, = struct.unpack('<I', file.at(pos + 37, 4).ljust(4, b'\0'))
+        inner = pos + 49 + n + struct.unpack('<Q', file.at(pos + 41 + n, 8).ljust(8, b'\0'))[0]
+        try:
+            self._count_one_of(pos + 9, {min(end, self._size), min(inner, self._size)})
+        except PARSE_ERRORS as error:
+            behind = pos < self._behind and self._is_record(self._behind)  # a message index
+            if behind or end > self._size or (end != inner and not self._is_record(end)):
+                return None
+            times, behind = indexes_at(file.stream, end)
+            file.lose(pos, end - pos, short(error), times, bool(times) and self._is_record(behind))
+            self._behind = behind
+            return behind
+        following = end
+        if not self._is_record(end):
+            following = inner
+            file.mended.setdefault(pos, f'a length of {length} bytes')
+        self._behind = following + sum(15 + 16 * n for n in self._in_chunk.values())
+        return following
+
+    def _count_one_of(self, offset, ends):
+        """Count what is in a chunk that ends at one of `ends`: one of its lengths may be wrong."""
+        *others, last = sorted(ends, reverse=True)
+        for end in others:
+            with suppress(*PARSE_ERRORS):
+                return self._count(offset, end - offset, cut=False)
+        return self._count(offset, last - offset, cut=False)
+
+    def _count(self, offset, length, cut):
+        """Count what is in a chunk; ValueError if it is damaged and not merely cut."""
+        file = self._file
+        try:
+            buffer = file.chunk(file.stream, offset, length, cut)
+        except PARSE_ERRORS:
+            if cut:
+                return
+            raise
+        counts, first, last = Counter(), NEVER, 0
+        unpack = struct.Struct('<HIQ').unpack_from
+        for opcode, begin, end in walk(buffer, file.most):
+            file.most -= 1
+            if opcode == Opcode.MESSAGE and end - begin >= 22:
+                channel, _, log_time = unpack(buffer, begin)
+                counts[channel] += 1
+                first, last = min(first, log_time), max(last, log_time)
+            else:
+                try:
+                    file.take(opcode, buffer[begin:end])
+                except PARSE_ERRORS as error:
+                    if len(file.problems) < 100:
+                        file.say(f'a record in the chunk at byte {offset - 9} is damaged '
+                                 f'({short(error)}) and left out')
+        if counts:
+            file.counts.update(counts)
+            file.segment(first, last, offset, length, chunk=True, partial=cut,
+                         channels=frozenset(counts))
+        self._in_chunk, self._span = counts, (first, last)
+
+    # --- damage -----------------------------------------------------------------------------
+
+    def _after_damage(self, pos, end, is_chunk):
+        """Where to go on after a record at `pos` that is none; None where nothing follows."""
+        file = self._file
+        if not is_chunk and self._is_record(end):  # nothing but its opcode is wrong
+            file.lost.append(Lost(pos, end - pos, 'no record', {}, not self._any_plain))
+            return end
+        if pos < self._behind and self._is_record(self._behind):
+            file.lost.append(Lost(pos, self._behind - pos, 'message index', {}, True))
+            return self._behind
+        following = self._next_chunk(pos + 1) or self._data_end(pos + 1)
+        if following is None:
+            if is_chunk:
+                self._count(pos + 9, self._size - pos - 9, cut=True)
+            return None
+        file.lose(pos, following - pos, 'no record',
+                  self._indexes_between(max(pos, self._behind), following), False)
+        return following
+
+    def _next_chunk(self, pos):
+        """Offset of the next whole and sound chunk record from `pos` on, or None."""
+        file = self._file
+        while pos + 49 <= self._size:
+            window = file.at(pos, WINDOW + 64)
+            for match in CHUNK_HEAD.finditer(window):
+                offset = pos + match.start()
+                (length,) = struct.unpack_from('<Q', window, match.start() + 1)
+                if offset + 9 + length > self._size or match.start() >= WINDOW:
+                    continue
+                try:
+                    file.chunk(file.stream, offset + 9, length, False)
+                except PARSE_ERRORS:
+                    if not file.spend(2**16):  # trying costs time
+                        return None
+                    continue
+                return offset
+            pos += WINDOW
+        return None
+
+    def _data_end(self, pos):
+        """Offset of the end of the data from `pos` on, or None."""
+        while pos + 13 <= self._size:
+            match = _DATA_END.search(self._file.at(pos, WINDOW + 64))
+            if match and match.start() < WINDOW:
+                return pos + match.start()
+            pos += WINDOW
+        return None
+
+    def _indexes_between(self, begin, end):
+        """Log times by channel of message indexes somewhere between, and of no chunk read."""
+        begin, times, place = max(begin, end - 2**24), {}, 0
+        part = self._file.at(begin, max(0, end - begin))
+        for match in _INDEX.finditer(part):
+            if match.start() < place:
+                continue
+            (length,) = struct.unpack_from('<Q', part, match.start() + 1)
+            body = part[match.start() + 9:match.start() + 9 + length]
+            try:
+                if len(body) < max(length, 22):
+                    continue
+                channel, rows = index_record(body)
+            except PARSE_ERRORS:
+                continue
+            read = len(rows) == self._in_chunk[channel] and (
+                self._span[0] <= min(rows) <= max(rows) <= self._span[1])
+            if channel in self._file.channels and not read:
+                times.setdefault(channel, []).extend(rows)
+                place = match.start() + 9 + length
+        return times
