@@ -4,7 +4,8 @@
 
 Seasons of 30 nights whose terms wander and scatter by sigmas that are drawn anew each time, with a
 temperature that follows the year: without any cause; with scatter that has long tails; with a term
-that follows the temperature; with a step that nobody has declared. Then, of measured runs, each
+that follows the temperature; with a step that nobody has declared; with four of one term, of either
+sign, each of which the walk would take for its own. Then, of measured runs, each
 night's terms by the nights before it alone against the last night's and the mean of them.
 """
 
@@ -23,11 +24,11 @@ from pointing_model.run_files import read_run
 from pointing_model.terms import design
 
 NAMES = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
-STATES = ('nothing', 'long tails', 'temperature', 'a step')
+STATES = ('nothing', 'long tails', 'temperature', 'a step', 'four steps')
 
 
 def season(rng, what, count=30):
-    """A `Nights` of terms that wander; the term that is moved, and from which night."""
+    """A `Nights` of terms that wander; the term that is moved, and from which nights."""
     k = len(NAMES)
     day = np.sort(rng.uniform(0.0, 700.0, count))
     walk = rng.choice([0.0, 1.0], k) * rng.uniform(0.1, 2.0, k)
@@ -39,12 +40,16 @@ def season(rng, what, count=30):
     values = level + scatter * tails
     temperature = (10.0 - 8.0 * np.cos(2.0 * np.pi * day / 365.25)
                    + 3.0 * rng.standard_normal(count))
-    term, at = int(rng.integers(k)), int(rng.integers(5, count - 5))
+    term, at = int(rng.integers(k)), [int(rng.integers(5, count - 5))]
     noise = np.hypot(scatter[term], walk[term] * np.sqrt(np.median(np.diff(day))))
     if what == 'temperature':
         values[:, term] += 2.0 * noise * (temperature - 10.0) / 6.4  # 2 sigma of a night, RMS
     if what == 'a step':
-        values[at:, term] += 6.0 * noise
+        values[at[0]:, term] += 6.0 * noise
+    if what == 'four steps':
+        at = (np.arange(1, 5) * count // 5 + rng.integers(-1, 2, 4)).tolist()
+        for night, sign in zip(at, rng.choice([-1.0, 1.0], 4)):
+            values[night:, term] += sign * rng.uniform(10.0, 20.0) * noise
     sigma = rng.uniform(0.5, 2.0, (count, k))
     values += sigma * rng.standard_normal((count, k))
     nights = [Night(f'night {i}', 86400.0 * d, 40, v * ARCSEC, np.diag(s**2) * ARCSEC**2, 0.0,
@@ -72,10 +77,12 @@ def of_chance(count, seed):
             got, _ = choose_causes(told, candidates(nights, told.days))
             claimed += bool(got)
             names = [(c.cause.kind, c.cause.terms) for c in got]
-            kind = {'temperature': 'column', 'a step': 'step'}.get(what)
-            right += (kind, (term,)) in names
+            kind = {'temperature': 'column', 'a step': 'step', 'four steps': 'step'}.get(what)
+            right += names.count((kind, (term,))) >= (len(at) if kind == 'step' else 1)
             wrong += sum(n != (kind, (term,)) for n in names)
-            where += any(c.cause.text == f'night {at}' for c in got if c.cause.terms == (term,))
+            wrong += max(names.count((kind, (term,))) - len(at), 0)
+            where += {f'night {i}' for i in at} <= {
+                c.cause.text for c in got if c.cause.terms == (term,)}
         rows.append((what, count, claimed, right, where, wrong))
     return rows
 

@@ -7,7 +7,7 @@ a cause because both drift; wander and scatter are estimated anew with it.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import comb, fdtrc
 
 from .filter import find_wander, levels, log_likelihood, normal_equations, step_gains
 
@@ -15,13 +15,21 @@ from .filter import find_wander, levels, log_likelihood, normal_equations, step_
 #: has no cause shows one (docs/season.md)
 ALPHA = 0.002
 #: nights on either side of a step that nobody has declared, and of one that somebody has
-_BESIDE, _BESIDE_DECLARED = 3, 1
-#: candidates that are looked at closely, and most causes of a season
-_CLOSER, _MOST = 4, 8
+_BESIDE, _BESIDE_DECLARED = 2, 1
+#: candidates that are looked at closely
+_CLOSER = 4
+#: most causes of a season: so many, and of a long one, one for so many nights
+_LEAST_MOST, _NIGHTS_A_CAUSE = 8, 4
+#: steps of one term that are looked at together, at most
+_DEEP = 6
+#: variance of the walk from night to night, of that of a night, from where it may hide steps
+_HIDES = 0.01
 #: of the chance of another candidate: more like it are as good, but for rounding
 _BETTER = 0.99
 #: part of the nights that must have a cause's value
 _ENOUGH = 0.8
+#: scatter of a cause within a night, of that of the means of nights, up to which its mean counts
+_WITHIN = 2.0
 _YEAR = 365.25
 
 
@@ -108,10 +116,10 @@ def candidates(season, day, declared=()):
         values, within = np.array([night.causes.get(name, (np.nan, np.nan))
                                    for night in season.nights]).T
         known = np.isfinite(values)
-        if known.mean() < _ENOUGH or np.ptp(values[known]) <= 0.0:
-            continue
         # what a night runs through, such as the angle of a rotator, has no mean that counts
-        if name not in season.columns and np.median(within[known]) > 2.0 * values[known].std():
+        if known.any() and name not in season.columns:
+            known &= within <= _WITHIN * values[known].std()
+        if known.mean() < _ENOUGH or np.ptp(values[known]) <= 0.0:
             continue
         middle = float(values[known].mean())
         shape = np.where(known, values - middle, 0.0)[:, None]
@@ -168,29 +176,124 @@ def choose_causes(told, asked, alpha=ALPHA):
     told = told._replace(columns=own)
     wander, base = find_wander(told, restricted=False)
     # a step by each of its dates, all else by itself: as many chances as were asked
-    while asked and len(found) < _MOST:
+    while asked and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
         best = None
         # what was declared stands before the steps, and one at its date says the same
         for number in sorted(_likely(told, asked, wander)):
             cause = asked[number]
-            with_it = told._replace(columns=np.concatenate(
-                [told.columns, cause.columns(k)], axis=2))
+            with_it = _with(told, [cause])
             new, value = find_wander(with_it, wander, restricted=False)
-            p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n) * len(asked)
+            p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n,
+                        _held(found, cause.terms)) * len(asked)
             if best is None or p < _BETTER * best[0]:
-                best = p, number, with_it, new, value
+                best = p, [(cause, p)], with_it, new, value
+        if best is None or best[0] >= alpha:
+            best = _together(told, found, asked, wander, base, alpha)
         if best is None or best[0] >= alpha:
             break
-        p, number, told, wander, base = best
-        cause = asked.pop(number)
-        found.append(Found(cause, min(p, 1.0)))
-        asked = [other for other in asked if not _alike(other, cause)]
+        _, more, told, wander, base = best
+        for cause, p in more:
+            found.append(Found(cause, min(p, 1.0)))
+            asked = [other for other in asked if other is not cause and not _alike(other, cause)]
     return found, find_wander(told, wander)[0]
 
 
-def _chance(ratio, extra, n):
-    """Of twice a difference of log likelihoods, by F: nights are few."""
-    rest = n - 1 - extra
+def _with(told, causes):
+    """With columns of more causes."""
+    k = told.values.shape[1]
+    return told._replace(columns=np.concatenate(
+        [told.columns, *(cause.columns(k) for cause in causes)], axis=2))
+
+
+def _together(told, found, asked, wander, base, alpha):
+    """Steps of one term that hide one another: with one taken the walk still has the others.
+
+    So they are taken one after the other, each where it gains most, and judged together: by F with
+    as many coefficients, times the number of ways to choose as many. Those are kept each of which
+    is beyond chance with the others there.
+
+    Parameters
+    ----------
+    told : filter.Told
+        With the columns of what was found.
+    found : list of Found
+    asked : list of Cause
+    wander : filter.Wander
+    base : float
+        Log likelihood.
+    alpha : float
+
+    Returns
+    -------
+    tuple or None
+        Chance of all, list of (Cause, chance of it beside the others), `Told` with them, its
+        `Wander` and its log likelihood.
+    """
+    (n, terms), best = told.values.shape, None
+    # a term that hardly walks hides nothing
+    walks = wander.walk**2 * np.median(np.diff(told.days)) > _HIDES * wander.scatter**2
+    for term in np.flatnonzero(walks):
+        steps = [cause for cause in asked if cause.kind == 'step' and cause.terms == (term,)]
+        taken = [entry.cause.first for entry in found
+                 if entry.cause.kind == 'step' and term in entry.cause.terms]
+        held = _held(found, (term,))
+        chosen, now, here = [], told, wander
+        for count in range(1, _DEEP + 1):
+            free = [cause for cause in steps if all(
+                abs(cause.first - other) >= _BESIDE for other in taken)]
+            if not free:
+                break
+            gains = step_gains(now, here)[:, term]
+            cause = max(free, key=lambda one: gains[one.first])
+            chosen, now = [*chosen, cause], _with(now, [cause])
+            taken = [*taken, cause.first]
+            here, value = find_wander(now, here, restricted=False, term=term)
+            p = _chance(2.0 * (value - base), count, n, held) * terms * float(
+                comb(len(steps), count))
+            if best is None or p < best[0]:
+                best = p, chosen, here, held
+    return None if best is None else _each(told, *best, base, len(asked), alpha)
+
+
+def _held(found, terms):
+    """Coefficients of what was found that move any of some terms; the most that one has."""
+    return max(sum(entry.cause.shape.shape[1] for entry in found if term in entry.cause.terms)
+               for term in terms)
+
+
+def _each(told, p, chosen, wander, held, base, ways, alpha):
+    """As `_together` of steps, of those that are beyond chance each beside the others."""
+    n = len(told.days)
+    while chosen and p < alpha:
+        whole = _with(told, chosen)
+        wander, value = find_wander(whole, wander, restricted=False)
+        alone = [_chance(2.0 * (value - find_wander(_with(told, [
+            other for other in chosen if other is not cause]), wander, restricted=False)[1]),
+            1, n, held + len(chosen) - 1) * ways for cause in chosen]
+        if max(alone) < alpha:
+            return p, list(zip(chosen, alone)), whole, wander, value
+        chosen = [cause for cause, own in zip(chosen, alone) if own < max(alone)]
+    return None
+
+
+def _chance(ratio, extra, n, held=0):
+    """Of twice a difference of log likelihoods, by F: nights are few.
+
+    Parameters
+    ----------
+    ratio : float
+    extra : int
+        Coefficients behind it.
+    n : int
+        Nights.
+    held : int
+        Coefficients that the same terms have already.
+
+    Returns
+    -------
+    float
+    """
+    rest = n - 1 - held - extra
     if rest < 1:
         return 1.0
     return float(fdtrc(extra, rest, np.expm1(max(ratio, 0.0) / n) * rest / extra))

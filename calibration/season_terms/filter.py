@@ -168,7 +168,7 @@ def step_gains(told, wander):
     return out
 
 
-def find_wander(told, start=None, restricted=True):
+def find_wander(told, start=None, restricted=True, term=None):
     """The most likely `Wander`, and its log likelihood.
 
     Parameters
@@ -179,25 +179,33 @@ def find_wander(told, start=None, restricted=True):
     restricted : bool
         By REML, which the number of columns does not bend; else the plain one, by which models
         of other columns are compared.
+    term : int, optional
+        Of this one alone; the others stay as in `start`.
     """
     k = told.values.shape[1]
-    bounds = [(np.log(_LEAST), np.log(_MOST))] * (2 * k)
     if start is None:
         change = np.median(np.abs(np.diff(told.values, axis=0)), axis=0) + 0.1 * ARCSEC
         per_day = change / np.sqrt(max(float(np.median(np.diff(told.days))), 0.1))
         start = Wander(0.3 * per_day, 0.5 * change)
-    begin = np.clip(np.log(np.concatenate(start)), *bounds[0])
-    steps = np.vstack([np.zeros(2 * k), _STEP * np.eye(2 * k)])
+    begin = np.clip(np.log(np.concatenate(start)), np.log(_LEAST), np.log(_MOST))
+    free = np.arange(2 * k) if term is None else np.array([term, k + term])
+    steps = np.vstack([np.zeros(2 * k), _STEP * np.eye(2 * k)[free]])
+
+    def whole(theta):
+        out = begin.copy()
+        out[free] = theta
+        return out
 
     def both(theta):
-        variances = np.exp(2.0 * (theta + steps))
+        variances = np.exp(2.0 * (whole(theta) + steps))
         value = -log_likelihood(*normal_equations(told, variances[:, :k], variances[:, k:]),
                                 restricted)
         return value[0], (value[1:] - value[0]) / _STEP
 
-    found = minimize(both, begin, jac=True, method='L-BFGS-B', bounds=bounds,
-                     options={'maxiter': 200, 'ftol': 1e-9})
-    return Wander(*np.exp(found.x.reshape(2, k))), -float(found.fun)
+    found = minimize(both, begin[free], jac=True, method='L-BFGS-B',
+                     bounds=[(np.log(_LEAST), np.log(_MOST))] * len(free),
+                     options={'maxiter': 200, 'ftol': 1e-9 if term is None else 1e-6})
+    return Wander(*np.exp(whole(found.x).reshape(2, k))), -float(found.fun)
 
 
 class Smoothed(NamedTuple):

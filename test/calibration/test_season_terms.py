@@ -1,6 +1,7 @@
 """The terms of a season: their wander, what moves them, what is foretold."""
 
 import json
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,9 +25,11 @@ from calibration.season_terms.page import render
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.run import PointingRun
+from pointing_model.run_files import read_run
 from pointing_model.terms import design
 
 NAMES = ('IA', 'IE', 'TF')
+ARC = Path(__file__).parents[3] / 'shared' / 'data' / 'arc35m'
 
 
 def season(rng, count=24, walk=(1.0, 0.0, 0.0), scatter=(1.0, 3.0, 2.0), moved=None):
@@ -136,6 +139,49 @@ def test_what_moves_a_term_is_named_and_foretold_with():
         judge_season(nights, tonight=0.0)
     with pytest.raises(ValueError, match='no column|no night has a column'):
         judge_season(nights, causes={'wind': 3.0})
+
+
+def test_steps_of_one_term_do_not_hide_one_another():
+    def moved(values, warm):
+        for night, size in zip((2, 9, 14, 19), (45.0, -50.0, 40.0, -45.0)):
+            values[night:, 1] += size
+
+    nights = season(np.random.default_rng(27), 24, moved=moved)
+    told = told_of(nights)
+    found, wander = choose_causes(told, candidates(nights, told.days))
+    assert all(entry.cause.terms == (1,) and entry.p < 1e-3 for entry in found)
+    assert sorted(entry.cause.first for entry in found) == [2, 9, 14, 19]
+    assert wander.walk[1] < 0.5 * ARCSEC  # what the steps do is no walk
+
+
+def test_what_a_few_nights_run_through_is_no_cause():
+    nights = season(np.random.default_rng(29), 24)
+    for i, night in enumerate(nights.nights):
+        night.causes['rotator_deg'] = (60.0, 75.0) if i < 2 else (0.0, 0.0)
+    asked = [entry.text for entry in candidates(nights, days(nights.nights))
+             if entry.kind == 'column']
+    assert asked == ['temperature'] * 3
+
+
+@pytest.mark.skipif(not ARC.is_dir(), reason='the runs of the ARC 3.5 m are not in the package')
+def test_the_steps_of_a_measured_season_are_found_with_their_dates():
+    runs = []
+    for path in sorted(ARC.glob('*.dat')):
+        try:
+            runs.append(read_run(path))
+        except ValueError:  # one has no rows
+            continue
+    whole = nights_of(runs)
+    place = whole.names.index('IE')
+    alone = Nights(('IE',), whole.mount, [night._replace(
+        values=night.values[[place]], covariance=night.covariance[[place]][:, [place]])
+        for night in whole.nights], [])
+    told = told_of(alone)
+    found, _ = choose_causes(told, candidates(alone, told.days))
+    steps = {entry.cause.text[7:14] for entry in found if entry.cause.kind == 'step'}
+    # the first night with it: 2014-06/08, 2015-06/07, 2016-06/07, 2018-05/09, 2019-06/07
+    assert steps == {'2014-08', '2015-07', '2016-07', '2018-09', '2019-07'}
+    assert len(found) == 5
 
 
 def test_a_declared_date_moves_all_terms_at_once():
