@@ -2,6 +2,8 @@
 
 import csv
 
+from msg_tools.output import beside
+
 from .season import season_from_rows
 from .tables import new_table
 from .zero_causes import AXES, DRIVERS, zero_causes
@@ -111,7 +113,7 @@ def season_lines(judged):
 
 def write_season(power_ons, path):
     """A CSV with a row for each power-on; an empty cell is unknown."""
-    with open(path, 'w', newline='', encoding='utf-8') as file:
+    with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
         table = csv.writer(file)
         table.writerow(['run', 'time', *(pattern.format(axis) for pattern in _COLUMNS.values()
                                          for axis in ('az', 'el'))])

@@ -282,7 +282,7 @@ class McapLogger(MountNode):
             for name, (_, counter) in self._recorded.items() if counter.gaps]
 
     def finish(self):
-        """Write index and metadata; needs no ROS."""
+        """Write index and metadata; needs no ROS. OSError where the log is not whole."""
         model = ()
         if self._model is not None:
             size = int.from_bytes(self._model[4:8], 'little')

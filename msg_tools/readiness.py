@@ -11,9 +11,13 @@ PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence numbe
 #: a row for itself: since it came to rest nothing came or went; when that changes, and it comes to
 #: rest again, a node says so within so many seconds
 RESTS, REST = 'rests', 0.35
+#: what a node says of itself while its level is an error or worse
+ERRORS = 'errors'
 #: a row of the logger: nodes whose parameters are to come yet
 AWAITED = 'awaited'
 
+#: DiagnosticStatus.ERROR, which comes with ROS
+_ERROR = b'\x02'
 #: first letters of nodes that hear `command` and drive nothing
 _HEARERS = ('mcap_logger', 'rosbag2_', 'star_observer', 'check_drivers', '_ros2cli', 'foxglove_',
             'rqt')
@@ -52,6 +56,10 @@ class GraphReports(dict):
             if status.name.startswith(self._within):
                 self[status.name] = parse(status)
 
+    def errors_of(self, node):
+        """What a node of the graph, by its own name, reported last as errors, '' for nothing."""
+        return self.get(self._within + node, {}).get(ERRORS, '')
+
 
 def parse(status):
     """The endpoint counts in a DiagnosticStatus of a `MountNode`.
@@ -60,9 +68,10 @@ def parse(status):
     -------
     dict
         ``{PUBLISHES: {topic: matched}, SUBSCRIBES: ..., PUBLISHED: {topic: messages},
-        LAST: {topic: sequence number}, RESTS: bool, AWAITED: nodes}``.
+        LAST: {topic: sequence number}, RESTS: bool, AWAITED: nodes, ERRORS: text}``.
     """
-    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}, RESTS: False, AWAITED: 0}
+    out = {PUBLISHES: {}, SUBSCRIBES: {}, PUBLISHED: {}, LAST: {}, RESTS: False, AWAITED: 0,
+           ERRORS: status.message if status.level >= _ERROR else ''}
     for row in status.values:
         if row.key == RESTS:
             out[RESTS] = row.value == 'True'

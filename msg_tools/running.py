@@ -8,6 +8,7 @@ import gc
 import os
 import signal
 import sys
+from contextlib import suppress
 from importlib import import_module
 
 import rclpy
@@ -37,7 +38,7 @@ def run_node(make_node, args=None):
     Returns
     -------
     int
-        Exit code: 0 after a clean end, 2 after bad input.
+        Exit code: 0 after a clean end, 1 where a file of its own is not whole, 2 after bad input.
     """
     if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
         from .node_help import node_help, wants_help
@@ -58,10 +59,10 @@ def run_nodes(makers, args=None):
     Returns
     -------
     int
-        Exit code; 2 where one of them has bad input, and none runs then.
+        Exit code as of `run_node`; where one of them has bad input none runs.
     """
     large_apart()
-    nodes, executor, running, told = [], None, False, []
+    nodes, executor, running, told, code = [], None, False, [], 0
     # rclpy's handlers shut the context down, and call those before them as well, which end a node
     # that imports (`telescope_mount.start`); an exception would fall into the middle of a record
     on_end(lambda *_: told.append(True))
@@ -87,24 +88,24 @@ def run_nodes(makers, args=None):
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (ValueError, OSError) as err:
-        print(f'error: {err}', file=sys.stderr)
-        return 2
+        code = _error(err)
     except RCLError as err:
-        if running and not rclpy.ok():
-            return 0  # a signal came while something was being made or published
-        # of rcl's own text only the first sentence is for the user
-        print(f'error: {str(err).splitlines()[0].split(", at /")[0]}{_secured()}', file=sys.stderr)
-        return 2
+        # else it was shut down while something was being made or published
+        if not running or rclpy.ok():
+            # of rcl's own text only the first sentence is for the user
+            code = _error(f'{str(err).splitlines()[0].split(", at /")[0]}{_secured()}')
     except RuntimeError as err:
         if 'QoS override' not in str(err):
             raise
-        print(f'error: {err}', file=sys.stderr)
-        return 2
+        code = _error(err)
     finally:
         if executor is not None:
             executor.shutdown()
         for node in nodes:
-            node.finish()
+            try:
+                node.finish()
+            except OSError as err:
+                code = max(code, _error(err, 1))
         # Fast DDS may wait for ever while other nodes end too, and lets no Python run meanwhile
         # (github.com/eProsima/Fast-DDS, 6513): files are closed, so this process ends, with code 1
         faulthandler.dump_traceback_later(LETS_GO, exit=True, file=2)
@@ -117,7 +118,14 @@ def run_nodes(makers, args=None):
         # while the interpreter is taken apart no handler is called any more
         for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
-    return 0
+    return code
+
+
+def _error(err, code=2):
+    """Say what is wrong; the exit code."""
+    with suppress(OSError):  # the disk may be full that this goes to
+        print(f'error: {err}', file=sys.stderr, flush=True)
+    return code
 
 
 def _secured():

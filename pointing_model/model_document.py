@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from .fitted_effects import FittedEffect
@@ -217,7 +218,7 @@ def save(model, path):
         import yaml
 
         text = yaml.safe_dump(json.loads(text), sort_keys=False)
-    path.write_text(text, encoding='utf-8')
+    write_text(path, text)
 
 
 def load(path):

@@ -35,10 +35,7 @@ def main(argv=None):
         print(f'ended by {by}{logged}', file=sys.stderr)
         return 128 + number
     except BrokenPipeError:
-        from contextlib import suppress
-        # nobody reads on; the interpreter would say so once more at its end
-        with open(os.devnull, 'w') as nobody, suppress(OSError, ValueError):
-            os.dup2(nobody.fileno(), sys.stdout.fileno())
+        _say_no_more()  # nobody reads on
         return 0
     except ImportError as err:
         from .ros import missing
@@ -48,8 +45,19 @@ def main(argv=None):
         print(f'error: {line}', file=sys.stderr)
         return 2
     except (ValueError, OSError, RuntimeError, MemoryError) as err:
+        try:
+            sys.stdout.flush()
+        except (OSError, ValueError):  # it is the output that cannot be written
+            _say_no_more()
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
+
+
+def _say_no_more():
+    """What the standard output could not take the interpreter would try once more at its end."""
+    from contextlib import suppress
+    with open(os.devnull, 'w') as nobody, suppress(OSError, ValueError):
+        os.dup2(nobody.fileno(), sys.stdout.fileno())
 
 
 def _run(args):
@@ -63,7 +71,9 @@ def _run(args):
         check(args.command)
     options.check_written(args)
     with options.json_alone(args), Progress(first=args.command):
-        return module.run(args) or 0
+        code = module.run(args) or 0
+    sys.stdout.flush()  # a full disk may refuse only here
+    return code
 
 
 def _near(name):
@@ -85,15 +95,13 @@ def diagnose():
 
 
 def _one_line(err):
+    from msg_tools.output import reason
     if isinstance(err, MemoryError):
         return f'not enough memory: {" ".join(str(err).split()) or "take fewer rows"}'
     if isinstance(err, FileNotFoundError) and err.filename:
         return f'{err.filename}: No such file or directory{_near(str(err.filename))}'
     if isinstance(err, OSError) and err.strerror:
-        what = {28: 'No space left on device; free some, or write elsewhere',
-                13: 'Permission denied; have its rights changed, or take another',
-                30: 'Read-only file system; write elsewhere'}.get(err.errno, err.strerror)
-        return f'{err.filename}: {what}' if err.filename else what
+        return f'{err.filename}: {reason(err)}' if err.filename else reason(err)
     return ' '.join(str(err).split())
 
 

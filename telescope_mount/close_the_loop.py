@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from calibration.diagnosis.rows_told import rows_of_reader
+from msg_tools.output import tried, write_text
 from pointing_model.following import KEY as FOLLOWS
 from pointing_model.observing.plan import parse_plan
 
@@ -105,16 +106,19 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
             mount=mount or kind_of_mount(scenario))
     about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
              'plan': plan}
-    kept = {}
-    report = observe(folder, specs, plan, partial(_write, folder, about, kept), progress,
-                     domain_number)
+    kept, incomplete = {}, []
+    report = observe(
+        folder, specs, plan, partial(_write, folder, about, kept, incomplete), progress,
+        domain_number, incomplete=incomplete)
     told = None
     if file is not None:
         report['rows_read'] += rows_of_reader(run).lost
     else:  # now that everything is decided
         told = undeclared(folder / 'bag_truth')
-    report = _judge(folder, report, told)
-    write_loop_page(folder, report, kept['run'])
+    report = _judge(folder, report, told, incomplete)
+    tried(incomplete, folder / 'page.html', lambda path: write_loop_page(
+        folder, report, kept['run']))
+    report['incomplete'] = incomplete
     return report
 
 
@@ -154,8 +158,12 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
         except NightFailed as err:
             reports.append({'scenario': name, 'error': str(err)})
     report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
-    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
-    write_all_page(folder, report)
+    incomplete = [line for one in reports for line in one.get('incomplete', ())]
+    tried(incomplete, folder / 'report.json', partial(
+        write_text, text=json.dumps(report, indent=1) + '\n'))
+    tried(incomplete, folder / 'page.html', lambda path: write_all_page(folder, report))
+    report['incomplete'] = incomplete
+    report['files'] = {'report': str(folder / 'report.json'), 'page': str(folder / 'page.html')}
     return report
 
 
@@ -206,8 +214,10 @@ def _player(run, file, azimuth_origin, folder):
     return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
 
 
-def _write(folder, about, kept, latest):
-    """diagnosis.json, model.json and observations.csv; the report so far; `kept` gets ``run``."""
+def _write(folder, about, kept, incomplete, latest):
+    """diagnosis.json, model.json and observations.csv; the report so far; `kept` gets ``run``, and
+    the list `incomplete` what cannot be written.
+    """
     from msg_tools import topics
     from pointing_model.model import PointingModel
     from pointing_model.run_files import write_csv
@@ -238,9 +248,10 @@ def _write(folder, about, kept, latest):
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
     report['drive'] = drive_error(run, model, diagnosis['site_deg'],
                                   bool((report['judged'] or {}).get('taken_back')))
-    write_csv(run, folder / 'observations.csv', plain=True)
-    (folder / 'model.json').write_text(latest[topics.MODEL.name].data + '\n')
-    (folder / 'diagnosis.json').write_text(json.dumps(diagnosis, indent=1) + '\n')
+    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
+    for name, text in (('model', latest[topics.MODEL.name].data),
+                       ('diagnosis', json.dumps(diagnosis, indent=1))):
+        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
     return report
 
 
@@ -295,7 +306,7 @@ def drive_error(run, model, site_deg=None, taken_back=False):
             'missed_arcsec': float(rms(*miss) / ARCSEC)}
 
 
-def _judge(folder, report, told):
+def _judge(folder, report, told, incomplete):
     """Add what the scenario did and whether it was found, and write report.json."""
     report['undeclared'] = told
     judged = report['judged'] or {}
@@ -307,5 +318,6 @@ def _judge(folder, report, told):
     report['files'] = {name: str(folder / file) for name, file in (
         ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
         ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'page.html'))}
-    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
+    tried(incomplete, folder / 'report.json', partial(
+        write_text, text=json.dumps(report, indent=1) + '\n'))
     return report

@@ -1,6 +1,5 @@
 """The page of `encoder-test`: 23 angles, read by each method."""
 
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from calibration.page.parts import (
     whole,
 )
 from calibration.page.provenance import provenance_section
+from msg_tools.output import write_text
 
 from .encoder_test import PRINTED_STD, notes
 
@@ -44,7 +44,7 @@ def write_encoder_page(path, report, files=()):
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render_encoder_test(report, files), encoding='utf-8')
+    write_text(path, render_encoder_test(report, files))
 
 
 def render_encoder_test(report, files=()):

@@ -4,6 +4,7 @@ import csv
 import json
 from functools import partial
 
+from msg_tools.output import beside, tried, write_text
 from pointing_model.observing.plan import parse_plan
 
 from .experiment_page import write_experiment_page
@@ -99,20 +100,23 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0, kept_power_ons=0)
-    kept = {}
-    report = observe(folder, specs, plan, partial(_write, folder, nights, said, kept), progress,
-                     domain_number)
+    kept, incomplete = {}, []
+    report = observe(
+        folder, specs, plan, partial(_write, folder, nights, said, kept, incomplete), progress,
+        domain_number, incomplete=incomplete)
     page = folder / 'page.html'
-    write_experiment_page(page, report, kept.get('run'), [
-        folder / 'bag', *(folder / name for name in FILES)])
+    tried(incomplete, page, partial(
+        write_experiment_page, report=report, run=kept.get('run'), files=[
+            folder / 'bag', *(folder / name for name in FILES)]))
     report['files']['page'] = str(page)
+    report['incomplete'] = incomplete
     return report
 
 
-def _write(folder, nights, said, kept, latest):
+def _write(folder, nights, said, kept, incomplete, latest):
     """table1.csv, zeros.csv, gps.json, report.json, observations.csv.
 
-    `kept` gets ``run``.
+    `kept` gets ``run``, the list `incomplete` what cannot be written.
     """
     from calibration.paper_table_1 import COLUMNS, compare_with_paper
     from calibration.season_report import judge_season, write_season
@@ -126,14 +130,19 @@ def _write(folder, nights, said, kept, latest):
     report.update(said)
     report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
     files = {name: folder / name for name in FILES}
-    with open(files['table1.csv'], 'w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(COLUMNS)
-        table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
-    files['gps.json'].write_text(json.dumps(report['gps'], indent=1) + '\n')
-    files['report.json'].write_text(json.dumps(report, indent=1) + '\n')
-    write_csv(run, files['observations.csv'], plain=True)
-    write_season(calibrated['power_ons'], files['zeros.csv'])
+
+    def write_table(path):
+        with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
+            table = csv.writer(file)
+            table.writerow(COLUMNS)
+            table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
+    for name, write in (
+            ('table1.csv', write_table),
+            ('gps.json', partial(write_text, text=json.dumps(report['gps'], indent=1) + '\n')),
+            ('report.json', partial(write_text, text=json.dumps(report, indent=1) + '\n')),
+            ('observations.csv', partial(write_csv, run, plain=True)),
+            ('zeros.csv', partial(write_season, calibrated['power_ons']))):
+        tried(incomplete, files[name], write)
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
     return report

@@ -1,6 +1,5 @@
 """The page of `experiment`: the nights of paper 000, the satellite, and what the zeros follow."""
 
-from pathlib import Path
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from calibration.rows import for_fitting
 from calibration.season import season_from_rows
 from calibration.season_report import season_lines
 from calibration.zero_causes import DRIVERS
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.zero import RunZero
 from pointing_model.zero_exposures import is_for_zero
@@ -52,7 +52,7 @@ def write_experiment_page(path, report, run=None, files=()):
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render_experiment(report, run, files), encoding='utf-8')
+    write_text(path, render_experiment(report, run, files))
 
 
 def render_experiment(report, run=None, files=()):

@@ -24,6 +24,7 @@ from calibration.page.provenance import provenance_section, site_text
 from calibration.page.residuals import controls_alone, target
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 
@@ -51,9 +52,8 @@ def write_loop_page(folder, report, run):
     """
     diagnosed = folder / 'diagnosis.html'
     page = diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else ''
-    (folder / 'page.html').write_text(
-        render_loop(report, run, page, folder / 'bag', [folder / name for name in _FILES]),
-        encoding='utf-8')
+    write_text(folder / 'page.html', render_loop(
+        report, run, page, folder / 'bag', [folder / name for name in _FILES]))
 
 
 def render_loop(report, run, diagnosis='', log=None, files=()):
@@ -198,4 +198,4 @@ def write_all_page(folder, report):
         section('Before and after', gains(bars)),
         provenance_section([('seed', str(report['seed']))], [folder / 'report.json'])],
         'Pointing models that were mended and tried')
-    (folder / 'page.html').write_text(page, encoding='utf-8')
+    write_text(folder / 'page.html', page)

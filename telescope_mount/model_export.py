@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from msg_tools.output import write_text
+
 #: ``--to``: our own document besides
 MODEL = 'model'
 
@@ -89,7 +91,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         return Written(path, to, None, notes)
     facts = {'caption': f'telescope_mount, {source.name}'}
     if to == table.NAME:
-        path.write_text(table.write(model, facts['caption']), encoding='utf-8')
+        write_text(path, table.write(model, facts['caption']))
         return Written(path, to, None, notes)
     from pointing_model.model_files import export
     context, told = None, ''
@@ -99,7 +101,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     if hasattr(site, 'longitude'):
         facts['site'] = site.latitude, site.longitude
     exported = export(model, PROGRAMS[to], context, told, facts)
-    path.write_text(exported.text, encoding='utf-8')
+    write_text(path, exported.text)
     return Written(path, to, exported, [*notes, *exported.notes])
 
 

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from msg_tools import NAMESPACE
+from msg_tools.output import reason, tried, write_text
 from msg_tools.status import Progress
 from pointing_model.observing.plan import night_plan, parse_plan
 
@@ -121,13 +122,14 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     folder = prepare_folder(out)
     if apart:
         graph['calibration'] = diagnosing(folder, graph.get('calibration'))
-    kept = {}
+    kept, incomplete = {}, []
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
         mount=mount or kind_of_mount(scenario),
         model_file=str(reference.resolve()) if reference else '', **graph)
-    report = observe(folder, specs, plan, partial(write_results, folder, kept=kept), progress,
-                     domain_number, params_file)
+    report = observe(
+        folder, specs, plan, partial(write_results, folder, kept=kept, incomplete=incomplete),
+        progress, domain_number, params_file, incomplete=incomplete)
     write_page(folder, report, kept)  # before there is anything of the simulator's in the report
     _add_truth(folder / 'bag_truth', report)
     return report
@@ -139,7 +141,8 @@ def is_server(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False):
+            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False,
+            incomplete=None):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -171,13 +174,16 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Called with each star that the guard refuses, and with what the mount does at the end.
     again : bool
         A night goes on whose files are in `folder` already.
+    incomplete : list of str, optional
+        Gets a line where the log is not whole.
 
     Raises
     ------
     ValueError
         The domain is in use.
     NightFailed
-        A node ended, or the plan could not be carried out.
+        A node ended, or the plan could not be carried out; without `incomplete` also where the log
+        is not whole.
     """
     bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
@@ -203,18 +209,32 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
                     _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
                 if progress:
                     progress('writing the results', 0, None)
-                return _results(watcher, specs, plan, write, bag)
+                out = _results(watcher, specs, plan, write, bag)
+            if nodes.stop().get('mcap_logger'):
+                _tell_log(watcher, nodes, bag, incomplete)
+            return out
         except RuntimeError as err:
             nodes.stop()
             if again or (watcher is not None and _progress(watcher).observations):
                 raise NightFailed(f'{err} (the log so far is {bag})') from None
             _clear(folder)
             raise NightFailed(str(err)) from None
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, OSError):
             nodes.stop()
             if not again and (watcher is None or not _progress(watcher).step):
                 _clear(folder)  # it has waited for drivers
             raise
+
+
+def _tell_log(watcher, nodes, bag, incomplete):
+    """Say that the log is not whole, and why as far as its logger could say so."""
+    said = (watcher.reports.errors_of('mcap_logger')
+            or nodes.last_words('mcap_logger').removeprefix('error: ')
+            or f'{Path(bag).name}: it could not be closed')
+    line = str(Path(bag).parent / said)
+    if incomplete is None:
+        raise NightFailed(line)
+    incomplete.append(line)
 
 
 def _clear(folder):
@@ -426,14 +446,18 @@ def write_page(folder, report, kept, log=None):
     from calibration.page.night import write_night_page
     try:
         path = write_night_page(folder, kept['run'], kept['model'], report, log)
+    except OSError as err:
+        report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
     except Exception as err:  # whatever it is: a night is not lost for its page
         report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
     else:
         report['files']['page'] = str(path)
 
 
-def write_results(folder, results, kept=None):
-    """observations.csv, model.json, report.json; `kept` gets ``run`` and ``model``."""
+def write_results(folder, results, kept=None, incomplete=None):
+    """observations.csv, model.json, report.json; `kept` gets ``run`` and ``model``, and the list
+    `incomplete` what cannot be written.
+    """
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.earth import earth_orientation
@@ -452,9 +476,12 @@ def write_results(folder, results, kept=None):
         report['notes'].append(orientation.statement())
     if topics.TRACKING.name in results:
         report['tracking'] = json.loads(results[topics.TRACKING.name].data)
-    write_csv(run, folder / 'observations.csv', plain=True)
-    (folder / 'model.json').write_text(results[topics.MODEL.name].data + '\n')
-    (folder / 'report.json').write_text(json.dumps(report, indent=1) + '\n')
+    incomplete = [] if incomplete is None else incomplete
+    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
+    for name, text in (('model', results[topics.MODEL.name].data),
+                       ('report', json.dumps(report, indent=1))):
+        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
                        'observations': str(folder / 'observations.csv')}
+    report['incomplete'] = incomplete
     return report

@@ -70,11 +70,12 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
         graph['calibration'] = night.diagnosing(folder, graph.get('calibration'))
     specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
                        model_file=str(reference.resolve()) if reference else '', **graph)
-    kept = {}
+    kept, incomplete = {}, []
     report = night.observe(
-        folder, specs, plan, partial(write_with_checks, folder, bag=bag, kept=kept), progress,
+        folder, specs, plan, partial(
+            write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
         domain_number, params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say,
-        note=note, again=again)
+        note=note, again=again, incomplete=incomplete)
     night.write_page(folder, report, kept, bag)
     return report
 
@@ -114,10 +115,12 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     specs = nodes_of(found, plan=plan, camera=camera, drivers=drivers, bag=str(bag),
                      state_file=str(folder / STATE),
                      model_file=str(reference.resolve()) if reference else '', **graph)
-    kept = {}
+    kept, incomplete = {}, []
     report = night.observe(
-        folder, specs, plan, partial(write_with_checks, folder, bag=bag, kept=kept), progress,
-        domain_number, params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again)
+        folder, specs, plan, partial(
+            write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
+        domain_number, params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again,
+        incomplete=incomplete)
     night.write_page(folder, report, kept, bag)
     return report
 
@@ -159,10 +162,10 @@ def _free(path):
     return free
 
 
-def write_with_checks(folder, results, bag=None, kept=None):
+def write_with_checks(folder, results, bag=None, kept=None, incomplete=None):
     """As `night.write_results`, with the blind checks in the report; `bag`: another log."""
     from msg_tools import topics
-    report = night.write_results(folder, results, kept)
+    report = night.write_results(folder, results, kept, incomplete)
     if bag is not None:
         report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:

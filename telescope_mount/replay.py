@@ -6,6 +6,7 @@ from pathlib import Path
 
 from msg_tools.bag import BagReader
 from msg_tools.bag.parameters import parameters_of
+from msg_tools.output import write_text
 from msg_tools.status import Taken
 
 from . import domain
@@ -122,7 +123,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             nodes.stop()
             lock.release()
     if out is not None:
-        Path(out).write_text(model + '\n')
+        write_text(out, model + '\n')
     report = json.loads(documents[0])
     report['diagnosis'] = json.loads(documents[1]) if diagnosed else None
     report['problems'] = bag.problems

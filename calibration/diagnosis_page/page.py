@@ -1,9 +1,9 @@
 """The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
 
 from dataclasses import replace
-from pathlib import Path
 
 from calibration.diagnosis.rows_told import used_sentence
+from msg_tools.output import write_text
 
 from ..page.drawing import clean
 from ..page.parts import cards, folded, listed, said, section, verdict, whole
@@ -48,7 +48,7 @@ def write_report(diagnosis, path, files=None):
         It cannot be written.
     """
     made = '' if files is None else provenance_section([], files)
-    Path(path).write_text(render(view_of(diagnosis), made), encoding='utf-8')
+    write_text(path, render(view_of(diagnosis), made))
 
 
 def render(view, more=''):

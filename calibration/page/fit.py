@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.diagnosis.rows_told import outlier_sentence
 from calibration.few_rows import few_lines
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 
@@ -37,7 +38,7 @@ def write_fit_page(path, run, result, document, encoder='enc', model=None):
     OSError
         It cannot be written.
     """
-    Path(path).write_text(render_fit(run, result, document, encoder, model), encoding='utf-8')
+    write_text(path, render_fit(run, result, document, encoder, model))
 
 
 def render_fit(run, result, document, encoder='enc', model=None):

@@ -13,6 +13,7 @@ from calibration.tracking.page import innovations_figure
 from calibration.tracking.told import tracking_lines
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
@@ -64,10 +65,10 @@ def write_night_page(folder, run, model, report, log=None, title='Night'):
     log = Path(log or folder / 'bag')
     diagnosed = folder / 'diagnosis.html'
     path = folder / 'page.html'
-    path.write_text(render_night(
+    write_text(path, render_night(
         run, model, report, told_of(log), title,
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
-        [log, *(folder / name for name in FILES)]), encoding='utf-8')
+        [log, *(folder / name for name in FILES)]))
     return path
 
 

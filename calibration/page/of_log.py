@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from msg_tools.bag.sqlite import open_bag
+from msg_tools.output import write_text
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import cloud_to_run
@@ -58,11 +59,10 @@ def write_page_of_log(log, path):
     model = PointingModel.from_json(last['model'].data) if 'model' in last \
         else PointingModel({}, mount=run.mount)
     diagnosed = log.parent / 'diagnosis.html'
-    Path(path).write_text(render_night(
+    write_text(path, render_night(
         run, model, report, told_of(log), 'Night',
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
-        [log, *(log.parent / name for name in FILES)] if log.is_dir() else [log]),
-        encoding='utf-8')
+        [log, *(log.parent / name for name in FILES)] if log.is_dir() else [log]))
 
 
 def _json(message):

@@ -1,9 +1,9 @@
 """The page of a season: each term night by night, what moved it, what tonight's will be."""
 
-from pathlib import Path
 
 import numpy as np
 
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from ..page.drawing import Panel, clean, svg, text
@@ -41,7 +41,7 @@ def write_page(judged, path, files=None):
         It cannot be written.
     """
     made = '' if files is None else provenance_section([], files)
-    Path(path).write_text(render(judged, made), encoding='utf-8')
+    write_text(path, render(judged, made))
 
 
 def render(judged, more=''):

@@ -1,10 +1,10 @@
 """The page of a run that was tracked: misses in time, innovations, terms in hindsight."""
 
 from datetime import datetime, timezone
-from pathlib import Path
 
 import numpy as np
 
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from ..page.drawing import Panel, svg
@@ -41,7 +41,7 @@ def write_page(tracked, path, files=None):
         It cannot be written.
     """
     made = '' if files is None else provenance_section([], files)
-    Path(path).write_text(render(tracked, made), encoding='utf-8')
+    write_text(path, render(tracked, made))
 
 
 def render(tracked, more=''):

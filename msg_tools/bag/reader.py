@@ -1,12 +1,15 @@
 """Reading a log: a folder or one MCAP file, finished or not."""
 
 import bisect
+import errno
 import heapq
+import os
 import re
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 
+from ..output import beside
 from .chunk_rows import ChunkRows
 from .file import MIN_RECORDS, BagFile, attachment_data
 from .log import BagMessage, Reader, Topic
@@ -312,8 +315,10 @@ class BagReader(Reader):
         """
         target = Path(folder) / plain_name(name)
         data = self.read_attachment(name)
-        with open(target, 'xb') as stream:
-            stream.write(data)
+        if target.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+        with beside(target) as part:
+            part.write_bytes(data)
         return target
 
 

@@ -1,8 +1,8 @@
 """Where the messages that a logger receives go: two bags, by way of clock, pause and snapshot."""
 
-import sys
 from collections import deque
 
+from ..output import reason
 from .metadata import is_truth
 
 #: bytes that may wait for the first /clock before they are written with their sources' times
@@ -59,7 +59,7 @@ class Recorder:
     bag : BagWriter
         The first.
     error : str or None
-        Why recording stopped.
+        Why one of them, or both, has stopped; the other goes on.
     written : int
         Messages.
     parameters : dict
@@ -74,13 +74,20 @@ class Recorder:
         self._before_clock, self._before_size = [], 0
         self._bag_of = {}
         self._truth_bag = None
-        self.error, self.written, self.parameters = None, 0, {}
+        self._stopped = {}  # bag -> why
+        self.written, self.parameters = 0, {}
         self.bag = make_bag(folder)
+
+    @property
+    def error(self):
+        """What disks have refused, None for nothing."""
+        return '; '.join(f'{bag.folder.name}: recording stopped: {why}'
+                         for bag, why in self._stopped.items()) or None
 
     @property
     def state(self):
         """For people, one word."""
-        return 'stopped' if self.error else 'paused' if self._paused else (
+        return 'stopped' if self.bag in self._stopped else 'paused' if self._paused else (
             'snapshot' if self._ring is not None else 'recording')
 
     def add_topic(self, name, type_name, offers, hash_):
@@ -130,14 +137,15 @@ class Recorder:
             self._write(*entry)
 
     def _write(self, name, data, log_time, publish_time, sequence):
-        if self.error:
+        bag = self._bag_of[name]
+        if bag in self._stopped:
             return
         try:
-            self._bag_of[name].write(
+            bag.write(
                 name, data, log_time, publish_time if publish_time > 0 else 0, sequence or 0)
             self.written += 1
         except OSError as err:
-            self._fail(err)
+            self._stop(bag, err)
 
     # --- what else is done to the bags --------------------------------------------------------
 
@@ -145,19 +153,19 @@ class Recorder:
         return [bag for bag in (self.bag, self._truth_bag) if bag is not None]
 
     def _guard(self, call):
-        """Do something with every bag; False after the disk has refused."""
-        try:
-            for bag in self._bags():
-                if self.error:
-                    break
-                call(bag)
-        except OSError as err:
-            self._fail(err)
-        return not self.error
+        """Do something with every bag that has not stopped; False after a disk has refused."""
+        for bag in self._bags():
+            try:
+                if bag not in self._stopped:
+                    call(bag)
+            except OSError as err:
+                self._stop(bag, err)
+        return not self._stopped
 
-    def _fail(self, err):
-        self.error = f'recording stopped: {err}'
-        self._log.error(f'{self.error}; what was written before is safe')
+    def _stop(self, bag, err):
+        self._stopped[bag] = reason(err)
+        self._log.error(f'{bag.folder}: recording stopped: {reason(err)}; what was written before '
+                        'is safe')
 
     def flush(self):
         """Close the chunks, so that a crash spares them; does not wait for the disk."""
@@ -180,19 +188,21 @@ class Recorder:
     def close(self, *attachments):
         """Write what waits, `attachments` (as of `attach`), index and metadata.
 
-        What then goes wrong is printed: there may be no log any more.
+        Raises
+        ------
+        OSError
+            A bag is not whole.
         """
         self._write_before(None)
-        try:
-            for attachment in () if self.error else attachments:
-                self.bag.add_attachment(*attachment)
-        except OSError as err:
-            self.error = str(err)
+        for attachment in attachments:
+            self.attach(*attachment)
         for bag in self._bags():
             try:
                 bag.close()
             except OSError as err:
-                print(f'error: {bag.folder}: {err}', file=sys.stderr)
+                self._stopped.setdefault(bag, reason(err))
+        if self._stopped:
+            raise OSError(self.error)
 
     # --- services: whether it was done, and a sentence ----------------------------------------
 

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 
+from msg_tools.output import beside
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
 from pointing_model.run import COLUMNS, column_name
@@ -385,7 +386,7 @@ def write_csv(run, path, *, plain=False):
         raise ValueError(f'{path}: a name in the run spans lines; CSV rows are lines here')
     # a row that begins with the comment sign would be lost
     quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
-    with open(path, 'w', newline='', encoding='utf-8') as stream:
+    with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
         stream.writelines(f'# {line}\n' for line in _told_of(run))
         writer = csv.writer(stream, lineterminator='\n', quoting=quoting)
         writer.writerow(header)

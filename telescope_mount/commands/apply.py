@@ -4,6 +4,8 @@ import csv
 import sys
 from pathlib import Path
 
+from msg_tools.output import beside
+
 from . import options
 
 
@@ -54,7 +56,8 @@ def run(args):
     loaded = read_model(args.model, options.mount_of(args) or ALTAZ)
     header, rows, delimiter, notes = _apply(loaded.model, args)
     if args.out:
-        with open(args.out, 'w', newline='', encoding='utf-8') as stream:
+        with beside(args.out) as part, open(
+                part, 'w', newline='', encoding='utf-8') as stream:
             _write(stream, header, rows, delimiter)
     else:
         step_aside(for_good=True)

@@ -49,7 +49,7 @@ def run(args):
 
     from ..close_the_loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
-    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    from .console import Progress, end_of_night, new_console, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     options.check_target(args.json)
@@ -73,20 +73,15 @@ def run(args):
             report = close_the_loop(
                 args.out, scenario=args.scenario or '', file=args.file,
                 check_every=args.check_every, place=_place_of(args), progress=progress, **chosen)
-    written = args.json, lambda p: options.write_json(p, report), 'report'
     if 'scenarios' in report:
         console.print(all_table(report))
-        print_files(console, {'report': args.out / 'report.json',
-                              'page': args.out / 'page.html'})
-        write_outputs(console, written)
-        return
+        return end_of_night(console, args.json, report)
     console.print(used_sentence(report), markup=False)
     for table in loop_tables(report):
         console.print(table)
     print_lines(console, 'note', [text for text in (
         expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
-    write_outputs(console, written)
-    print_files(console, report['files'])
+    return end_of_night(console, args.json, report)
 
 
 def _place_of(args):

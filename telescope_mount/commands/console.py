@@ -5,6 +5,8 @@ import sys
 import time
 from threading import RLock, Timer
 
+from msg_tools.output import tried
+
 #: s of work after which progress is shown
 PATIENCE = 1.0
 #: the same where no terminal is: until the first line, and from one to the next
@@ -232,6 +234,39 @@ def print_calibration(console, report):
         if check['stars']:
             console.print(f'{check["stars"]} fresh stars pointed at blind: '
                           f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
+
+
+def end_of_night(console, json, report, width=13):
+    """Write --json, name the files that are there, and say which outputs are incomplete.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    json : Path or None
+        As the parser gave it.
+    report : dict
+        With ``files``, names and paths, and ``incomplete``, a line for each output that is not
+        whole.
+    width : int
+        Of the names.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    from .options import write_json
+    incomplete = list(report['incomplete'])
+    files = dict(report['files'])
+    if json is not None:
+        tried(incomplete, json, lambda path: write_json(path, report))
+        files['report'] = json
+    print_files(console, {name: path for name, path in files.items()
+                          if not any(line.startswith(f'{path}: ') for line in incomplete)}, width)
+    if incomplete:
+        step_aside()
+        print(f'error: incomplete: {"; ".join(incomplete)}', file=sys.stderr)
+    return int(bool(incomplete))
 
 
 def write_outputs(console, *outputs):

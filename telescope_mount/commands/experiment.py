@@ -43,7 +43,7 @@ def run(args):
     from calibration.season_report import season_lines, season_table
 
     from ..experiment import run_experiment
-    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    from .console import Progress, end_of_night, new_console, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
     options.check_target(args.json)
@@ -58,5 +58,4 @@ def run(args):
     console.print(season_table(report['zeros']))
     print_lines(console, 'zeros', season_lines(report['zeros']))
     print_lines(console, 'alarm', report['alarms'])
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
-    print_files(console, report['files'], 17)
+    return end_of_night(console, args.json, report, 17)

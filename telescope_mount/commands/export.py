@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 
+from msg_tools.output import beside
+
 from .. import model_export
 from . import options
 
@@ -180,7 +182,8 @@ def export_run(source, path, *, start=None, end=None, **options):
         run = chosen
     if path.suffix == '.parquet':
         pyarrow, parquet = _parquet()
-        parquet.write_table(pyarrow.table(dict(run.columns)), path)
+        with beside(path) as part:
+            parquet.write_table(pyarrow.table(dict(run.columns)), part)
     else:
         write_csv(run, path)
     return run
@@ -234,17 +237,15 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
     files = {}
     for name in dict.fromkeys(names):
         path = out / f'{re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")}.{form}'
-        if path.exists():
-            if not overwrite:
-                raise ValueError(f'{path} is there already; choose another folder, or give '
-                                 '--overwrite')
-            path.unlink()
+        if path.exists() and not overwrite:
+            raise ValueError(f'{path} is there already; choose another folder, or give '
+                             '--overwrite')
 
         def rows(name=name):
             return (_flat(m) for m in bag.messages(name, low, high, decode=True))
         columns = _columns(rows())
         files[path] = 0
-        with _table(path, form, columns) as write:
+        with beside(path) as part, _table(part, form, columns) as write:
             for row in rows():
                 write(row)
                 files[path] += 1
@@ -331,10 +332,10 @@ def _columns(rows):
 
 
 @contextmanager
-def _table(path, form, columns):
+def _table(part, form, columns):
     """A function that writes a row."""
     if form == 'csv':
-        with open(path, 'x', newline='', encoding='utf-8') as stream:
+        with open(part, 'w', newline='', encoding='utf-8') as stream:
             writer = csv.writer(stream)
             writer.writerow(columns)
             yield lambda row: writer.writerow([row.get(name, '') for name in columns])
@@ -355,7 +356,7 @@ def _table(path, form, columns):
         waiting.append(row)
         if len(waiting) >= _BATCH:
             flush()
-    with parquet.ParquetWriter(path, schema) as writer:
+    with parquet.ParquetWriter(part, schema) as writer:
         yield write
         if waiting:
             flush()

@@ -55,7 +55,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..night import is_server, run_night
-    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    from .console import Progress, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
     options.check_target(args.json)
@@ -96,5 +96,4 @@ def run(args):
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)
     print_calibration(console, report)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
-    print_files(console, report['files'])
+    return end_of_night(console, args.json, report)

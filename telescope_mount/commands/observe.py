@@ -46,7 +46,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..real_night import run_real_night
-    from .console import Progress, new_console, print_calibration, print_files, write_outputs
+    from .console import Progress, end_of_night, new_console, print_calibration
     options.check_target(args.json)
     options.check_params(args.params)
     console = new_console()
@@ -63,5 +63,4 @@ def run(args):
             progress=progress, say=say,
             note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
-    print_files(console, report['files'])
+    return end_of_night(console, args.json, report)

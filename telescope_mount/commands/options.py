@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 from msg_tools.night_folder import log_of, model_of
+from msg_tools.output import write_text
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of
@@ -232,8 +233,9 @@ def check_target(path, suffixes=()):
              'there is no such folder; make it, or name another' if not folder.is_dir() else
              'it may only be read; name another file' if path.exists() and not os.access(
                  path, os.W_OK) else
-             'the folder may only be read; name another' if not path.exists() and not os.access(
-                 folder, os.W_OK) else '')
+             # a file is written beside its place, and put there whole
+             'the folder may only be read; name another' if (not path.exists() or path.is_file())
+             and not os.access(os.path.dirname(os.path.realpath(path)), os.W_OK) else '')
     if wrong:
         raise ValueError(f'{path} cannot be written: {wrong}')
 
@@ -244,7 +246,7 @@ class _JsonTarget:
     def __init__(self, stream):
         self._stream = stream
 
-    def write_text(self, text, encoding=None):
+    def write_text(self, text):
         from .console import step_aside
         step_aside(for_good=True)
         self._stream.write(text)
@@ -337,8 +339,11 @@ def write_json(path, document):
     document : dict or list
     """
     import json
-    path.write_text(json.dumps(_plain(document), indent=1, allow_nan=False) + '\n',
-                    encoding='utf-8')
+    text = json.dumps(_plain(document), indent=1, allow_nan=False) + '\n'
+    if isinstance(path, Path):
+        write_text(path, text)
+    else:
+        path.write_text(text)
 
 
 def _plain(value):

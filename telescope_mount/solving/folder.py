@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from msg_tools.output import beside
 from pointing_model.plate_solved.images import NotThere, read_header
 from pointing_model.plate_solved.solvers import NotSolved
 from pointing_model.run_files import iso_utc
@@ -187,8 +188,7 @@ def _write(out, done, mapping, site, count):
     first = ('star', 'time', *_SOLUTION[:2], *mapping.needed[1:], *_SOLUTION[2:])
     names = [name for name in first if any(name in row for row in rows)]
     names += [name for name in dict.fromkeys(n for row in rows for n in row) if name not in names]
-    part = Path(f'{out}.part')
-    with open(part, 'w', newline='', encoding='utf-8') as stream:
+    with beside(out) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
         stream.write(f'# frame: {frame}\n')
         if mapping.mount is not None:
             stream.write(f'# mount: {mapping.mount}\n')
@@ -199,7 +199,6 @@ def _write(out, done, mapping, site, count):
         writer.writerow(names)
         for row in rows:
             writer.writerow([_cell(name, row.get(name)) for name in names])
-    part.replace(out)
 
 
 def _cell(name, value):

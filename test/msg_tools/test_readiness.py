@@ -5,7 +5,7 @@ from msg_tools.readiness import GraphReports, parse, unmatched, unreceived
 
 def status(**rows):
     """A DiagnosticStatus with one topic: publishes=2 gives the row 'publishes /t'."""
-    return SimpleNamespace(values=[
+    return SimpleNamespace(level=b'\0', message='ok', values=[
         SimpleNamespace(key=f'{kind} /t', value=str(value)) for kind, value in rows.items()])
 
 
@@ -17,7 +17,7 @@ def test_parse_takes_endpoint_counts_only():
                     SimpleNamespace(key='', value='')]
     assert parse(rows) == {'publishes': {'/t': 2}, 'subscribes': {'/t': 1},
                            'published': {'/t': 7}, 'last': {'/t': 9}, 'rests': False,
-                           'awaited': 0}
+                           'awaited': 0, 'errors': ''}
     rows.values += [SimpleNamespace(key='rests', value='True'),
                     SimpleNamespace(key='awaited', value='2')]
     assert parse(rows)['rests'] and parse(rows)['awaited'] == 2
@@ -66,7 +66,7 @@ def test_unreceived_leaves_out_what_the_receiver_does_not_take():
 def test_reports_are_the_last_of_each_node():
     def array(**nodes):
         return SimpleNamespace(status=[
-            SimpleNamespace(name=name, values=status(publishes=count).values)
+            SimpleNamespace(name=name, **vars(status(publishes=count)))
             for name, count in nodes.items()])
     reports = GraphReports('/m')
     assert unmatched(['/m/a'], reports) == ['node /m/a']
@@ -78,3 +78,13 @@ def test_reports_are_the_last_of_each_node():
         '/m/a': 1, '/m/b': 3}
     # a report that came since is another object
     assert [name for name in reports if reports[name] is not then[name]] == ['/m/b']
+
+
+def test_errors_of_a_node_are_there_as_long_as_it_reports_them():
+    reports = GraphReports('/m')
+    assert reports.errors_of('log') == ''
+    for level, text, wanted in ((b'\1', 'slow', ''), (b'\2', 'disk full', 'disk full'),
+                                (b'\0', 'ok', '')):
+        reports.take(SimpleNamespace(status=[SimpleNamespace(
+            name='/m/log', level=level, message=text, values=[])]))
+        assert reports.errors_of('log') == wanted

@@ -105,22 +105,40 @@ def test_the_newest_are_kept_for_a_snapshot(make, told):
     assert [word for _, word, _ in told()] == [str(10 - i) for i in range(recorder.written, 0, -1)]
 
 
-def test_a_disk_that_refuses_ends_it_with_a_reason(make, monkeypatch, caplog, capsys):
+def test_a_disk_that_refuses_ends_its_bag_with_a_reason_and_no_other(make, told, demo, monkeypatch,
+                                                                     caplog):
     recorder = make()
+    recorder.add_topic(TRUTH, demo.TEXT, [], 'RIHS01_wire')
+    write = BagWriter.write
 
-    def full(*args):
-        raise OSError('disk full')
+    def full(bag, *args):
+        if bag is recorder.bag:
+            raise OSError(28, 'No space left on device')
+        write(bag, *args)
     monkeypatch.setattr(BagWriter, 'write', full)
     recorder.put('one')
-    assert recorder.error == 'recording stopped: disk full' and recorder.state == 'stopped'
+    reason = 'log: recording stopped: No space left on device; free some, or write elsewhere'
+    assert recorder.error == reason and recorder.state == 'stopped'
     assert 'what was written before is safe' in caplog.text
     recorder.put('two')
     assert recorder.written == 0
-    assert recorder.split_bagfile() == (False, recorder.error)
+    recorder.put('three', name=TRUTH)
+    assert recorder.written == 1
+    assert recorder.split_bagfile() == (False, reason)
     recorder.flush()
+    with pytest.raises(OSError, match='^log: recording stopped: No space left'):
+        recorder.close(('model.json', 'application/json', b''))
+    assert [word for _, word, _ in told('log_truth')] == ['three']
+
+
+def test_a_bag_that_cannot_be_closed_is_told(make, monkeypatch):
+    recorder = make()
+
+    def full(bag):
+        raise OSError(27, 'File too large')
     monkeypatch.setattr(BagWriter, 'close', full)
-    recorder.close(('model.json', 'application/json', b''))
-    assert 'disk full' in capsys.readouterr().err
+    with pytest.raises(OSError, match='^log: recording stopped: File too large'):
+        recorder.close()
 
 
 def test_it_knows_no_ros():

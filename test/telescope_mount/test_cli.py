@@ -173,6 +173,28 @@ def test_what_a_parameter_file_makes_impossible(refused, ros_domain, tmp_path):
 # --- fit ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize('option, name', [
+    ('--save', 'model.yaml'), ('--report', 'page.html'), ('--json', 'fit.json')])
+def test_a_full_disk_is_one_line_and_leaves_no_part_of_a_file(
+        ended, run_csv, tmp_path, monkeypatch, nothing_expected, option, name):
+    def full(file):
+        raise OSError(28, 'No space left on device')
+    monkeypatch.setattr('os.fsync', full)
+    folder = tmp_path / 'out'
+    folder.mkdir()
+    code, _, err = ended('fit', run_csv, option, folder / name)
+    assert (code, err) == (2, f'error: {folder / name}: No space left on device; free some, or '
+                              'write elsewhere\n')
+    assert list(folder.iterdir()) == []
+
+
+def test_a_standard_output_that_is_full_is_one_line(cli, run_csv):
+    with open('/dev/full', 'w') as full, cli.start('fit', run_csv, stdout=full) as child:
+        err = child.communicate(timeout=300)[1]
+    assert (child.returncode, err) == (
+        2, 'error: No space left on device; free some, or write elsewhere\n')
+
+
 def test_fit_prints_the_terms_and_saves_the_model(ended, run_csv, tmp_path):
     saved = tmp_path / 'model.json'
     code, out, err = ended('fit', run_csv, '--save', saved)

@@ -149,9 +149,9 @@ def test_what_does_not_change_is_no_cause(experiment):
 def test_the_drifts_are_the_papers_unless_others_are_asked_for(
         monkeypatch, tmp_path, given, scenario):
     seen = {}
-    monkeypatch.setattr(module, 'observe', lambda folder, specs, plan, *_: seen.update(
+    monkeypatch.setattr(module, 'observe', lambda folder, specs, plan, *_, **__: seen.update(
         {spec.name: spec.parameters for spec in specs}, plan=plan) or {'files': {}})
-    monkeypatch.setattr(module, 'write_experiment_page', lambda *_: None)
+    monkeypatch.setattr(module, 'write_experiment_page', lambda *_, **__: None)
     module.run_experiment(tmp_path / 'out', stars=8, nights=4, **given)
     for node in ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera'):
         assert seen[node]['scenario'] == scenario

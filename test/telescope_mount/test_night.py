@@ -4,6 +4,7 @@ import csv
 import fcntl
 import json
 import os
+import resource
 import shutil
 import signal
 import termios
@@ -216,6 +217,24 @@ def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     assert bag.complete and bag.problems == []
     assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
     assert not segments & set(os.listdir('/dev/shm'))
+
+
+def test_what_is_incomplete_on_a_full_disk_is_named_and_the_code_is_1(cli, tmp_path):
+    out = tmp_path / 'night'
+    # the page and the log are larger, and so are segments of shared memory: DDS does without
+    limit = 40_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 2,
+                      preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, limit))
+    with child:
+        told, err = child.communicate(timeout=300)
+    assert child.returncode == 1, err
+    line = err.splitlines()[-1]
+    assert line.startswith(f'error: incomplete: {out / "bag"}: recording stopped: File too large')
+    assert f'; {out / "page.html"}: File too large' in line and 'model.json' not in line
+    assert 'Terms' in told and str(out / 'model.json') in told and 'page.html' not in told
+    assert {path.name for path in out.iterdir()} == {
+        'bag', 'bag_truth', 'nodes', 'model.json', 'observations.csv', 'report.json'}
+    assert BagReader(out / 'bag').topics
 
 
 def test_a_terminal_that_is_closed_ends_it_in_order(cli, tmp_path):

@@ -58,7 +58,7 @@ def test_a_log_is_whole_when_it_knows_the_parameters_of_all_nodes(watcher):
     def report():
         """As its diagnostics come: for some time the answers of two nodes are missing."""
         looks.append(watcher.reports.get(logger))
-        watcher.reports[logger] = parse(SimpleNamespace(values=[
+        watcher.reports[logger] = parse(SimpleNamespace(level=b'\0', values=[
             SimpleNamespace(key='awaited', value=str(max(5 - len(looks), 0)))]))
     timer = watcher.node.create_timer(0.01, report)
     assert watcher.wait_for_log([logger], 30.0) == {}

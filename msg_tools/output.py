@@ -1,0 +1,81 @@
+"""Files that are written whole or not at all: beside their place, and put there at the end."""
+
+import errno
+import os
+import shutil
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+#: what a user can do about what a disk or a file system has against writing
+_ADVICE = {
+    errno.ENOSPC: 'No space left on device; free some, or write elsewhere',
+    errno.EDQUOT: 'Disk quota exceeded; free some, or write elsewhere',
+    errno.EFBIG: 'File too large; the limit is that of this shell (ulimit -f) or of the disk',
+    errno.EACCES: 'Permission denied; have its rights changed, or take another',
+    errno.EROFS: 'Read-only file system; write elsewhere',
+}
+
+
+def reason(error):
+    """Why a file cannot be read or written, and what to do, for an OSError."""
+    return _ADVICE.get(error.errno, error.strerror) or ' '.join(str(error).split())
+
+
+@contextmanager
+def beside(path):
+    """A path to write to; at the end what was written there takes the place of `path`.
+
+    Where it cannot be written whole, what was at `path` before stays, and nothing beside it. What
+    is no file (``/dev/stdout``, a pipe) is written directly.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    OSError
+        It cannot be written; with `path` as its name.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    place = Path(os.path.realpath(path))  # a link stays one
+    part = place.with_name(f'.{place.name}.{os.getpid()}.part')
+    try:
+        yield part
+        with open(part, 'rb+') as file:
+            os.fsync(file.fileno())  # some disks refuse only here
+        if place.exists():
+            shutil.copymode(place, part)
+        os.replace(part, place)
+    except BaseException as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(part)):
+            error.filename = str(path)
+        raise
+
+
+def write_text(path, text):
+    """Write a text file (UTF-8), whole or not at all; OSError as of `beside`."""
+    with beside(path) as part:
+        part.write_text(text, encoding='utf-8')
+
+
+def tried(incomplete, path, write):
+    """Write one of several outputs, and go on without it where it cannot be written.
+
+    Parameters
+    ----------
+    incomplete : list of str
+        Gets a line then, with the path and why.
+    path : Path
+    write : callable
+        ``write(path)``.
+    """
+    try:
+        write(path)
+    except OSError as error:
+        incomplete.append(f'{path}: {reason(error)}')

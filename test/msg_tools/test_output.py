@@ -1,0 +1,105 @@
+"""Files that are written whole or not at all."""
+
+import ast
+import os
+import resource
+import signal
+from pathlib import Path
+
+import pytest
+
+from msg_tools.output import beside, reason, tried, write_text
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
+         'indi_bridge', 'alpaca_bridge', 'telescope_mount')
+#: what else writes files: none of them an output that a command is asked for, or one that grows
+OTHERS = {
+    'msg_tools/bag/chunks.py': 'a log grows; cut short it is readable',
+    'msg_tools/bag/metadata.py': 'beside and put in place, and on the disk with its folder',
+    'msg_tools/forks.py': 'a pipe',
+    'pointing_model/observing/night_file.py': 'grows by lines',
+    'telescope_mount/solving/folder.py': 'grows by lines',
+    'telescope_mount/processes.py': 'parameters of nodes, made for each night',
+    'telescope_mount/cli.py': 'nobody',
+    'telescope_mount/commands/options.py': 'nobody, and the standard output',
+    'telescope_mount/fork_server.py': 'output of nodes',
+    'telescope_mount/domain.py': 'a lock, which stays empty',
+    'pointing_model/plate_solved/solvers.py': 'for the solver, in a folder of its own',
+    'indi_bridge/server.py': 'output of a server',
+    'indi_bridge/sources.py': 'an image for the solver, in a folder of its own',
+}
+
+
+def writes(node):
+    """Whether a call may write a file that is not a `part` of `beside`."""
+    name = getattr(node.func, 'attr', getattr(node.func, 'id', ''))
+    owner = getattr(node.func, 'value', None)
+    first = owner if isinstance(node.func, ast.Attribute) else node.args[0] if node.args else None
+    words = [arg.value for arg in node.args if isinstance(arg, ast.Constant)
+             and isinstance(arg.value, str)]
+    if name in ('write_table', 'ParquetWriter', 'savefig'):
+        return not any(getattr(arg, 'id', '') == 'part' for arg in node.args) and getattr(
+            owner, 'id', '') != 'writer'
+    if name in ('open', 'fdopen') and set(''.join(words[-1:])) & set('wax+'):
+        return getattr(first, 'id', '') != 'part'
+    return name in ('write_text', 'write_bytes') and isinstance(
+        node.func, ast.Attribute) and getattr(first, 'id', '') != 'part'
+
+
+def test_every_output_is_written_beside_and_put_in_place():
+    found = {str(path.relative_to(ROOT)) for part in PARTS for path in (ROOT / part).rglob('*.py')
+             if any(isinstance(node, ast.Call) and writes(node)
+                    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))))}
+    assert found == set(OTHERS)
+
+
+@pytest.fixture
+def small_disk():
+    """Within the test no file grows beyond 100 bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_what_was_there_stays_where_the_disk_is_full(tmp_path, small_disk):
+    path = tmp_path / 'model.json'
+    write_text(path, 'before')
+    with pytest.raises(OSError, match='File too large') as refused:
+        write_text(path, 'x' * 101)
+    assert refused.value.filename == str(path)
+    incomplete = []
+    tried(incomplete, path, lambda path: write_text(path, 'x' * 101))
+    tried(incomplete, tmp_path / 'page', lambda path: write_text(path, 'whole'))
+    assert incomplete == [f'{path}: {reason(refused.value)}']
+    assert 'ulimit -f' in incomplete[0]
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {
+        'model.json': 'before', 'page': 'whole'}
+
+
+def test_a_disk_that_refuses_at_the_end_is_heard(tmp_path, monkeypatch):
+    """As of one over a network."""
+    def full(file):
+        raise OSError(28, 'No space left on device')
+    monkeypatch.setattr(os, 'fsync', full)
+    with pytest.raises(OSError, match='No space left'):
+        write_text(tmp_path / 'page', 'x')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rights_links_and_what_is_no_file_stay(tmp_path):
+    path, link = tmp_path / 'model.json', tmp_path / 'link'
+    path.write_text('before')
+    path.chmod(0o640)
+    link.symlink_to(path)
+    write_text(link, 'after')
+    assert link.is_symlink() and path.read_text() == 'after'
+    assert path.stat().st_mode & 0o777 == 0o640
+    with beside(os.devnull) as part:
+        assert part == Path(os.devnull)
+    with pytest.raises(FileNotFoundError) as refused:
+        write_text(tmp_path / 'no' / 'page', 'x')
+    assert refused.value.filename == str(tmp_path / 'no' / 'page')
