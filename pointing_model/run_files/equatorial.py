@@ -1,35 +1,45 @@
-"""Pointing runs of equatorial mounts as TPOINT, TheSky and SPK write them."""
+"""Pointing runs with places among the stars, as TPOINT, TheSky and SPK write them."""
 
 import re
 
 import numpy as np
 
-from msg_tools.units import DEG
-from pointing_model.mounts import KINDS
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import ALTAZ, KINDS, Mount, sides
+from pointing_model.plate_solved.frames import ICRS, OF_DATE, to_icrs
 
-from .table import Table, is_number, same_width
+from .table import Table, floats, is_number, same_width
 
-#: catalogue right ascension and declination, those of the telescope, sidereal time
-_WIDTH = 14
+#: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
+PLACES = 14
+_MOTION = 3  # more: proper motion in both and a year
+_J2000, _YEAR = 946728000.0, 365.25 * 86400.0  # s since 1970, s
 _EPOCH = np.datetime64('1970-01-01', 's')
 
 
-def read_exported(path, body, meta):
-    """Rows of an export of TheSky or TPOINT (``:EQUAT``): places and sidereal time.
+def read_exported(path, body, meta, options=(), altaz=False):
+    """Rows of places among the stars and sidereal time, as TPOINT and exports of TheSky have them.
 
     Each row has the right ascension (h m s) and declination (d m s) of the catalogue, those of
     the telescope (a declination beyond 90 degrees is one through the pole), and the local sidereal
     time (h m, decimal). Which equinox the catalogue has the file does not say; ``meta['equinox']``
-    is None.
+    is None. With proper motions (s and arcsec a year) and a year after the catalogue's place it is
+    J2000, which the year tells or the option ``J2000``: it is then the epoch of the place. The
+    telescope's places are of date. Further numbers are auxiliary readings.
 
     Parameters
     ----------
     path : Path
         For messages.
     body : list of (int, str)
-        Lines with rows.
+        Lines with rows; those that begin with ``#`` are rejected by the observers.
     meta : dict
         With ``site`` and, of the run's parameters, ``date`` and ``weather``.
+    options : sequence of str
+        Of the file.
+    altaz : bool
+        Of an alt-azimuth mount: its place among the stars, with the sidereal time, is what its
+        axes read.
 
     Returns
     -------
@@ -38,37 +48,107 @@ def read_exported(path, body, meta):
     Raises
     ------
     ValueError
-        No date, another number of columns, a cell that is no number or no angle.
+        No date, another number of columns, a cell that is no number or no angle, another equinox.
     """
     if 'date' not in meta:
         raise ValueError(f'{path}: no date in the line with the latitude; the places of the stars '
                          'need it')
+    width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]
+                     ).lstrip('# ').split())
+    body = [(number, line) for number, line in body
+            if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
     numbers = np.array([number for number, _ in body])
-    cells = [line.split() for _, line in body]
-    if len(cells[0]) < _WIDTH:
-        raise ValueError(f'{path}, row {numbers[0]}: {len(cells[0])} numbers; {_WIDTH} are read '
+    cells = [line.lstrip('# ').split() for _, line in body]
+    if width < PLACES:
+        raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; {PLACES} are read '
                          '(right ascension and declination of catalogue and telescope, sidereal '
                          'time)')
-    same_width(path, numbers, cells, len(cells[0]), 'numbers', f'{len(cells[0])} in the first row')
+    same_width(path, numbers, cells, width, 'numbers', f'{width} in the first row')
+    moving = width >= PLACES + _MOTION and is_number(cells[0][8]) and float(cells[0][8]) >= 60.0
+    after = 6 + _MOTION * moving
     angles = {}
-    for name, first, count, unit in (('ra', 0, 3, 15.0), ('dec', 3, 3, 1.0), ('ra of the telescope',
-                                     6, 3, 15.0), ('dec of the telescope', 9, 3, 1.0),
-                                     ('sidereal time', 12, 2, 15.0)):
+    for name, first, count, unit in (
+            ('ra', 0, 3, 15.0), ('dec', 3, 3, 1.0), ('ra of the telescope', after, 3, 15.0),
+            ('dec of the telescope', after + 3, 3, 1.0), ('sidereal time', after + 6, 2, 15.0)):
         angles[name] = unit * _sexagesimal(path, numbers, name,
                                            [row[first:first + count] for row in cells])
     day = (np.datetime64(meta['date'], 's') - _EPOCH).astype(float)
     lst = angles['sidereal time']
     meta.update(equinox=None, clock_tells=True)
-    beyond = np.abs(angles['dec of the telescope']) > 90.0
-    meta['mount_told'] = 'german' if beyond.any() else 'equatorial'
+    if moving:
+        _move(path, numbers, cells, angles, day, options, meta)
     meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
-    columns = {
-        'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
-        'time': np.full(len(lst), day + 43200.0),
-        'az_enc': np.remainder(lst - angles['ra of the telescope'] + 180.0, 360.0) - 180.0,
-        'el_enc': angles['dec of the telescope']}
-    return Table(columns, numbers, [' '.join(row) for row in cells], meta,
-                 names=KINDS['equatorial'])
+    columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
+               'time': np.full(len(lst), day + 43200.0)}
+    first = np.remainder(lst - angles['ra of the telescope'] + 180.0, 360.0) - 180.0
+    second = angles['dec of the telescope']
+    if altaz:
+        place = Mount.equatorial(meta['site']['latitude']).horizon_of(first * DEG, second * DEG)
+        columns['az_enc'], columns['el_enc'] = (angle / DEG for angle in place)
+        meta['notes'].append('azimuth and elevation of the mount are made of its right ascension, '
+                             'declination and the sidereal time')
+    else:
+        columns['az_enc'], columns['el_enc'] = first, second
+        beyond = np.abs(second) > 90.0
+        meta['mount_told'] = 'german' if beyond.any() else 'equatorial'
+    if 'NODA' in options:
+        meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
+                             'aberration (0.32 arcsec at most)')
+    _auxiliary(path, numbers, [row[after + 8:] for row in cells], options, columns, meta)
+    table = Table(columns, numbers, [' '.join(row) for row in cells], meta,
+                  names=ALTAZ.names if altaz else KINDS['equatorial'])
+    table.exclude(np.array([line.startswith('#') for _, line in body]),
+                  'rejected by the observers (#)')
+    return table
+
+
+def _move(path, numbers, cells, angles, day, options, meta):
+    """Apply proper motions from the epoch of the catalogue to the day of the run, in place."""
+    across, up, year = (floats(path, numbers, name, [row[6 + i] for row in cells])
+                        for i, name in enumerate(('proper motion in ra', 'proper motion in dec',
+                                                  'year of the catalogue')))
+    bad = (year != 2000.0) if 'J2000' not in options else ~((year > 1800.0) & (year < 2200.0))
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise ValueError(f'{path}, row {numbers[i]}: the year {year[i]:g} after the proper motions '
+                         'is not 2000, and only with the option ": J2000" it is that of the epoch '
+                         'alone; give places of J2000')
+    if 'J2000' in options:
+        _refuse_j2000(path, angles, day)
+    years = 2000.0 + (day + 43200.0 - _J2000) / _YEAR - year
+    angles['ra'] = angles['ra'] + 15.0 * across * years / 3600.0
+    angles['dec'] = angles['dec'] + up * years / 3600.0
+    meta['sky_frame'] = ICRS
+    meta['notes'].append(f'proper motion applied, from {year.min():g} to the date of the file')
+
+
+def _refuse_j2000(path, angles, day):
+    """Refuse places of the telescope that are of J2000 too, as some programs mean the option."""
+    ra, dec = (angles[name] * DEG for name in ('ra of the telescope', 'dec of the telescope'))
+    ra, dec, _ = sides(ra, dec)
+    scatter = []
+    for place in ((ra, dec), to_icrs(ra, dec, OF_DATE, np.full(len(ra), day))):
+        away = np.array([wrap(place[0] - angles['ra'] * DEG) * np.cos(dec),
+                         place[1] - angles['dec'] * DEG])
+        scatter.append(np.median(np.abs(away - np.median(away, axis=1, keepdims=True))))
+    if len(ra) >= 6 and scatter[0] < 0.3 * scatter[1]:
+        raise ValueError(f'{path}: the telescope\'s places are J2000 too, as the option ": J2000" '
+                         'may mean; only places of date are read')
+
+
+def _auxiliary(path, numbers, cells, options, columns, meta):
+    """Numbers after the sidereal time, under names; words there are left out with a note."""
+    rotator = any(option.startswith('ROT') for option in options)
+    words = []
+    for i, column in enumerate(zip(*cells), 1):
+        if all(map(is_number, column)):
+            name = 'rotator_deg' if rotator and i == 1 else f'auxiliary_{i}'
+            columns[name] = floats(path, numbers, name, column)
+        else:
+            words.append(column[0][:40])
+    if words:
+        meta['notes'].append(f'after the sidereal time left out, no numbers: {", ".join(words)} '
+                             '...')
 
 
 def _sexagesimal(path, numbers, name, cells):

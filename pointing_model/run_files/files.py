@@ -110,7 +110,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     table.meta = meta
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
-    _settle_origin(azimuth_origin, meta, table.names is ALTAZ.names)
+    of_azimuths = table.names is ALTAZ.names and 'lst_told' not in columns
+    _settle_origin(azimuth_origin, meta, of_azimuths)
     if site is not None:
         _compare_site(site, meta)
         meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site

@@ -7,10 +7,11 @@ import numpy as np
 from msg_tools.units import DEG
 from pointing_model.run import REQUIRED
 
-from .equatorial import read_exported, read_short
+from .equatorial import PLACES, read_exported, read_short
 from .table import NoObservations, Table, content, floats, is_number, same_width
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
+_OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 
 
@@ -62,6 +63,7 @@ def read_tpoint(path, lines):
     if body and body[0][1].upper() in ('A', 'E'):
         options.append('ALTAZ' if body.pop(0)[1].upper() == 'A' else _SHORT)
     words = [word for option in options if option != _SHORT for word in option.split()]
+    _know(path, words, meta)
     exported, short = any(word.startswith('EQUAT') for word in words), _SHORT in options
     if not (exported or short or 'ALTAZ' in words):
         raise ValueError(f'{path}: no option ": ALTAZ" or ": EQUAT" says which mount it is of')
@@ -73,11 +75,13 @@ def read_tpoint(path, lines):
     _run_parameters(path, begin, parameters, meta)
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
-    if exported or short:
+    if short:
         body = [(number, line) for number, line in body if not line.startswith('#')]
         if not body:
             raise NoObservations(f'{path} has a header but no observations')
-        return (read_exported if exported else read_short)(path, body, meta)
+        return read_short(path, body, meta)
+    if exported or len(body[0][1].lstrip('# ').split()) >= PLACES:
+        return read_exported(path, body, meta, words, altaz=not exported)
     rotator = any(option.startswith('ROT') for option in options)
     width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]).split())
     body = [(number, line) for number, line in body
@@ -94,6 +98,20 @@ def read_tpoint(path, lines):
     table = Table(columns, numbers, [' '.join(row) for row in cells], meta, commented=commented)
     table.exclude(rejected, 'rejected by the observers (#)')
     return table
+
+
+def _know(path, words, meta):
+    """Refuse options of other mounts; a note of those that are not known."""
+    if 'GIMBAL' in words:
+        raise ValueError(f'{path}: option GIMBAL is not read: give a CSV with a line '
+                         '"# mount: free:AZ,EL[,ROLL]"')
+    if 'ALTAZ' in words and any(word.startswith('EQUAT') for word in words):
+        raise ValueError(f'{path}: options ALTAZ and EQUAT: a run is of one mount')
+    other = [word for word in words if word not in _OPTIONS and not is_number(word)
+             and not word.startswith(('EQUAT', 'ROT'))]
+    if other:
+        meta['notes'].append(f'option {", ".join(w[:20] for w in other)} is not known: nothing was '
+                             'made of it')
 
 
 def _rejected(line):
