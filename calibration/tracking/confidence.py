@@ -36,11 +36,14 @@ class Confidence:
     noise, walk : float
         Factors of the noise of stars and of all walks (as lengths); 1 as given.
     verdict : str
-        `HONEST`, `OVER` or `UNDER`.
+        `HONEST`, `OVER` (errors are larger than predicted) or `UNDER` (smaller).
+    tested : tuple of (int, float) or None
+        Of the test that gave a verdict other than `HONEST`: stars, and their errors as a part of
+        the predicted ones (RMS): above 1 where it is `OVER`, below where it is `UNDER`.
     """
 
     def __init__(self):
-        self.noise, self.walk, self.verdict = 1.0, 1.0, HONEST
+        self.noise, self.walk, self.verdict, self.tested = 1.0, 1.0, HONEST, None
         self._last = []  # [x, y] of each star, in sigmas, decided
 
     def add(self, off, fastest=0.0):
@@ -69,30 +72,34 @@ class Confidence:
         low, high = _bounds(count)
         size = float(np.sqrt(total / (2.0 * count)))
         if total > high:
-            self.verdict, self._last = OVER, []
+            self.verdict, self.tested, self._last = OVER, (count, size), []
             drifts = fastest > 0.5 and np.sum(last[1:] * last[:-1]) > TURNS * total
             what = 'walk' if drifts else 'noise'
             setattr(self, what, min(getattr(self, what) * size, MOST))
-            return (f'over-confident: the last {count} stars were off by {size:.2f} times what was '
-                    'expected; '
-                    + (f'drifts are thought {self.walk:.2f} times as fast from now on'
-                       if what == 'walk' else
-                       f'the noise of stars is taken {self.noise:.2f} times as large from now on'))
+            return f'{self.sentence()}; ' + (
+                f'drifts are thought {self.walk:.2f} times as fast from now on'
+                if what == 'walk' else
+                f'the noise of stars is taken {self.noise:.2f} times as large from now on')
         if total < low:
-            said, self._last = self.verdict == UNDER, []
-            widened = self.noise * self.walk > 1.0
+            said, widened = self.verdict == UNDER, self.noise * self.walk > 1.0
+            self.verdict, self.tested, self._last = UNDER, (count, size), []
             self.noise, self.walk = max(1.0, self.noise * size), max(1.0, self.walk * size)
-            self.verdict = OVER if self.noise * self.walk > 1.0 else UNDER
             if widened:
-                return (f'the last {count} stars were off by {size:.2f} times what was '
-                        f'expected; from now on the noise of stars is taken {self.noise:.2f} '
-                        f'times as large, drifts {self.walk:.2f} times as fast')
-            return '' if said else (
-                f'under-confident: the last {count} stars were off by {size:.2f} times what was '
-                'expected; the noise of stars or the drift that is expected is too large')
+                return (f'{self.sentence()}; from now on the noise of stars is taken '
+                        f'{self.noise:.2f} times as large, drifts {self.walk:.2f} times as fast')
+            return '' if said else (f'{self.sentence()}; the noise of stars or the drift that is '
+                                    'expected is too large')
         if count == WINDOW and self.noise * self.walk == 1.0:
-            self.verdict = HONEST
+            self.verdict, self.tested = HONEST, None
         return ''
+
+    def sentence(self):
+        """The verdict, and the ratio that it rests on, for people."""
+        if self.tested is None:
+            return self.verdict
+        count, ratio = self.tested
+        return (f'{self.verdict}: errors of {count} stars were {ratio:.2f} times the predicted '
+                'ones (RMS)')
 
     @property
     def mean(self):
@@ -102,7 +109,7 @@ class Confidence:
     def state(self):
         """JSON-ready."""
         return {'noise': self.noise, 'walk': self.walk, 'verdict': self.verdict,
-                'last': self._last}
+                'tested': self.tested, 'last': self._last}
 
     @classmethod
     def of_state(cls, state):
@@ -110,4 +117,6 @@ class Confidence:
         out = cls()
         out.noise, out.walk = float(state['noise']), float(state['walk'])
         out.verdict, out._last = state['verdict'], state['last']
+        tested = state.get('tested')  # logs of before do not have it
+        out.tested = tested and tuple(tested)
         return out

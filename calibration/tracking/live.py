@@ -90,9 +90,9 @@ class LiveTracking:
         """What is wrong with what the filter says of itself, sentences."""
         if self.night is None:
             return ['tracking begins with a model: fit, or give model_file']
-        verdict = self.night.document()['confidence']
-        return [] if verdict == HONEST else [
-            f'tracking: the filter was {verdict} over the last stars, and is widened or narrowed '
+        told = self.night.document()
+        return [] if told['confidence'] == HONEST else [
+            f'tracking: the filter was {told["confidence_sentence"]}, and is widened or narrowed '
             'for it']
 
     def details(self):
@@ -107,7 +107,7 @@ class LiveTracking:
                   if begun else []),
                 ('expected error now, in 1 h [arcsec]',
                  f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
-                ('innovations', told['confidence'])]
+                ('innovations', told['confidence_sentence'])]
 
     def sentence(self):
         """What the last star said, for people."""

@@ -252,7 +252,9 @@ class TrackedNight:
             'chance_of_a_jump_in_1_h': expected[-1].jump, 'rates_arcsec_per_root_hour': {
                 name: value / ARCSEC if name != 'who' else value
                 for name, value in tracker.rates().items()},
-            'confidence': tracker.confidence.verdict, 'noise_factor': tracker.confidence.noise,
+            'confidence': tracker.confidence.verdict,
+            'confidence_sentence': tracker.confidence.sentence(),
+            'noise_factor': tracker.confidence.noise,
             'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
             'innovations': {'stars': len(self._nis), 'mean_square': (
                 float(np.mean(self._nis)) / 2.0 if self._nis else None),

@@ -21,9 +21,9 @@ def tracking_lines(document):
            f'zeros wander by {rates["zero"]:.1f} arcsec in an hour (and as the root of time), the '
            f'lean of the first axis by {rates["tilt"]:.1f}']
     if found['stars']:
-        out.append(f'{found["stars"]} stars against what was expected of them: mean square '
-                   f'{found["mean_square"]:.2f} of the expected (1 is right), '
-                   f'{found["beyond_95"]} beyond 95 %: the filter is {document["confidence"]}')
+        out.append(f'{found["stars"]} stars: errors were {found["mean_square"]**0.5:.2f} times the '
+                   f'predicted ones (RMS; 1 is right), {found["beyond_95"]} beyond 95 %; the '
+                   f'filter at the end: {document["confidence_sentence"]}')
     begun = document.get('opening')
     if begun:
         out.append(f'since the nights before, by the first {begun["stars"]} stars: ' + ', '.join(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.tracking.causes import Settings, lean_of_base
+from calibration.tracking.confidence import HONEST, OVER, UNDER, Confidence
 from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.harmonics import Harmonics
@@ -211,6 +212,35 @@ def test_noise_that_is_larger_than_given_is_said_and_taken():
         heard = sky.tell(tracker, 10 * k * MINUTE, off=8.0 * sky.rng.normal(size=2))
         said += [heard.confidence] if heard.confidence else []
     assert said and said[0].startswith('over-confident') and tracker.confidence.noise > 1.3
+
+
+@pytest.mark.parametrize('size, verdict, side', [(0.4, UNDER, -1.0), (1.0, HONEST, 0.0),
+                                                 (2.5, OVER, 1.0)])
+def test_the_verdict_stands_beside_the_ratio_it_rests_on(size, verdict, side):
+    rng, confidence = np.random.default_rng(3), Confidence()
+    said = list(filter(None, (confidence.add(size * rng.normal(size=2)) for _ in range(16))))
+    assert confidence.verdict == verdict
+    if side == 0.0:
+        assert said == [] and confidence.sentence() == 'honest'
+        return
+    # above 1 where errors are larger than predicted, below where they are smaller
+    count, ratio = confidence.tested
+    assert count == 12 and side * np.log(ratio) > side * np.log(size) - 0.3 > 0.0
+    assert confidence.sentence() == (
+        f'{verdict}: errors of 12 stars were {ratio:.2f} times the predicted ones (RMS)')
+    assert said[0].startswith(confidence.sentence())
+    assert Confidence.of_state(json.loads(json.dumps(
+        confidence.state()))).sentence() == confidence.sentence()
+
+
+def test_a_filter_that_was_widened_too_far_is_not_called_over_confident():
+    rng, confidence = np.random.default_rng(5), Confidence()
+    for _ in range(12):
+        confidence.add(4.0 * rng.normal(size=2))
+    assert confidence.verdict == OVER and confidence.tested[1] > 1.0 and confidence.noise > 2.0
+    (said,) = filter(None, (confidence.add(0.3 * rng.normal(size=2)) for _ in range(12)))
+    assert confidence.noise > 1.0 and said.startswith('under-confident')
+    assert confidence.verdict == UNDER and confidence.tested[1] < 1.0
 
 
 def test_the_error_ahead_grows_with_what_drifts_and_jumps_are_told_apart():
