@@ -134,9 +134,9 @@ def gauss_newton(start, sigmas, robust, rcond):
     if not spectrum.s[-1] > 0.0:
         raise ValueError('the rows tell nothing of what is to be fitted: its columns are zero in '
                          'all of them; fit other terms')
-    firm = _ALIKE * spectrum.s[-rank] / spectrum.s[-1]
+    firm = _ALIKE * spectrum.s[k - rank] / spectrum.s[-1]
     few = are_few(2 * n - rank, rank)
-    basis = None if rank == k else spectrum.vectors[:, -rank:] / spectrum.scale[:, None]
+    basis = None if rank == k else spectrum.vectors[:, k - rank:] / spectrum.scale[:, None]
     p, begun = np.zeros(k), None
     if n >= _MANY and basis is None and (robust or not start.linear):
         begun = _of_some(start, sigmas, robust, rcond)

@@ -200,7 +200,8 @@ def coefficients_of(rows, b, weights, rcond, normals=None, pull=None):
             weights = np.concatenate((weights, weights))
         spectrum = spectrum_of(rows, weights, normal)
         rank = spectrum.rank(rcond)
-        half = spectrum.vectors[:, -rank:] / (spectrum.scale[:, None] * spectrum.s[-rank:])
+        kept = slice(len(spectrum.s) - rank, None)  # none, where no row has a weight
+        half = spectrum.vectors[:, kept] / (spectrum.scale[:, None] * spectrum.s[kept])
         inverse = half @ half.T
         refinements = 3
     if pull is None:

@@ -13,7 +13,8 @@ from .readings import Places
 _ODD_ZONES = (5.75, 8.75, 12.75, 13.75)
 _LARGEST_ZONE = 14.0
 _EQUATORIAL = ('equatorial', 'german')
-CLOCK, SITE = 'clock', 'site'
+_TIMES, _SITE = 'times', 'site'
+_SET_SITE = 'set the site right'
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,9 @@ class Elsewhere:
     ----------
     said : str
         What is mistaken.
-    kind : {'clock', 'site'}
+    kind : {'times', 'site'}
+    advice : str
+        What to do then.
     az, el : ndarray, shape (n,)
         Catalogue places, radians; NaN where there is none.
     mount : Mount
@@ -33,10 +36,11 @@ class Elsewhere:
 
     said: str
     kind: str
+    advice: str
     az: np.ndarray
     el: np.ndarray
     mount: Mount
-    mistakes = 1
+    mistakes, elsewhere = 1, True
     catalogue = encoders = ()
     offsets, exchanged = '', False
 
@@ -67,14 +71,13 @@ def other_places(rows):
     """
     out = []
     if rows.solved is not None:
-        out += [one for hours in _zones()
-                for one in [_of_stars(rows, _clock_text(hours), CLOCK, rows.solved.site, hours)]
-                if one is not None]
-        out += [one for text, site in _sites(rows.solved.site)
-                for one in [_of_stars(rows, text, SITE, site)] if one is not None]
+        site = rows.solved.site
+        out = [_of_stars(rows, *_clock(hours), site, hours) for hours in _zones()]
+        out += [_of_stars(rows, text, _SITE, _SET_SITE, other) for text, other in _sites(site)]
+        out = [one for one in out if one is not None]
     elif rows.mount.kind in _EQUATORIAL:
         az, el = rows.columns[:2]
-        out.append(Elsewhere('the latitude with the other sign', SITE, az, el,
+        out.append(Elsewhere('the latitude with the other sign', _SITE, _SET_SITE, az, el,
                              Mount.equatorial(-rows.mount.latitude, rows.mount.kind)))
     return out
 
@@ -84,10 +87,12 @@ def _zones():
     return [sign * hours for hours in (*whole, *_ODD_ZONES) for sign in (1.0, -1.0)]
 
 
-def _clock_text(hours):
-    size = f'{abs(hours):g} hour{"s" if abs(hours) != 1.0 else ""}'
-    return (f'a clock {size} {"ahead of" if hours > 0.0 else "behind"} UTC (local time in '
-            'place of UTC?)')
+def _clock(hours):
+    """What is mistaken, kind and advice of a clock so far ahead of UTC."""
+    minutes, size = round(60.0 * abs(hours)), f'{abs(hours):g} hour' + 's' * (abs(hours) != 1.0)
+    zone = f'{"+" if hours > 0.0 else "-"}{minutes // 60:02d}:{minutes % 60:02d}'
+    return (f'a clock {size} {"ahead of" if hours > 0.0 else "behind"} UTC (local time?)', _TIMES,
+            f'write the times in UTC, or with their zone, {zone}')
 
 
 def _sites(site):
@@ -101,7 +106,7 @@ def _sites(site):
         yield 'latitude and longitude exchanged', replace(site, latitude=lon, longitude=lat)
 
 
-def _of_stars(rows, text, kind, site, hours=0.0):
+def _of_stars(rows, text, kind, advice, site, hours=0.0):
     """The run with the places of its stars seen from a site, `hours` earlier than its clock."""
     solved = rows.solved
     there = np.isin(rows.line, solved.lines)
@@ -119,4 +124,4 @@ def _of_stars(rows, text, kind, site, hours=0.0):
         az, el = mount.axes_of(az, el)
     places = np.full((2, len(rows.line)), np.nan)
     places[:, there] = az, el
-    return Elsewhere(text, kind, *places, mount)
+    return Elsewhere(text, kind, advice, *places, mount)

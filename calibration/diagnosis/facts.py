@@ -13,7 +13,7 @@ from pointing_model.mounts import KINDS
 from pointing_model.rms import rms
 
 from .constants import BAD_NIGHT
-from .input_check import MOST_LEFT_OUT
+from .reading_fits import MOST_LEFT_OUT
 
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
 #: rows in each of three bands of elevation, at least, of which it is said that they scatter

@@ -87,6 +87,8 @@ class Reading:
     encoders: tuple = ()
     offsets: str = ''
     exchanged: bool = False
+    #: no other clock or site; what is wrong then, and what to do
+    elsewhere, kind, advice = False, 'columns', 'set the columns right'
 
     @property
     def mistakes(self):
@@ -187,6 +189,28 @@ _EQUATORIAL = ('equatorial', 'german')
 MIRRORED = Reading(('reversed',), ('reversed',))
 #: an azimuth zero this near to half a turn is one of the south, radians
 SOUTH = 1.5 * DEG
+
+
+def in_range(names, az, el):
+    """Whether the numbers of a pair may be angles in the unit of a reading.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Its mistakes.
+    az, el : ndarray, shape (n,)
+        As written, taken for degrees and given in radians.
+    """
+    if 'swapped' in names:
+        az, el = el, az
+    az, el = az / DEG, el / DEG
+    widest = max(np.abs(az).max(), np.abs(el).max())
+    return not (
+        'arcseconds' in names and widest < 720.0 or 'arcminutes' in names and widest < 360.0
+        or 'gradians' in names and not (np.abs(az).max() <= 400.5 and np.abs(el).max() <= 300.5)
+        or 'radians' in names and widest > 2.0 * np.pi
+        or 'radians of the first' in names and np.abs(az).max() > 2.0 * np.pi
+        or 'hours' in names and not (az.max() <= 24.5 and az.min() >= -12.5))
 
 
 def _set_right(a, e, mistakes):

@@ -8,7 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
-from .input_check import MOST_LEFT_OUT
+from .reading_fits import MOST_LEFT_OUT
 
 #: reasons of rows that whoever wrote the file took back
 _TAKEN_BACK = ('commented out', 'rejected by')
