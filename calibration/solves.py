@@ -24,6 +24,7 @@ _LOST = 3.0 * DEG
 #: how many times better, and by which log-likelihood, another frame must fit; and by which the
 #: frame that none was declared for
 _BETTER, _LIKELIER, _TOLD = 1.25, 15.0, 10.0
+_FITS = 600.0  # arcsec; beyond it no frame fits
 _LEAST_NOISE = 1e-4 * ARCSEC
 _TILT = 1.0 * DEG  # no azimuth axis leans so far
 _HOURS = 24.0 * DEG
@@ -239,7 +240,8 @@ def _check_frame(run, solved):
         return
     best = others[0]
     gain = taken.misfit - best.misfit
-    if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER:
+    if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER and best.rms_arcsec < _FITS:
+        _refuse_others(run, best)
         said = 'the file says' if solved.declared else 'no frame is declared; taken are'
         left = 'do not fit' if lost else f'leave {taken.rms_arcsec:.1f} arcsec'
         raise ValueError(
@@ -253,6 +255,16 @@ def _check_frame(run, solved):
         run.meta['notes'].append(
             f'no frame is declared; {taken.what} leaves {taken.rms_arcsec:.1f} arcsec, the next, '
             f'{best.what}, {best.rms_arcsec:.1f}: {taken.what} it is')
+
+
+def _refuse_others(run, best):
+    """Refuse a clock, a site or columns that fit better than another frame does."""
+    from .diagnosis import MistakenColumns, check_columns
+    try:
+        check_columns(run)
+    except MistakenColumns as error:
+        if error.readings and error.readings[0]['rms_arcsec'] < best.rms_arcsec:
+            raise
 
 
 def _advice(run, fit):

@@ -40,6 +40,8 @@ class Fit:
     reading : Reading or Elsewhere
     places : tuple of ndarray, shape (n,)
         Catalogue, readings, number of the run.
+    taken : float
+        The first zero that was taken off the readings before the fit, radians.
     sigma : ndarray, shape (2,)
         Noise of both axes, radians.
     misfit : float
@@ -56,6 +58,7 @@ class Fit:
 
     reading: Reading
     places: tuple
+    taken: float
     sigma: np.ndarray
     misfit: float
     lost: int
@@ -100,19 +103,23 @@ class Fit:
                                          or self.reading.elsewhere)
 
     def explains(self):
-        """Whether numbers that are read as offsets are more than their scatter, or follow terms.
+        """Whether numbers that are read as offsets are more than their scatter, or follow terms."""
+        return not self.reading.offsets or _explained(self.places, self.taken, self.sigma,
+                                                      _OFFSETS_LIKELIER)
 
-        Any numbers fit as offsets in a small unit.
-        """
-        if not self.reading.offsets:
-            return True
-        az, el, az_enc, el_enc, _ = self.places
-        raw = (az_enc - az + self.zeros[0]) * np.cos(el), el_enc - el
-        about_zero = [np.sqrt(np.median(np.square(v))) for v in raw]
-        about_middle = [scatter(v - np.median(v), 1.0) for v in raw]
-        gain = len(az) * float(np.sum(np.log(np.divide(about_middle, self.sigma))))
-        return bool(np.sqrt(np.prod(np.divide(about_zero, self.sigma))) > _OFFSETS_LARGER
-                    or gain > _OFFSETS_LIKELIER)
+
+def _explained(places, taken, sigma, likelier):
+    """Whether offsets are larger than what terms leave, or are left less by them than by zeros.
+
+    Any numbers fit as offsets in a small unit.
+    """
+    az, el, az_enc, el_enc, _ = places
+    x, y = (az_enc - az + taken) * np.cos(el), el_enc - el
+    columns = np.stack((np.cos(el), np.ones(len(el))), axis=-1)
+    by_zeros = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0], y - np.median(y)
+    size = [np.sqrt(np.median(np.square(v))) for v in (x, y)]
+    gain = len(az) * float(np.sum(np.log(np.divide([scatter(v, 1.0) for v in by_zeros], sigma))))
+    return bool(np.prod(np.divide(size, sigma)) > _OFFSETS_LARGER**2 or gain > likelier)
 
 
 class ReadingFits:
@@ -167,7 +174,7 @@ class ReadingFits:
         if not np.isfinite(sigma).all():
             return None
         tilt = np.hypot(*(values.get(self.names.named(name), 0.0) for name in ('AN', 'AW')))
-        return Fit(reading, places, sigma, misfit(sigma, gain), lost,
+        return Fit(reading, places, zero, sigma, misfit(sigma, gain), lost,
                    (zero + values[index[0]], values[index[1]]), float(tilt), terms, self.names)
 
     def best(self, readings, near=10.0):
@@ -187,7 +194,7 @@ class ReadingFits:
                 for sight in (self._places(reading, True),) if sight is not None]
         for look, times in ((self._zeros_taken_off, 10.0), (self._first_order, near)):
             misfits = [look(reading, *sight) for reading, sight in seen]
-            least = min(misfits, default=0.0) + np.log(times)
+            least = min([m for m in misfits if np.isfinite(m)], default=0.0) + np.log(times)
             ranked = sorted(zip(misfits, range(len(seen))))
             seen = [seen[i] for misfit, i in ranked if misfit <= least]
         near = [reading for reading, _ in seen]
@@ -275,4 +282,7 @@ class ReadingFits:
                                          mount=self._mount(reading))
         except (ValueError, np.linalg.LinAlgError):
             return -np.inf
-        return misfit([scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)], gain)
+        sigma = [scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)]
+        if reading.offsets and not _explained(places, zero, sigma, 0.3 * _OFFSETS_LIKELIER):
+            return np.inf
+        return misfit(sigma, gain)

@@ -1,5 +1,7 @@
 """From the columns of a file to catalogue places and readings by the axes of the mount."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msg_tools.units import DEG, wrap
@@ -140,7 +142,7 @@ def to_axes(path, table, mount):
         if side is not None and not read.any():
             place = mount.axes_of if meta.get('from_horizon') else sides
             by_side = through_the_pole(path, table, side, place(columns['az'], columns['el'])[0])
-        _keep_written(table, pairs, by_side, mount)
+        _keep_written(path, table, pairs, side if by_side is None else by_side, mount)
         if read.any():
             beyond = read
         elif by_side is not None:
@@ -230,18 +232,29 @@ def _turn_on_sky(columns, beyond):
             columns[name] = np.where(beyond, -columns[name], columns[name])
 
 
-def _keep_written(table, pairs, beyond, mount):
-    """``table.written``: the angles of the axes before rows are placed beyond the pole."""
+def _keep_written(path, table, pairs, side, mount):
+    """``table.written``: the angles of the axes before rows are placed beyond the pole.
+
+    `side`: the column of the side of the pier, or what was made of it. It is kept where readings
+    beyond the pole take its place too: in another unit than degrees none of them may be.
+    """
     if not pairs:  # offsets on the sky: the readings are made of the places
         return
     columns = table.columns
     place = columns['az'], columns['el']
     if table.meta.get('from_horizon'):
-        with np.errstate(invalid='ignore'):
-            place = mount.axes_of(*place)
+        place = mount.axes_of(*place)
     table.written = {**dict(zip(PAIRS[0], place)),
-                     **{name: columns[name] for pair in pairs for name in pair},
-                     **({} if beyond is None else {'beyond': beyond})}
+                     **{name: columns[name] for pair in pairs for name in pair}}
+    if side is None:
+        return
+    if side.dtype != bool:
+        try:
+            side = through_the_pole(path, replace(table, meta={'notes': []},
+                                                  reasons=table.reasons.copy()), side, place[0])
+        except ValueError:
+            return
+    table.written['beyond'] = side
 
 
 def _air(columns, rows, site, weather, meta):

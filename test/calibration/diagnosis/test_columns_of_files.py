@@ -2,6 +2,7 @@
 
 from itertools import product
 from pathlib import Path
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ import pytest
 from calibration.diagnosis import MistakenColumns, check_columns, naming_columns
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
-from pointing_model.mounts import Mount, through_pole
+from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.run_files import read_run
+from pointing_model.sky import Site, Weather, observed_to_icrs
+from telescope_mount.runs import load_run
 
 CASES = Path(__file__).resolve().parents[4] / 'shared' / 'cases'
 LATITUDE = 48.0 * DEG
@@ -82,3 +85,78 @@ def test_hours_of_both_pairs_are_named_on_the_small_input(name):
         pytest.skip(f'no small inputs in {CASES}')
     with pytest.raises(MistakenColumns, match='hour angle of catalogue and encoders in hours'):
         checked(path)
+
+
+SITE = Site(34.3 * DEG, 64.3 * DEG, 500.0)
+#: what is wrong: hours of the clock, the site that the file has, what is said
+ELSEWHERE = {
+    '+08:00': (8.0, SITE, 'the times are not UTC: .* fit: a clock 8 hours ahead of UTC .*08:00'),
+    '-03:30': (-3.5, SITE, 'a clock 3.5 hours behind UTC .* with their zone, -03:30'),
+    '+01:00': (1.0, SITE, 'a clock 1 hour ahead of UTC'),
+    'longitude': (0.0, Site(34.3 * DEG, -64.3 * DEG, 500.0),
+                  'the site is wrong: .* fit: the longitude with the other sign'),
+    'latitude': (0.0, Site(-34.3 * DEG, 64.3 * DEG, 500.0),
+                 'the site is wrong: .* fit: the latitude with the other sign'),
+    'exchanged': (0.0, Site(64.3 * DEG, 34.3 * DEG, 500.0), 'latitude and longitude exchanged')}
+
+
+def of_stars(path, kind, hours=0.0, site=SITE, n=40):
+    """A file with right ascensions, of `TERMS`; written with another clock or site."""
+    rng = np.random.default_rng(4)
+    mount = ALTAZ if kind == 'altaz' else Mount.equatorial(SITE.latitude, kind)
+    az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.98, n))
+    moment = 1772539200.0 + np.sort(rng.uniform(0.0, 6.0, n)) * 3600.0
+    ra, dec = observed_to_icrs(az, el, moment, SITE, Weather(955.0, 8.0))
+    h, d = mount.axes_of(az, el)
+    beyond = (h < 0.0) & (kind == 'german')
+    names = mount.names.physical
+    terms = {name: v * ARCSEC for name, v in zip(names, TERMS.values())}
+    a, e = sky_to_encoder(*through_pole(h, d, beyond), terms, mount)
+    a, e = (v + ARCSEC * rng.normal(size=n) for v in (a, e))
+    first, second = mount.names.columns
+    rows = [f'# mount: {kind}', '# frame: ICRS', '# pressure_hpa: 955', '# temperature_c: 8',
+            f'# latitude_deg: {site.latitude / DEG:.6f}', '# height_m: 500',
+            f'# longitude_deg: {site.longitude / DEG:.6f}',
+            f'time,ra_deg,dec_deg,{first}_enc_deg,{second}_enc_deg']
+    stamps = np.datetime_as_string(((moment + 3600.0 * hours) * 1e3).astype('datetime64[ms]'))
+    rows += [f'{t},{w:.7f},{x:.7f},{y:.7f},{z:.7f}' for t, w, x, y, z in zip(
+        stamps, *(v / DEG for v in (ra, dec, a, e)))]
+    path.write_text('\n'.join(rows) + '\n')
+    return path
+
+
+@pytest.mark.parametrize('kind', ['altaz', 'equatorial', 'german'])
+def test_a_clock_that_is_not_utc_and_a_wrong_site_are_named(tmp_path, kind):
+    path = tmp_path / 'run.csv'
+    assert check_columns(load_run(of_stars(path, kind))).notes == []
+    for hours, site, said in ELSEWHERE.values():
+        of_stars(path, kind, hours, site)
+        with pytest.raises(MistakenColumns, match=said), naming_columns(), catch_warnings():
+            simplefilter('error')  # numpy's are faults of the fit
+            check_columns(load_run(path))
+
+
+def test_the_sign_of_the_latitude_is_named_where_hour_angles_are_given(tmp_path):
+    for kind in ('equatorial', 'german'):
+        written(tmp_path / 'run.csv', kind, pier=False, latitude=-LATITUDE)
+        with pytest.raises(MistakenColumns, match='fit.*: .*the latitude with the other sign'):
+            checked(tmp_path / 'run.csv')
+
+
+def test_numbers_that_no_terms_explain_are_refused_without_a_proposal(tmp_path):
+    path, rng = tmp_path / 'run.csv', np.random.default_rng(7)
+    for n in (8, 20, 60):
+        rows = rng.uniform(0.0, [360.0, 90.0, 360.0, 90.0], (n, 4))
+        path.write_text('az_deg,el_deg,az_enc_deg,el_enc_deg\n' + '\n'.join(
+            ','.join(f'{v:.5f}' for v in row) for row in rows) + '\n')
+        with pytest.raises(MistakenColumns, match='No other reading that was tried fits'):
+            checked(path)
+
+
+def test_the_small_inputs_of_clocks_and_unrelated_columns():
+    if not CASES.is_dir():
+        pytest.skip(f'no small inputs in {CASES}')
+    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'), naming_columns():
+        check_columns(load_run(CASES / 'ps_local_time.csv'))
+    with pytest.raises(MistakenColumns, match='No other reading that was tried fits'):
+        checked(CASES / 'garbage0.csv')
