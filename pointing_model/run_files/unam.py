@@ -1,4 +1,4 @@
-"""Pointing runs of the telescope control system of the UNAM, as COATLI writes them."""
+"""Pointing runs of the telescope control system of the UNAM: COATLI, DDOTI, RATIR."""
 
 import re
 
@@ -7,18 +7,23 @@ import numpy as np
 from pointing_model.mounts import KINDS
 from pointing_model.plate_solved.frames import ICRS
 
-from .table import Table, content, floats, parse_iso, same_width
+from .table import Table, content, floats, is_number, parse_iso, same_width
 
-_NAME = re.compile(r'(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)\w*')
+#: a name holds a time stamp, to the second or finer
+_NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
 _COLUMNS = ('name', 'requested ra', 'requested dec', 'observed ra', 'observed dec', 'mount ha',
             'mount ra', 'mount dec', 'rotation', 'solved ra', 'solved dec', 'equinox')
-_USED = _COLUMNS[5:]
+_WIDTHS = (len(_COLUMNS), len(_COLUMNS) - 1)  # some logs have no equinox
 
 
 def looks_like_unam(lines):
-    """Whether the first row begins with a name that is a time stamp, among so many columns."""
-    first = next((line for _, line in content(lines)), '').split()
-    return len(first) == len(_COLUMNS) and _NAME.fullmatch(first[0]) is not None
+    """Whether the first row is a name that holds a time stamp, and so many numbers."""
+    return _is_row(next((line for _, line in content(lines)), '').split())
+
+
+def _is_row(cells):
+    return (len(cells) in _WIDTHS and _NAME.fullmatch(cells[0]) is not None
+            and all(map(is_number, cells[1:])))
 
 
 def read_unam(path, lines):
@@ -41,27 +46,20 @@ def read_unam(path, lines):
     Raises
     ------
     ValueError
-        A row of another length, a cell that is no number, a rotation other than 0 and 180, an
-        equinox other than 2000.
+        A row of another length, a cell that is no number.
     """
     body = content(lines)
     numbers = np.array([number for number, _ in body])
     cells = [line.split() for _, line in body]
-    same_width(path, numbers, cells, len(_COLUMNS), 'columns', f'{len(_COLUMNS)} are read')
+    names = _COLUMNS[:len(cells[0])]
+    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} in the first row')
     stamps = [_NAME.fullmatch(row[0]) for row in cells]
     if None in stamps:
         i = stamps.index(None)
-        raise ValueError(f'{path}, row {numbers[i]}: {cells[i][0][:40]!r} does not begin with a '
+        raise ValueError(f'{path}, row {numbers[i]}: {cells[i][0][:40]!r} does not hold a '
                          'time stamp such as 20211103T044721')
-    value = {name: floats(path, numbers, name, [row[_COLUMNS.index(name)] for row in cells])
-             for name in _USED}
-    for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
-                                 ('equinox', (2000.0,), '2000')):
-        bad = ~np.isin(value[name], allowed)
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise ValueError(f'{path}, row {numbers[i]}, column {name}: {value[name][i]:g} is not '
-                             f'{words}')
+    value = {name: floats(path, numbers, name, [row[i] for row in cells])
+             for i, name in enumerate(names) if i >= 5}
     times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) for match in stamps]
     beyond = value['rotation'] == 180.0
     columns = {
@@ -73,8 +71,15 @@ def read_unam(path, lines):
     meta = {'format': 'unam', 'mount_told': 'german', 'sky_frame': ICRS, 'notes': [
         'places are the solved ones, readings hour angle and declination of the mount; rotation '
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
-    return Table(columns, numbers, [' '.join(row) for row in cells], meta,
-                 commented=_commented(lines), names=KINDS['equatorial'])
+    if 'equinox' not in value:
+        meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
+    table = Table(columns, numbers, [' '.join(row) for row in cells], meta,
+                  commented=_commented(lines), names=KINDS['equatorial'])
+    for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
+                                 ('equinox', (2000.0,), '2000')):
+        for i in np.flatnonzero(~np.isin(value.get(name, allowed[0]), allowed)):
+            table.exclude(np.arange(len(cells)) == i, f'{name}: {value[name][i]:g} is not {words}')
+    return table
 
 
 def _commented(lines):
@@ -82,4 +87,4 @@ def _commented(lines):
     rows = ((number, line.lstrip().removeprefix('#').split())
             for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
     return [number for number, row in rows
-            if len(row) == len(_COLUMNS) and _NAME.fullmatch(row[0])]
+            if _is_row(row)]

@@ -291,9 +291,21 @@ def test_log_of_the_unam(read):
     assert run['el_enc'][0] / DEG == pytest.approx(180.0 - 85.05369, abs=1e-4)
     with pytest.raises(ValueError, match='latitude'):
         read_run(measured('coatli', '20211103b.txt'))
-    row = '20211103T044721C0o 168.4 85.1 168.9 85.0 -169.0 168.1 85.0 90.0 167.9 +85.0 2000.0\n'
-    with pytest.raises(ValueError, match='rotation: 90 is not 0 or 180'):
-        read(row, site=SITE)
+
+
+@pytest.mark.parametrize('name', ['20210409T034536.834', '20210409T034536', 'C1-20210409T034536o'])
+@pytest.mark.parametrize('end', ['', ' 2000.0'])
+def test_logs_of_the_unam_without_an_equinox_and_with_other_names(read, name, end):
+    row = f'{name} 207.6 35.1 207.8 35.0 -69.10708 207.64833 35.13391'
+    run = read(f'# {name} did not solve.\n{row} 0.0 207.74189 +35.14780{end}\n'
+               f'{name} 207.6 25.1 207.8 25.0 -69.1 207.6 25.13391 180.0 -152.25 25.1478{end}\n'
+               f'# {row} 0.0 207.7 35.1{end}\n'
+               f'{row} 90.0 207.74189 +35.14780{end}\n', site=SITE)
+    assert run.mount.kind == 'german' and is_beyond(run['el']).tolist() == [False, True]
+    assert run.meta['excluded'] == [{'row': 4, 'reason': 'commented out'},
+                                    {'row': 5, 'reason': 'rotation: 90 is not 0 or 180'}]
+    assert np.abs(run.offsets()).max() < 1.0 * DEG  # a right ascension of -152 is one of 208
+    assert any('no column of the equinox' in note for note in run.meta['notes']) == (not end)
 
 
 def test_a_catalogue_written_as_angles_of_the_mount(read):
