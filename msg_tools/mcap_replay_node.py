@@ -9,6 +9,7 @@ from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
 from . import topics
+from .bag.names import prefixes_of
 from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
@@ -16,12 +17,6 @@ from .node import MountNode, Param
 from .running import run_node
 from .topics import Topic, make_qos
 
-#: what a replay makes anew: the clock, and what the nodes under test compute from the rest
-NOT_BY_DEFAULT = (
-    topics.CLOCK, topics.DIAGNOSTICS, topics.ZERO, topics.MODEL, topics.CALIBRATION_REPORT,
-    topics.DIAGNOSIS, topics.CHECKS, topics.CALIBRATION_STATUS, topics.OBSERVER_STATUS,
-    topics.DEMAND, topics.DEMAND_SIGMA,
-)
 #: messages after which a replay as fast as possible waits for the subscribers
 BATCH = 500
 #: s before a message is due from when on the replay waits for it and does nothing else
@@ -108,7 +103,9 @@ class McapReplay(MountNode):
         if missing:
             raise ValueError(f'mcap_replay: {missing[0]} is not in {self.value("bag")}; it has '
                              f'{", ".join(there)}')
-        left_out = {self.resolve_topic_name(topic.name) for topic in NOT_BY_DEFAULT}
+        left_out = {self.resolve_topic_name(topic.name) for topic in topics.COMPUTED} | {
+            f'{prefix}{topic.name}' for topic in topics.COMPUTED
+            for prefix in prefixes_of(self._reader)}
         exclude = [re.compile(pattern) for pattern in self.value('exclude') if pattern]
         names = wanted or [name for name in there if name not in left_out]
         chosen = [there[n] for n in names if not any(e.fullmatch(n) for e in exclude)]

@@ -52,12 +52,16 @@ class Topic:
         What both sides ask for; a user may override it by parameter.
     many : bool
         Whether several nodes may publish it; else one that starts beside another ends.
+    computed : bool
+        Whether the nodes that a replay feeds make it anew: what they compute, and say of
+        themselves.
     """
 
     name: str
     type: str
     quality: object
     many: bool = False
+    computed: bool = False
 
     @property
     def qos(self):
@@ -78,10 +82,10 @@ class Topic:
         return self.quality.durability.name == 'TRANSIENT_LOCAL'
 
 
-CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE)
+CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE, computed=True)
 # what commanders ask for; the guard judges it, and it alone publishes `command`
 REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
-GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
+GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
 TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
@@ -101,32 +105,39 @@ INCLINOMETER = Topic('inclinometer', 'geometry_msgs/msg/Vector3Stamped', RELIABL
 OBSERVATION = Topic('observation', 'sensor_msgs/msg/PointCloud2', DEEP)
 OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
 OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
-OBSERVER_STATUS = Topic('observer/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
-CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED)
-ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED)
+OBSERVER_STATUS = Topic(
+    'observer/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
+CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED, computed=True)
+ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
 # by how much the zero will have changed since the power-on before, before Polaris is seen
-ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED)
-MODEL = Topic('model', 'std_msgs/msg/String', LATCHED)
-DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED)
-CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED)
+ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
+MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)
+DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED, computed=True)
+CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED, computed=True)
 CALIBRATION_STATUS = Topic(
-    'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED)
+    'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 # the rows of the night, for an observer that was started anew and has none
-CALIBRATION_TABLE = Topic('calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED)
+CALIBRATION_TABLE = Topic(
+    'calibration/table', 'sensor_msgs/msg/PointCloud2', LATCHED, computed=True)
 # what the last star said to a model that is tracked, JSON
-TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED)
+TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED, computed=True)
 # how causes that a diagnosis leaves open stand, and the star that would tell most, JSON
-APART = Topic('apart', 'std_msgs/msg/String', LATCHED)
+APART = Topic('apart', 'std_msgs/msg/String', LATCHED, computed=True)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
-DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
-DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
+DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, computed=True)
+DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE, computed=True)
 # model and zero as one: JSON, see pointing_model/in_force_message.py
-IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED)
-DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True)
+IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED, computed=True)
+DIAGNOSTICS = Topic(
+    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True, computed=True)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 
 # pictures of what the others say, which no log needs: for RViz and Foxglove, from `mount_display`
-ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED)
-JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE)
-MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE)
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, computed=True)
+JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE, computed=True)
+MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE, computed=True)
+
+#: what a replay leaves out by default
+COMPUTED = tuple(value for value in list(globals().values())
+                 if isinstance(value, Topic) and value.computed)

@@ -337,27 +337,30 @@ def measured_graph(*, bag, player, seed=1, calibration=None):
     return [NodeSpec(name, NODES[name], parameters[name]) for name in MEASURED]
 
 
-def replay_graph(bag, observation, seed=1, reference=None, calibration=None, also=()):
+def replay_graph(bag, prefix, played, seed=1, reference=None, calibration=None):
     """The nodes that calibrate anew on a log.
 
     Parameters
     ----------
     bag : str
         The log.
-    observation : str
-        Full name of its topic of observations.
+    prefix : str
+        The namespace in which it was recorded, as ``/mount/``.
+    played : sequence of str
+        Full names of its topics to publish, that of the observations first.
     seed : int
         Of the choice of held-out stars.
     reference : str or Path, optional
         The reference model that the night had.
     calibration : dict, optional
         Further parameters of the calibration.
-    also : sequence of str
-        Full names of further topics of the log to publish.
     """
+    here = f'{NAMESPACE}/'
     parameters = {
-        'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': [observation, *also],
-                        'wait_for_topics': [observation], 'exit_at_end': False},
+        'mcap_replay': {'bag': bag, 'rate': 0.0, 'topics': list(played),
+                        'remaps': [''] if prefix == here else [
+                            f'{name}:={here}{name[len(prefix):]}' for name in played],
+                        'wait_for_topics': [played[0]], 'exit_at_end': False},
         'calibration': {'model_file': str(reference or ''), 'split_seed': seed} | (
             calibration or {}),
     }

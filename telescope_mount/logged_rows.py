@@ -4,6 +4,7 @@ from contextlib import suppress
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import cloud_to_run
 
@@ -34,10 +35,8 @@ def with_rows_before(kept, folder):
 def _rows_of(path):
     """Time and row of each observation of a log, but of that of the simulator's truth."""
     log = BagReader(path)
-    names = [topic.name for topic in log.topics
-             if topic.name.endswith(f'/{topics.OBSERVATION.name}')]
-    if log.has_truth or not names:
+    if log.has_truth:
         return
-    for message in log.messages(names, decode=True):
+    for message in log.messages(f'{prefix_of(log)}{topics.OBSERVATION.name}', decode=True):
         row = cloud_to_run(message.data)
         yield row['time'][0], row

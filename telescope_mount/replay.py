@@ -2,9 +2,12 @@
 
 import json
 import tempfile
+from collections import Counter
 from pathlib import Path
 
+from msg_tools import topics
 from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.output import write_text
 from msg_tools.status import Taken
@@ -53,14 +56,16 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
     bag, progress = BagReader(log), progress or (lambda *_: None)
     if bag.has_truth:
         raise ValueError(f'{log} holds the truth of the simulator; replay the log beside it')
-    topic = next((t for t in bag.topics if t.name.endswith('/observation')), None)
-    if topic is None or topic.count == 0:
+    prefix = prefix_of(bag)
+    counts = Counter({t.name: t.count for t in bag.topics})
+    observation = f'{prefix}{topics.OBSERVATION.name}'
+    count = counts[observation]
+    if count == 0:
         raise ValueError(f'{log} has no observation in it; it is no log of a night')
-    had_zero = (any(t.name.endswith('/zero') and t.count for t in bag.topics)
-                and _has_exposures(bag, topic.name))
-    diagnosed = _diagnosis(bag)
+    had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
+    diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')
     # parameters of the calibration with which it fitted and diagnosed
-    as_then = _harmonics(bag) if harmonics is None else harmonics
+    as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
     if diagnosed:
         as_then |= {'alpha': diagnosed.get('alpha', 0.01),
                    'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
@@ -69,31 +74,29 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
                        f'{axis}.{kind}={lines}'
                        for axis, kinds in (diagnosed.get('graduation') or {}).items()
                        for kind, lines in kinds.items())}
-    told = parameters_of(bag.metadata, '/calibration') or {}
+    told = parameters_of(bag.metadata, f'{prefix}calibration') or {}
     as_then['kept_power_ons'] = told.get('kept_power_ons', 0)
-    marks = [t.name for t in bag.topics if t.name.endswith('/incremental/homing') and t.count]
+    played = [name for name in (observation, f'{prefix}{topics.HOMING.name}') if counts[name]]
     lock = domain.claim(domain_number)
-    from msg_tools import topics
-
     from .processes import Processes
     from .watcher import Watcher
     with noted(), tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch:
         nodes = Processes(scratch, lock.number)
         watcher = None
         try:
-            nodes.start_all(replay_graph(str(Path(log).resolve()), topic.name, seed, reference,
-                                         as_then, marks))
+            nodes.start_all(replay_graph(str(Path(log).resolve()), prefix, played, seed,
+                                         reference, as_then))
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
             watcher.hear_results()
 
             def taken():
                 heard = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
                 done = heard.kept + heard.forgotten
-                progress('observing again', done, topic.count)
+                progress('observing again', done, count)
                 return done
 
-            if not watcher.spin_until(lambda: taken() >= topic.count, 60.0):
-                raise RuntimeError(f'only {taken()} of {topic.count} observations arrived')
+            if not watcher.spin_until(lambda: taken() >= count, 60.0):
+                raise RuntimeError(f'only {taken()} of {count} observations arrived')
             if had_zero:
                 watcher.call('calibrate_zero')
             progress('fitting')
@@ -138,19 +141,14 @@ def _has_exposures(bag, topic):
     return any('star' in run and is_for_zero(run).any() for run in runs)
 
 
-def _diagnosis(bag):
-    """The last diagnosis in a log, or None."""
-    return _last(bag, '/diagnosis')
-
-
-def _harmonics(bag):
+def _harmonics(bag, prefix):
     """Which harmonics the model of a log had, as parameters of the calibration."""
     from calibration.harmonic_fit import choice_of_report
-    return choice_of_report(_last(bag, '/calibration/report')).parameters()
+    return choice_of_report(
+        _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()
 
 
-def _last(bag, ending):
+def _last(bag, name):
     """The last document on a topic, or None."""
-    name = next((t.name for t in bag.topics if t.name.endswith(ending) and t.count), None)
-    documents = [] if name is None else [m.data.data for m in bag.messages([name], decode=True)]
+    documents = [message.data.data for message in bag.messages([name], decode=True)]
     return json.loads(documents[-1]) if documents else None

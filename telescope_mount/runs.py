@@ -4,7 +4,9 @@
 import numpy as np
 
 from calibration.solves import judge_solves
+from msg_tools import topics
 from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.night_folder import log_of
 from pointing_model.context import Context
@@ -156,11 +158,8 @@ def run_of_log(path):
     bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
-    by_end = {topic.name.rsplit('/', 1)[-1]: topic.name for topic in bag.topics}
-    if 'observation' not in by_end:
-        raise ValueError(f'{path} has no topic observation; it is no log of a night')
-    parts, zeros = [], Zeros()
-    names = [by_end['observation'], *([by_end['zero']] if 'zero' in by_end else [])]
+    parts, zeros, prefix = [], Zeros(), prefix_of(bag)
+    names = [f'{prefix}{topics.OBSERVATION.name}', f'{prefix}{topics.ZERO.name}']
     for message in bag.messages(names, decode=True):
         if message.topic == names[0]:
             parts.append(cloud_to_run(message.data))
@@ -185,7 +184,7 @@ def run_of_log(path):
     notes += notes_of(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
-    told = (parameters_of(bag.metadata, '/calibration') or {}).get('graduation')
+    told = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get('graduation')
     if told:
         meta['graduation'] = declared_graduation(told)
     return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))

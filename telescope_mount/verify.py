@@ -16,7 +16,9 @@ from calibration.tracking import TRACK
 from calibration.tracking.live import LiveTracking
 from calibration.tracking.night import KEY
 from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
+from msg_tools import topics
 from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
@@ -68,8 +70,8 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     log = BagReader(bag)
     if log.has_truth:
         raise ValueError(f'{bag} holds the truth of the simulator; verify the log beside it')
-    name = next((t.name for t in log.topics if t.name.endswith('/observation') and t.count), None)
-    if name is None:
+    prefix = prefix_of(log)
+    if not any(t.name == f'{prefix}{topics.OBSERVATION.name}' and t.count for t in log.topics):
         raise ValueError(f'{bag} has no observation in it; it is no log of a night')
     back = began_anew(log)
     if back:
@@ -78,7 +80,6 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
             f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
             'which cannot be told apart; start the whole graph anew with it, in another folder')
     check = _Check()
-    prefix = name[:-len('observation')]
     rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:

@@ -4,6 +4,7 @@ from collections import deque
 
 import numpy as np
 
+from msg_tools.bag.names import prefixes_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.gaps import SequenceGaps
 from msg_tools.homing import cloud_to_homing
@@ -52,10 +53,11 @@ def log_health(path):
     bag = open_bag(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator')
-    named = {}
+    named, prefixes = {}, prefixes_of(bag)
+    prefix = prefixes[0] if len(prefixes) == 1 else '/'
     for topic in bag.topics:
         for end, what in STREAMS.items():
-            if topic.name.endswith('/' + end) and topic.count:
+            if topic.name.startswith(prefix) and topic.name.endswith('/' + end) and topic.count:
                 named[topic.name] = what, topic
     whole = sum(topic.count for _, topic in named.values()) <= MOST_READ
     streams, errors = _streams(bag, named, whole)

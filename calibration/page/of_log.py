@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from msg_tools.bag.names import prefix_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text
 from pointing_model.model import PointingModel
@@ -38,9 +39,9 @@ def write_page_of_log(log, path):
     if bag.has_truth:
         raise ValueError(f'{log} holds the truth of the simulator; give the log beside it')
     rows, last = [], {}
-    ends = {topic.name: end for end in _ENDS for topic in bag.topics
-            if topic.name.endswith('/' + end)}
-    for message in bag.messages(list(ends), decode=True) if ends else ():
+    prefix = prefix_of(bag)
+    ends = {f'{prefix}{end}': end for end in _ENDS}
+    for message in bag.messages(list(ends), decode=True):
         end = ends[message.topic]
         if end == 'observation':
             rows.append(cloud_to_run(message.data))

@@ -61,7 +61,7 @@ def test_the_same_bytes_in_the_same_order(graph, log):
     assert node.details()[1] == ('messages published', str(len(sent)))
 
 
-def test_what_the_graph_computes_is_left_out_unless_asked_for(graph, log):
+def test_what_the_graph_computes_is_left_out_unless_asked_for(graph, log, tmp_path):
     folder, rows = log
     node = graph.add(McapReplay, bag=str(folder), wait_for_topics=['/mount/never'])
     assert list(node._replayed) == [INCREMENTAL, ABSOLUTE, '/mount/command']
@@ -69,6 +69,17 @@ def test_what_the_graph_computes_is_left_out_unless_asked_for(graph, log):
     assert graph.tester.count_publishers('/clock') == 1
     assert graph.tester.count_publishers('/mount/zero') == 0
     graph.remove(node)
+    # of all that the graph has, and of a log that was recorded in another namespace
+    for prefix in ('/mount/', '/dome/', '/'):
+        with BagWriter(tmp_path / prefix.strip('/') / 'log') as bag:
+            for topic in vars(topics).values():
+                if isinstance(topic, topics.Topic):
+                    bag.add_topic(topic.name if topic.name[0] == '/' else prefix + topic.name,
+                                  topic.type, [topic.qos])
+        node = graph.add(McapReplay, bag=str(bag.folder), wait_for_topics=['/mount/never'])
+        left = {prefix + topic.name for topic in topics.ALL if not topic.computed}
+        assert set(node._replayed) == left and f'{prefix}observation' in left
+        graph.remove(node)
     graph.add(McapReplay, bag=str(folder), rate=0.0, exit_at_end=False,
               topics=['/mount/model'])
     # latched as it was recorded: a late subscriber has it

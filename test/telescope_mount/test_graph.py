@@ -11,6 +11,7 @@ from subprocess import run
 
 import pytest
 
+from msg_tools import topics
 from telescope_mount.graph import (
     MEASURED,
     NIGHT,
@@ -232,8 +233,28 @@ def test_the_night_has_every_node_but_the_players():
                                        'indi_sky', 'alpaca_mount', 'alpaca_sky',
                                        'mount_display'}
     assert [spec.full_name for spec in specs] == [f'/mount/{name}' for name in NIGHT]
-    for spec in replay_graph('bag', '/mount/observation'):
+    for spec in replay_graph('bag', '/mount/', ['/mount/observation']):
         assert NODES[spec.name] == spec.module
+
+
+#: nodes that a replay feeds
+COMPUTING = {'calibration', 'pointing_corrector', 'mount_display'}
+
+
+def test_every_topic_of_the_graph_is_measured_or_made_anew_by_a_replay():
+    """Who publishes what is taken from docs/topics.md, which is made from what nodes declare."""
+    rows = [[cell.strip() for cell in line.split('|')[1:-1]]
+            for line in (ROOT / 'docs' / 'topics.md').read_text().splitlines()
+            if line.startswith('| `')]
+    by = {row[0].strip('`'): set(re.findall(r'nodes/(\w+)\.md', row[4])) - {'mcap_replay'}
+          for row in rows}
+    declared = {topic.name: topic for topic in vars(topics).values()
+                if isinstance(topic, topics.Topic)}
+    assert set(by) == set(declared)
+    # what others say of themselves is of no use, and of the clock there is one
+    own = {'/clock', '/diagnostics', 'observer/status', 'observer/checks', 'guard/status'}
+    computed = {name for name, nodes in by.items() if nodes and nodes <= COMPUTING} | own
+    assert {topic.name for topic in topics.COMPUTED} == computed
 
 
 def test_one_node_publishes_the_angles_of_the_absolute_encoder():
@@ -285,7 +306,7 @@ def test_every_parameter_of_the_graph_is_one_of_its_node():
     from encoder_sim.device_params import DEVICE_PARAMS, MAX_RATE
     specs = night_graph(bag='b', start_time='2026-02-01', plan='stars 3',
                         sky={'latitude_deg': 30.0})
-    for spec in [*specs, *replay_graph('b', '/mount/observation'),
+    for spec in [*specs, *replay_graph('b', '/mount/', ['/mount/observation']),
                  *real_graph(bag='b', plan='stars 3', sky={'latitude_deg': 30.0}),
                  *measured_graph(bag='b', player={'file': 'f', 'azimuth_origin': 'N',
                                                   'check_every': 3},

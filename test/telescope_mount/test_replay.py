@@ -28,6 +28,7 @@ def test_what_is_left_of_a_log_gives_the_same_model_to_the_bit(other_night, cli,
 
 
 def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night, ended, tmp_path):
+    """In a log that was recorded in another namespace."""
     pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
     from rclpy.serialization import serialize_message
 
@@ -36,12 +37,15 @@ def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night
     log = BagReader(other_night / 'bag')
     wanted = ['/mount/observation', '/mount/incremental/homing', '/mount/zero',
               '/mount/calibration/report']  # which says that there were harmonics
+
+    def there(name):
+        return name.replace('/mount/', '/dome/east/')
     with BagWriter(tmp_path / 'bag') as new:
         for topic in log.topics:
             if topic.name in wanted:
                 definition = log.schema_of(topic.name, topic.type)[0].data
-                new.add_foreign_topic(
-                    topic.name, topic.type, topic.qos, definition, topic.type_hash)
+                new.add_foreign_topic(there(topic.name), topic.type, topic.qos, definition,
+                                      topic.type_hash)
         for message in log.messages(wanted):
             data = message.data
             if message.topic == wanted[1]:
@@ -49,7 +53,7 @@ def test_marks_are_judged_again_and_other_harmonics_may_be_asked_for(other_night
                 axes = [axis._replace(side=axis.side and 'above')
                         for axis in cloud_to_homing(told).values()]
                 data = serialize_message(homing_to_cloud(axes, from_stamp(told.header.stamp)))
-            new.write(message.topic, data, message.log_time, message.publish_time,
+            new.write(there(message.topic), data, message.log_time, message.publish_time,
                       message.sequence)
     code, said, err = ended('replay', tmp_path / 'bag', '--seed', 3, '--harmonics', 'none',
                             '--save', tmp_path / 'plain.json')

@@ -13,6 +13,7 @@ from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
+from telescope_mount.verify import verify_log
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
@@ -142,6 +143,40 @@ def test_the_newest_zero_of_each_power_on_is_taken_off(night):
         for axis, value in zip(('az', 'el'), zero):
             taken = wrap(logged[f'{axis}_enc'] - run[f'{axis}_enc'])[rows] / ARCSEC
             assert taken == pytest.approx(np.full(8, value / ARCSEC), abs=1e-6)
+
+
+def renamed(log, folder, *prefixes):
+    """A log as it is recorded in other namespaces, with the parameters of its nodes."""
+    log = BagReader(log)
+    with BagWriter(folder) as new:
+        for prefix in prefixes:
+            for name, values in log.metadata.items():
+                if name.startswith('parameters /mount/'):
+                    new.add_metadata(name.replace('/mount/', prefix), values)
+            for topic in log.topics:
+                definition = log.schema_of(topic.name, topic.type)[0].data
+                new.add_foreign_topic(topic.name.replace('/mount/', prefix), topic.type, topic.qos,
+                                      definition, topic.type_hash)
+            for message in log.messages():
+                new.write(message.topic.replace('/mount/', prefix), message.data,
+                          message.log_time, message.publish_time, message.sequence)
+    return folder
+
+
+def test_a_log_of_any_namespace_is_read_and_one_of_two_mounts_is_refused(night, tmp_path, refused):
+    here = load_run(night / 'bag')
+    for number, prefix in enumerate(('/dome/east/', '/')):
+        log = renamed(night / 'bag', tmp_path / str(number), prefix)
+        there = load_run(log)
+        assert there.meta['notes'] == here.meta['notes']
+        for name in here.columns:
+            assert np.array_equal(here[name], there[name], equal_nan=True), name
+        report = verify_log(log)
+        assert report['checked']['model'] and not report['differences']
+    log = renamed(night / 'bag', tmp_path / 'both', '/a/', '/b/')
+    for command in ('fit', 'verify', 'replay', 'diagnose'):
+        assert 'observations of 2 mounts, /a/observation and /b/observation' in refused(
+            command, log)
 
 
 def test_the_truth_is_refused(night):
