@@ -102,9 +102,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms, mount_of(runs))
     obs = observations(runs, encoder)
     if obs.context.left_out():
-        obs.notes.append('not taken as causes, for they may be outcomes of a measurement: '
-                         f'{", ".join(map(obs.context.said, obs.context.left_out()))} '
-                         '(--cause COLUMN takes one)')
+        obs.notes.append(_not_taken(obs.context))
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
@@ -124,6 +122,17 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
 def _silent(text, done, total):
     """Progress that nobody asked for."""
+
+
+def _not_taken(context):
+    """A note of the columns that are no causes, and how to make one of them."""
+    names = context.left_out()
+    how = '--cause COLUMN takes one'
+    if any(name.startswith('auxiliary_') for name in names):  # of TPOINT, which does not name them
+        how += ('; one that is the air temperature: telescope-mount export RUN run.csv, and call '
+                'the column temperature_c')
+    return ('not taken as causes, for they may be outcomes of a measurement: '
+            f'{", ".join(map(context.said, names))} ({how})')
 
 
 def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):

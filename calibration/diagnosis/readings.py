@@ -167,6 +167,8 @@ class Reading:
             where = (_BOTH if name in self.catalogue and name in self.encoders
                      else _CATALOGUE if name in self.catalogue else _ENCODERS)
             said = _MISTAKES[name][0].format(of=where, **words)
+            if name == 'ascension' and where == _ENCODERS:
+                said += ' (call the column ra_enc_deg, with time and longitude)'
             if name == 'reversed' and where != _BOTH:
                 reversed_here = True
                 if south:

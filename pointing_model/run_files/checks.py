@@ -133,7 +133,8 @@ def to_si(columns):
 def flag_numbers(table):
     """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
     needed = set(REQUIRED) | set(SPECIAL)
-    if 'ra_deg' in table.columns:
+    if 'ra_deg' in table.columns or ('ra_enc_deg' in table.columns
+                                     and 'lst_h' not in table.columns):
         needed.add('time')
     for name, values in table.columns.items():
         if values.dtype.kind != 'f':
@@ -143,7 +144,7 @@ def flag_numbers(table):
         table.exclude(np.isinf(values), f'{table.label(name)} is infinite')
         if name in ('sigma_x', 'sigma_y'):
             table.exclude(~(values > 0.0), f'{table.label(name)} is not positive')
-        if name in sum(PAIRS, ()) or name in ('ra_deg', 'dec_deg'):
+        if name in sum(PAIRS, ()) or name in ('ra_deg', 'dec_deg', 'ra_enc_deg'):
             with np.errstate(invalid='ignore'):
                 table.exclude(np.abs(values) > _TURNS * _TURN,
                               f'{table.label(name)} is beyond {_TURNS} turns')

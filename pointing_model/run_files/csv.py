@@ -1,7 +1,6 @@
 """Pointing runs as CSV, read and written."""
 
 import csv
-import difflib
 import re
 
 import numpy as np
@@ -11,7 +10,7 @@ from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
 from pointing_model.run import COLUMNS, column_name
 
-from . import solves, table
+from . import hints, solves, table
 from .declared import NUMBERS, declarations
 from .table import Table, bad_cell, content, floats, is_number, same_width
 
@@ -115,7 +114,8 @@ def _names_of(header):
     """Whose axes the columns are of, and name in the header -> name in memory."""
     for names, by_header in _OTHERS:
         first = names.columns[0]
-        if {f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} & set(header):
+        ascension = {'ra_enc_deg'} if first == 'ha' else set()  # of the mount
+        if ({f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} | ascension) & set(header):
             by_header = dict(by_header)
             if 'ra_deg' in header:  # a declination among the stars, not the axis'
                 by_header['dec_deg'] = 'dec_deg'
@@ -196,23 +196,25 @@ def _require(path, header, encoder, names):
     if pair == 'enc' and {'x_arcsec', 'y_arcsec'} & set(header) and not set(readings) <= set(
             header):
         readings = ['x_arcsec', 'y_arcsec']
+    if pair == 'enc' and 'ra_enc_deg' in header and readings[0] not in header:
+        readings = ['ra_enc_deg', readings[1], 'lst_h' if 'lst_h' in header else 'time']
     places = [column_name(axis, names) for axis in ('az', 'el')]
     if names is not ALTAZ.names and set(_HORIZON) <= set(header):
         places = list(_HORIZON)
     if {'ra_deg', *({'dec_deg'} - set(places))} & set(header) and not set(places) <= set(header):
         places = ['ra_deg', 'dec_deg', 'time']
-    required = places + readings
+    required = list(dict.fromkeys(places + readings))
     missing = [name for name in required if name not in header]
     if not missing:
         return
     said = []
     for name in missing:
-        near = difflib.get_close_matches(name, [h for h in header if h not in required], 1, 0.4)
-        said.append(f'{name} (closest: {near[0][:40]})' if near else name)
-    hint = ''
+        near = hints.closest(name, [h for h in header if h not in required])
+        said.append(f'{name} (closest: {near[:40]})' if near else name)
+    hint = hints.offsets(header) if set(readings) & set(missing) else ''
     second = [column_name(f'{axis}_abs', names) for axis in ('az', 'el')]
     if pair != 'abs' and set(second) <= set(header):
-        hint = f"; encoder 'abs' reads {', '.join(second)} in their place"
+        hint += f"; encoder 'abs' reads {', '.join(second)} in their place"
     there = ', '.join(h[:40] for h in header[:40])
     raise ValueError(f'{path}: no column {", ".join(said)}; the file has {there}{hint}')
 

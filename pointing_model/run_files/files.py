@@ -1,6 +1,5 @@
 """Which kind of pointing-run file this is, and the run that it holds."""
 
-import re
 from pathlib import Path
 
 from msg_tools.units import DEG
@@ -9,7 +8,7 @@ from pointing_model.plate_solved.frames import ICRS, OF_DATE
 from pointing_model.plate_solved.mapping import looks_like_mapping
 from pointing_model.run import PointingRun
 
-from . import checks, places, solves
+from . import checks, hints, places, solves
 from .csv import csv_delimiter, read_csv
 from .gpoint import looks_like_gpoint, read_gpoint
 from .images import read_images
@@ -45,7 +44,8 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
         and at the site that comments above the header row declare (docs/plate_solved.md).
         Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
-        ``ra_deg, dec_deg, time`` and these readings), exports of TheSky and TPOINT with
+        ``ra_deg, dec_deg, time`` and these readings; ``ra_enc_deg`` with the time for
+        ``ha_enc_deg``), exports of TheSky and TPOINT with
         ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
         Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
         mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
@@ -125,6 +125,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     checks.to_si(columns)
     checks.flag_numbers(table)
     places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
+    places.mount_ascension(path, table)
     checks.blank_absurd(table)
     if mount.altaz:
         meta.pop('from_horizon', None)
@@ -192,10 +193,11 @@ def _read_table(path, encoder):
         return read_csv(path, lines, delimiter, encoder)
     if looks_like_tpoint(lines):
         return read_tpoint(path, lines)
-    top = content(lines)[:1]
-    if top and len(cells := re.split('[,;\t]', top[0][1])) > 3 and all(map(is_number, cells)):
-        raise ValueError(f'{path} is not a pointing run: it has no header row; write the names '
-                         'of the columns above the numbers, as az_deg,el_deg,az_enc_deg,el_enc_deg')
+    body = content(lines)
+    for delimiter in (',', ';', '\t', None):
+        cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []
+        if len(cells) > 3 and sum(map(is_number, cells)) >= 4 and (delimiter or len(body) > 1):
+            raise ValueError(hints.without_header(path, body, delimiter))
     raise ValueError(f'{path} is not a pointing run: expected {_KINDS}')
 
 

@@ -87,6 +87,37 @@ def observe_places(path, table, weather, origin, mount):
                          + ('' if declared else '; no comment "# frame: ..." says so'))
 
 
+def mount_ascension(path, table):
+    """Hour angles of the mount from its right ascension and the sidereal time.
+
+    Raises
+    ------
+    ValueError
+        No sidereal time, and no longitude or no UTC to make it of.
+    """
+    columns, meta = table.columns, table.meta
+    if 'ra_enc_deg' not in columns:
+        return
+    ascension = columns.pop('ra_enc_deg')
+    if 'az_enc' in columns:
+        meta['notes'].append(f'ra_enc_deg left out: {table.label("az_enc")} is taken')
+        return
+    if 'lst_h' in columns:
+        lst, said = columns['lst_h'] * (np.pi / 12.0), 'lst_h'
+    else:
+        if not meta.get('time_is_utc', True):
+            raise ValueError(f'{path}: ra_enc_deg needs time in UTC, or a column lst_h')
+        from pointing_model.sky import sidereal_time
+        site, time = _whole_site(path, meta.get('site') or {}, False), columns['time']
+        known = np.isfinite(time)
+        lst = np.full(len(time), np.nan)
+        lst[known] = sidereal_time(time[known], site)
+        said = f'the time at longitude {site.longitude / DEG:.6g} deg'
+    columns['az_enc'] = wrap(lst - ascension)
+    meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as of date, and '
+                         f'the sidereal time by {said}')
+
+
 def _note_clock(meta, site):
     """A note of how a sidereal clock became moments; `site` None: its longitude is not told."""
     told = meta.pop('time_note', None)
@@ -112,7 +143,7 @@ def _whole_site(path, told, clock_tells):
     needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
     missing = [name for name in needed if name not in told]
     if missing:
-        raise ValueError(f'{path}: ra_deg, dec_deg need the site, and its '
+        raise ValueError(f'{path}: right ascensions need the site, and its '
                          f'{" and ".join(missing)} is not told: comments '
                          + ', '.join(f'"# {name}_deg: ..."' for name in missing)
                          + f', or {" ".join(f"--{name} DEG" for name in missing)}')

@@ -12,8 +12,8 @@ from pointing_model.run import COLUMNS, column_name
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have
-SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'x_arcsec': ARCSEC, 'y_arcsec': ARCSEC,
-           'lst_told': DEG}
+SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'ra_enc_deg': DEG, 'x_arcsec': ARCSEC,
+           'y_arcsec': ARCSEC, 'lst_told': DEG}
 #: what a diagnosis makes itself: see `pointing_model.context.Context`
 DERIVED = frozenset((
     'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',

@@ -1,0 +1,132 @@
+"""What the columns of a table that is refused may be, for messages."""
+
+import difflib
+import re
+
+import numpy as np
+
+from .table import is_number, parse_iso
+
+_AXES = {'az': ('az', 'azimuth', 'azi', 'azm'),
+         'el': ('el', 'elev', 'elevation', 'alt', 'altitude'),
+         'ha': ('ha', 'hour', 'hourangle'), 'dec': ('dec', 'declination', 'de'),
+         'ra': ('ra', 'rightascension')}
+_READ = ('enc', 'encoder', 'mount', 'mnt', 'tel', 'telescope', 'raw', 'reading', 'axis')
+_OFF = ('offset', 'off', 'delta', 'd', 'error', 'err', 'diff', 'difference', 'daz', 'del', 'dalt',
+        'dha', 'ddec', 'residual', 'xel', 'xoff', 'yoff')
+_FEW = 50  # rows that are looked at
+_SMALL = 15.0  # deg: a mount reads within it of the place, but for the zeros of its axes
+_EPOCH = 1e8  # s: a number beyond is a time
+
+
+def meant(name):
+    """Axis and role that a column's name tells.
+
+    Parameters
+    ----------
+    name : str
+        In a file.
+
+    Returns
+    -------
+    axis : {'az', 'el', 'ha', 'dec', 'ra', ''}
+    role : {'place', 'reading', 'offset'}
+    """
+    words = [w.lower() for w in re.findall(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+', name)]
+    axis = next((axis for axis, known in _AXES.items()
+                 for word in words if word in known or word == f'd{axis}'), '')
+    role = ('offset' if set(words) & set(_OFF) else 'reading' if set(words) & set(_READ)
+            else 'place')
+    return axis, role
+
+
+def closest(wanted, header):
+    """The column of a header that is most like one that is wanted, or None."""
+    axis, role = meant(wanted)
+    alike = [name for name in header if axis and meant(name) == (axis, role)]
+    near = difflib.get_close_matches(wanted, alike or header, 1, 0.0 if alike else 0.6)
+    return near[0] if near else None
+
+
+def offsets(header):
+    """Of columns that are named as offsets of both axes, what to call them; '' without them."""
+    found = {axis: name for name in header for axis, role in [meant(name)]
+             if role == 'offset' and axis in ('az', 'el', 'ha', 'dec')}
+    for first, second in (('az', 'el'), ('ha', 'dec')):
+        if {first, second} <= set(found):
+            cos = {'az': 'cos elevation', 'ha': 'cos declination'}[first]
+            return (f'; if {found[first][:40]} and {found[second][:40]} are offsets, call them '
+                    f'x_arcsec and y_arcsec: encoder - catalogue on the sky, in arcsec (x times '
+                    f'{cos})')
+    return ''
+
+
+def without_header(path, body, delimiter):
+    """The message on a table of numbers without names: the line to put at its top.
+
+    Parameters
+    ----------
+    path : Path
+    body : list of (int, str)
+        Lines with rows.
+    delimiter : str or None
+        Of the cells; None: blanks.
+
+    Returns
+    -------
+    str
+    """
+    rows = [[cell.strip() for cell in line.split(delimiter)] for _, line in body[:_FEW]]
+    rows = [row for row in rows if len(row) == len(rows[0])]
+    names, assumed, mount = _guess(list(zip(*rows)))
+    before = ''.join(f'"{line}", ' for line in mount)
+    return (f'{path} is not a pointing run: it has no header row; write above the numbers '
+            f'{before}"{",".join(names)}"'
+            + (f' ({assumed})' if assumed else '')
+            + ('' if delimiter else ', and commas between the cells'))
+
+
+def _guess(columns):
+    """Names of columns by their numbers, what was assumed, and lines for another mount."""
+    names, at = [], 0
+    for name, holds in (('star', _is_name), ('time', _is_time)):
+        if at < len(columns) and holds(columns[at]):
+            names, at = [*names, name], at + 1
+    numeric = [np.array(c, float) if all(map(is_number, c)) else None for c in columns[at:at + 4]]
+    pair, said, mount = ('az', 'el'), '', []
+    if len(numeric) == 4 and not any(c is None for c in numeric):
+        first, second, third, fourth = numeric
+        with np.errstate(invalid='ignore'):
+            away = np.abs(np.remainder(third - first + 180.0, 360.0) - 180.0)
+            near = [np.nanmedian(np.abs(fourth - second)) < _SMALL,
+                    np.nanmedian(np.abs(180.0 - fourth - second)) < _SMALL]
+            if np.nanmin(first) < -5.0 and np.nanmax(first) <= 180.0 or np.nanmin(second) < -5.0:
+                pair = ('ha', 'dec')
+                mount = ['# mount: german', '# latitude_deg: ...']
+            if not any(near) and max(np.nanmax(np.abs(third)), np.nanmax(np.abs(fourth))) < max(
+                    np.nanmax(np.abs(first)), 1.0) * 60.0 and np.nanmedian(away) > _SMALL:
+                said = ('assumed from their ranges: places in degrees, then offsets in arcsec')
+                names += [f'{axis}_deg' for axis in pair] + ['x_arcsec', 'y_arcsec']
+        if not said:
+            names += [f'{axis}{part}_deg' for part in ('', '_enc') for axis in pair]
+            said = ('assumed from their ranges: places, then what the encoders read, in degrees')
+    else:
+        names += ['az_deg', 'el_deg', 'az_enc_deg', 'el_enc_deg']
+    for i, column in enumerate(columns[len(names):], len(names)):
+        side = {cell.lower().removeprefix('pier') for cell in column} <= {'east', 'west', 'e', 'w'}
+        names.append('pier_side' if side else f'column_{i + 1}')
+    return names, said, mount
+
+
+def _is_name(column):
+    return not any(map(is_number, column)) and not _is_time(column)
+
+
+def _is_time(column):
+    if all(map(is_number, column)):
+        return all(float(cell) > _EPOCH for cell in column)
+    try:
+        parse_iso('', np.arange(len(column)), '', list(column))
+    except ValueError:
+        return False
+    return True
