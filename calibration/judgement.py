@@ -30,19 +30,21 @@ _BLOCKS = 6
 
 @dataclass(frozen=True)
 class Comparison:
-    """RMS of two models on the same rows, in arcsec, wild rows cut.
+    """RMS of two models on the same rows, in arcsec.
 
     `chance` is that of a harmless change to look as bad: 0.5 for one that changes nothing, small
-    where the second is worse, near 1 where it is better.
+    where the second is worse, near 1 where it is better. It and `ratio`, of the RMS after to that
+    before, are of residuals of which the wild ones are cut, so that no single row decides.
     """
 
     before: float
     after: float
     chance: float
+    ratio: float
 
     def worse(self, chance=CHANCE):
         """Whether the second is worse, beyond that chance and by more than `LEAST`."""
-        return self.chance < chance and self.after > (1.0 + LEAST) * self.before
+        return self.chance < chance and self.ratio > 1.0 + LEAST
 
     def to_dict(self):
         """JSON-ready."""
@@ -125,15 +127,18 @@ def judge(before, after, axes=('az', 'el')):
         raise ValueError(f'{n} rows to judge by; observe at least {FEWEST} with the step check')
     # the better of the two says what is wild
     limit = _CLIP * np.maximum(sigma_of(both, axis=2).min(axis=0), 1e-12)[:, None]
-    squares = np.square(np.clip(both, -limit, limit))
-    return Judgement(n, _compare(*squares.sum(axis=1)), *map(_compare, squares[0], squares[1]),
-                     tuple(axes))
+    cut = np.square(np.clip(both, -limit, limit))
+    whole = np.square(both)
+    return Judgement(n, _compare(whole.sum(axis=1), cut.sum(axis=1)),
+                     *(_compare(whole[:, axis], cut[:, axis]) for axis in (0, 1)), tuple(axes))
 
 
-def _compare(before, after):
-    """`Comparison` of squares, shape (n,)."""
-    gain = before - after
-    return Comparison(*(float(np.sqrt(v.mean())) for v in (before, after)), _chance(gain))
+def _compare(whole, cut):
+    """`Comparison` of squares before and after, and of those that are cut; shape (2, n) each."""
+    before, after = np.sqrt(whole.mean(axis=1)).tolist()
+    small = max(float(cut[0].mean()), 1e-30)
+    return Comparison(before, after, _chance(cut[0] - cut[1]),
+                      float(np.sqrt(cut[1].mean() / small)))
 
 
 def _chance(gain):

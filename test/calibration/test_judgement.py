@@ -58,6 +58,17 @@ def test_one_wild_row_decides_nothing():
             assert judge(first, second).holds is holds
 
 
+def test_the_figures_told_are_of_whole_residuals():
+    # cut at 4 sigma of the better model the worse one would leave 4, not 10 arcsec
+    right, wrong = pair(40, 10.0, 6)
+    found = judge(wrong, right)
+    for one, told in ((wrong, found.radial.before), (right, found.radial.after)):
+        assert told == pytest.approx(np.sqrt(np.mean(np.sum(one**2, axis=0))) / ARCSEC)
+    assert found.el.before == pytest.approx(np.sqrt(np.mean(wrong[1]**2)) / ARCSEC)
+    assert f'{found.radial.before:.2f} -> {found.radial.after:.2f} arcsec' in found.sentence()
+    assert found.holds and not judge(right, wrong).holds
+
+
 def test_rows_that_resemble_each_other_count_as_fewer():
     # a stretch of ten neighbours that fares worse is one voice, ten single rows are ten
     gain = np.zeros(40)
