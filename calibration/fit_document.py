@@ -54,7 +54,8 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         'columns_alike': checked.alike if checked else [], 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],
-        'notes': [*run.meta.get('notes', ()), *(checked.notes if checked else ()),
+        'notes': [*run.meta.get('notes', ()),
+                  *(checked.warnings(run.mount.names) if checked else ()),
                   *notes_of_terms(result.term_rows())],
         'harmonics': None, 'predicted': None, 'base_model': None, 'origin_of_errors': None}
 

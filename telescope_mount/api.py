@@ -25,7 +25,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from calibration.check import checked_by_halves
-from calibration.diagnosis import check_columns
+from calibration.diagnosis import check_columns, naming_columns
 from calibration.diagnosis import diagnose as _diagnose
 from calibration.fit import fit_terms
 from calibration.fit_document import fit_document
@@ -298,7 +298,8 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
     place = place_of(SimpleNamespace(
         mount=mount, latitude=latitude_deg, longitude=longitude_deg, height=height_m,
         pressure=pressure_hpa, temperature=temperature_c, equinox=equinox))
-    return Run(load_run(path, azimuth_origin=azimuth_origin, **place))
+    with naming_columns():
+        return Run(load_run(path, azimuth_origin=azimuth_origin, **place))
 
 
 @_one_thread
@@ -370,7 +371,9 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     ValueError
         Too few usable rows, unknown terms, or columns that are not what they are named.
     """
-    (runs, held), _ = settled_together(_several(runs), _several(holdout), encoder=encoder)
+    runs, held = _several(runs), _several(holdout)
+    check_columns([*runs, *held], encoder)
+    (runs, held), _ = settled_together(runs, held, encoder=encoder)
     return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
                                seed=seed, progress=progress, jobs=jobs))
 

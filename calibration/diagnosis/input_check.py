@@ -17,7 +17,7 @@ from pointing_model.run_files import NoUsableRow
 from .clock_and_site import other_places
 from .file_rows import FileRows
 from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
-from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings
+from .readings import MIRRORED, SOUTH, Reading, double_readings, doubt_sentences, single_readings
 from .usual_effects import USUAL
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
@@ -74,6 +74,10 @@ class Checked:
 
     alike: list = field(default_factory=list)
     notes: list = field(default_factory=list)
+
+    def warnings(self, names):
+        """The notes, and a sentence of readings that fit as well; `names` of the mount."""
+        return [*self.notes, *doubt_sentences(self.alike, names)]
 
 
 def check_columns(runs, encoder='enc'):

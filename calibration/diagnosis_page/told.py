@@ -3,6 +3,7 @@
 import numpy as np
 
 from calibration.diagnosis.constants import SET_WIDTH
+from calibration.diagnosis.readings import MIRRORED, Reading, doubt_sentences
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mounts import KINDS
 
@@ -394,18 +395,10 @@ def signs_sentences(alike, names, written=None):
     -------
     list of str
     """
-    first, rest, mirror = names.axes[0], [], ''
-    for text in alike:
-        if text == f'{first} of catalogue and encoders counted the other way':
-            mirror = f', or {text}'
-        elif text != 'mount and catalogue exchanged':
-            rest.append(text)
-    said = []
-    if 'mount and catalogue exchanged' in alike or mirror:
+    said, mirrored = [], MIRRORED.text(names=names)
+    mirror = f', or {mirrored}' if mirrored in alike else ''
+    if Reading(exchanged=True).text() in alike or mirror:
         said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
                     'an encoder that reads too much. Signs alone no run can confirm: they are '
                     f'right unless mount and catalogue are exchanged in the file{mirror}')
-    if rest:
-        said.append('read otherwise the columns fit as well, so make sure that they are not: '
-                    + '; '.join(rest))
-    return said
+    return said + doubt_sentences(alike, names)

@@ -11,6 +11,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.context import is_cause
 from pointing_model.rms import rms
 
+from ..diagnosis import MistakenColumns, check_columns
 from ..fit import fit_terms
 
 #: a pause of so many hours in a run ends a night
@@ -105,6 +106,11 @@ def nights_of(runs, names=None, columns=()):
             names = tuple(names or mount.names.physical)
         elif not run.mount.agrees(mount):
             raise ValueError(f'{source} is of another mount than {first}: make a season of each')
+        try:
+            check_columns(run)
+        except MistakenColumns as error:
+            notes.append(f'{error} (left out)')
+            continue
         for part, rows in _parts(run):
             label = Path(source).name + (f' ({part})' if part else '')
             night = _night(rows, names, label, columns, seen)

@@ -10,6 +10,7 @@ from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 from pointing_model.zero import RunZero
 
+from ..diagnosis import check_columns
 from ..fit import fit_terms
 from .hindsight import Hindsight
 from .night import TrackedNight, difference_of, lean_of
@@ -87,8 +88,9 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     Raises
     ------
     ValueError
-        No times, too few rows, a model of another mount.
+        No times, too few rows, a model of another mount; columns that are not what they are named.
     """
+    check_columns(run)
     if 'time' not in run or not np.isfinite(run['time']).any():
         raise ValueError('the run has no time: a model is followed from star to star')
     order = np.flatnonzero(np.isfinite(run['time']))

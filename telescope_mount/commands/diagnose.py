@@ -63,7 +63,7 @@ def run(args):
 
 
 def _run(args):
-    from calibration.diagnosis import diagnose
+    from calibration.diagnosis import check_columns, diagnose
     from msg_tools.forks import cores
 
     from ..runs import load_runs
@@ -74,6 +74,7 @@ def _run(args):
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
+    check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
     base = _base_file(args.base, runs[0].mount)
     if base:
         runs, held = ([base.taken_off(base.of_its_errors(run), args.encoder) for run in each]

@@ -81,7 +81,7 @@ def _run(args):
         model, document['harmonics'] = _with_harmonics(observed, result, args, console)
     if args.predict:
         model, document['predicted'] = _to_predict(observed, args, console)
-    print_lines(console, 'note', checked.notes)
+    print_lines(console, 'note', checked.warnings(observed.mount.names))
     if origin is not None:
         print_lines(console, 'sides of the pier', [origin.sentence()])
         document['origin_of_errors'] = origin.document()

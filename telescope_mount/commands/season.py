@@ -30,6 +30,7 @@ def add(commands):
 def run(args):
     """Read, fit, judge, print, write."""
     options.check_outputs(args)
+    from calibration.diagnosis import naming_columns
     from calibration.season_terms.judged import judge_season
     from calibration.season_terms.nights import day_of, nights_of
     from calibration.season_terms.page import write_page
@@ -57,8 +58,9 @@ def run(args):
         for number, path in enumerate(files):
             progress('reading', number, len(files))
             try:
-                runs.append(load_run(path, azimuth_origin=args.azimuth_origin,
-                                     **options.place_of(args)))
+                with naming_columns():
+                    runs.append(load_run(path, azimuth_origin=args.azimuth_origin,
+                                         **options.place_of(args)))
             except NoObservations as err:
                 empty.append(f'left out: {err}')
         progress(f'fitting {len(runs)} nights')

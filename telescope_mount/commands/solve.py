@@ -36,7 +36,7 @@ def run(args):
     from pointing_model.plate_solved.solvers import find_solver
 
     from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
-    from .console import Progress, new_console, print_files, write_outputs
+    from .console import Progress, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')
@@ -58,6 +58,23 @@ def run(args):
     console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
                   f'{counts[HUNG]} the solver hung')
     print_files(console, {'run': out})
+    mistaken = _mistaken(out) if counts[SOLVED] else None
+    print_lines(console, 'note', [mistaken] if mistaken else [])
     write_outputs(console, (args.json, lambda p: options.write_json(
         p, {**counts, 'images': total, 'run': out}), 'result'))
-    return 0 if counts[SOLVED] == total else 1
+    return 0 if counts[SOLVED] == total and not mistaken else 1
+
+
+def _mistaken(path):
+    """What is wrong with clock, site or readings of a run, in a line, or None."""
+    from calibration.diagnosis import MistakenColumns, check_columns, naming_columns
+
+    from ..runs import load_run
+    try:
+        with naming_columns():
+            check_columns(load_run(path))
+    except MistakenColumns as error:
+        return str(error)
+    except ValueError:  # no run yet, such as of an image without readings
+        return None
+    return None

@@ -27,6 +27,7 @@ def run(args):
     options.check_outputs(args)
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
+    from calibration.diagnosis import naming_columns
     from calibration.tables import new_table
     from calibration.tracking.of_run import track_run
     from calibration.tracking.page import write_page
@@ -35,7 +36,8 @@ def run(args):
 
     from ..runs import load_run
     from .console import Progress, new_console, print_lines, write_outputs
-    run = load_run(args.file, azimuth_origin=args.azimuth_origin, **options.place_of(args))
+    with naming_columns():
+        run = load_run(args.file, azimuth_origin=args.azimuth_origin, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
     with Progress(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
