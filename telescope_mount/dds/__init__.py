@@ -1,9 +1,12 @@
 """What DDS is told of the network, in environment variables: by default this machine alone."""
 
 import os
+import sys
 from pathlib import Path
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+IMPLEMENTATION = 'RMW_IMPLEMENTATION'
+_FAST = ('rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')
 #: of Fast DDS, new and old name
 PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
 #: who sets one of these has named other hosts
@@ -31,4 +34,19 @@ def dds_environment(domain=None):
         here = wanted == 'LOCALHOST' and not any(os.environ.get(name) for name in _OTHERS)
         profile = Path(__file__).parent / ('this_machine.xml' if here else 'network.xml')
         out.update({name: str(profile) for name in PROFILES})
+        if here and _fast_dds():
+            # the profile says all; with LOCALHOST a socket on 0.0.0.0 is added to it. Another DDS
+            # does not read the profile, so that which one it is may not be left open
+            out |= {RANGE: 'SYSTEM_DEFAULT', IMPLEMENTATION: _fast_dds()}
     return out
+
+
+def _fast_dds():
+    """Name of the Fast DDS that is asked for, or is installed and none is; else ''."""
+    asked = os.environ.get(IMPLEMENTATION)
+    if asked:
+        return asked if asked in _FAST else ''
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    index = Path('share', 'ament_index', 'resource_index', 'rmw_typesupport')
+    return _FAST[0] if any((Path(prefix) / index / _FAST[0]).is_file()
+                           for prefix in prefixes if prefix) else ''
