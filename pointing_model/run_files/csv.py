@@ -11,6 +11,7 @@ from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_p
 from pointing_model.run import COLUMNS, column_name
 
 from . import hints, solves, table
+from .column_names import near_column
 from .declared import NUMBERS, declarations
 from .table import Table, bad_cell, content, floats, is_number, same_width
 
@@ -104,6 +105,7 @@ def read_csv(path, lines, delimiter, encoder=None):
     for i, header_name in enumerate(header):
         cells = [cell.decode() for block in blocks for cell in block[i].tolist()]
         _take_column(path, numbers, header, header_name, cells, columns, meta, by_header)
+        _note_near(header_name, header, by_header, names, meta['notes'])
     _one_source(columns, meta)
     commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
@@ -176,6 +178,16 @@ def _take_column(path, numbers, header, header_name, cells, columns, meta, by_he
                                  f'{numbers[bad]}: {cells[bad][:40]!r})')
     elif any(cells):
         meta['notes'].append('a column without a name left out')
+
+
+def _note_near(header_name, header, by_header, names, notes):
+    """A note of a column that is none of those that are read, where its name is near one."""
+    if not header_name or header_name in by_header or header_name in COLUMNS:
+        return
+    near = near_column(header_name, header, by_header, names)
+    if near:
+        notes.append(f'column {header_name[:40]!r} is not read; is it {near}? Then give it that '
+                     'name')
 
 
 def _one_source(columns, meta):

@@ -87,6 +87,21 @@ def test_all_names_that_the_diagnosis_makes_are_known():
     assert (made | context._KNOWN) - set(COLUMNS) - read_from_files <= DERIVED
 
 
+def test_a_column_whose_name_is_near_one_that_is_read_is_noted(read):
+    for name, meant in (('sigma_x_arcsec', 'sigma_az_arcsec'), ('sigma_el', 'sigma_el_arcsec'),
+                        ('sigma_arcsec', 'sigma_az_arcsec'), ('Az_Sigma_arcsec', 'sigma_az_arcsec'),
+                        ('temperatur_c', 'temperature_c'), ('Time', 'time')):
+        run = read(table(f'{HEADER},{name}', (10, 20, 10, 20, 1), (30, 40, 30, 40, 2)))
+        assert noted(run, repr(name), 'is not read', meant), name
+    german = read('# mount: german\n# latitude_deg: 40\n' + table(
+        'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg,sigma_y_arcsec,pierside',
+        (10, 20, 10, 20, 1, 'east'), (30, 40, 30, 40, 2, 'west')))
+    assert noted(german, "'sigma_y_arcsec'", 'is not read', 'sigma_dec_arcsec')
+    assert noted(german, "'pierside'", 'is not read', 'pier_side')
+    for name in ('az_err_deg', 'temperature_dome_c', 'rotator_deg', 'az_model_deg', 'rms_arcsec'):
+        assert not noted(read(table(f'{HEADER},{name}', (10, 20, 10, 20, 1))), 'is not read')
+
+
 def test_names_of_an_iram_log_meet_no_other(read):
     text = ('# id\tobject\tUTh(f2)\tAZd(f0) ELd(f0)\tpnt.X(f1) pnt.Y(f1)\tx(f1)\ttime(f1)\n'
             '2012-04-16.8\t1253\t23.50\t161 45\t2.9 -47.3\t100\t7\n'

@@ -160,3 +160,27 @@ def test_the_small_inputs_of_clocks_and_unrelated_columns():
         check_columns(load_run(CASES / 'ps_local_time.csv'))
     with pytest.raises(MistakenColumns, match='No other reading that was tried fits'):
         checked(CASES / 'garbage0.csv')
+
+
+def test_whatever_reads_a_run_judges_its_columns_first(tmp_path, monkeypatch):
+    from calibration.season_terms.nights import nights_of
+    from calibration.tracking.of_run import track_run
+    from telescope_mount import api
+    from telescope_mount.cli import main
+    wrong = of_stars(tmp_path / 'wrong.csv', 'altaz', 8.0)
+    run = load_run(wrong)
+    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
+        track_run(run)
+    right = [load_run(of_stars(tmp_path / f'{i}.csv', 'altaz')) for i in range(3)]
+    (note,) = [note for note in nights_of([*right, run]).notes if 'wrong.csv' in note]
+    assert 'a clock 8 hours ahead of UTC' in note and note.endswith('(left out)')
+
+    def late(*args, **options):
+        raise AssertionError('the columns come first')
+    monkeypatch.setattr('calibration.sky_model.settled_together', late)
+    monkeypatch.setattr(api, 'settled_together', late)
+    for judged in (api.fit, api.diagnose):
+        with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
+            judged(wrong)
+    for command in ('fit', 'diagnose', 'track'):
+        assert main([command, str(wrong)]) == 2

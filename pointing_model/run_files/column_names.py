@@ -1,0 +1,60 @@
+"""Names of columns that are near to one that is read, and are not read by it."""
+
+import difflib
+import re
+
+from pointing_model.mount_names import Names
+
+from .solves import PARITY, SCALE, SIGMA
+
+_ALIKE = 0.84  # of `difflib`: sigma_az and sigma_az_arcsec without their units, not az_err_deg
+_UNIT = re.compile('_(?:deg|arcsec|c|hpa|s|h)$')
+_SHORT = 4  # letters: below, any name is near another
+_COUNTED = re.compile(r'\d')
+#: of a row of solved images, beside right ascension and declination
+_OF_SOLVES = (SIGMA, SCALE, PARITY)
+
+
+def near_column(name, header, by_header, names):
+    """The column that is read whose name is nearest, if one is near, else None.
+
+    Parameters
+    ----------
+    name : str
+        Of a column that is kept as one of the user's own, or left out.
+    header : sequence of str
+        All columns of the file; what is there is not what is meant.
+    by_header : collection of str
+        Names that are read.
+    names : Names
+        Of the axes: columns of x and y, az and el, are those of the first and the second.
+
+    Returns
+    -------
+    str or None
+    """
+    known = [one for one in (*by_header, *(_OF_SOLVES if 'ra_deg' in header else ()))
+             if one not in header]
+    if len(name) < _SHORT or name in _OF_SOLVES and 'ra_deg' in header or _COUNTED.search(name):
+        return None
+    asked = _by_axes(name.lower(), names)
+    alike = {one: max(difflib.SequenceMatcher(None, form(asked), form(one)).ratio()
+                      for form in (str, _without_unit, _in_order)) for one in known}
+    best = max(alike, key=alike.get, default=None)
+    return best if best is not None and alike[best] >= _ALIKE else None
+
+
+def _without_unit(name):
+    return _UNIT.sub('', name)
+
+
+def _in_order(name):
+    return '_'.join(sorted(name.split('_')))
+
+
+def _by_axes(name, names: Names):
+    """A name with the axes that it may mean in those of the mount."""
+    first, second = names.columns
+    own = {'x': first, 'y': second, 'az': first, 'el': second, 'alt': second, 'ra': first}
+    parts = name.split('_')
+    return name if len(parts) < 2 else '_'.join(own.get(part, part) for part in parts)
