@@ -20,8 +20,11 @@ QUIET, PERIODS, LONGEST = 0.5, 5.0, 2.0
 LATE = 0.9
 #: periods that must be known for that, and that are kept
 LEAST_GAPS, KEPT_GAPS = 10, 200
-#: wall seconds after which one that has never spoken is named
-NEVER = 1.5
+#: gaps of which one that is slow is told
+SLOW_GAPS = 3
+#: wall seconds after which one that has never spoken is named; and one that has spoken for less
+#: than the second, in which it and all others are still starting
+NEVER, STARTING = 1.5, 3.0
 
 
 class Instruments:
@@ -79,7 +82,8 @@ class Instruments:
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
         self._asked, self._heard = {}, {}
-        self._last, self._gaps, self._stamped, self._pauses = {}, {}, {}, {}
+        self._first, self._last, self._stamped = {}, {}, {}
+        self._gaps, self._steps, self._pauses = {}, {}, {}  # of the wall, by stamps, the lesser
         self._watched, self._excused = None, False
         self._awaited = None  # since when all are to speak, wall s
 
@@ -193,20 +197,29 @@ class Instruments:
         A pause is one by its stamps (ns) too: where this process had no time, it is none.
         """
         now, last = self._wall(), self._last.get(name)
+        self._first.setdefault(name, now)
         self._last[name] = now
         before, self._stamped[name] = self._stamped.get(name), stamp
         if last is not None and not self.health.is_silent(name):
             gap = now - last
             self._gaps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(gap)
             if stamp is not None and before is not None and stamp > before:
-                gap = min(gap, (stamp - before) * 1e-9)
+                step = (stamp - before) * 1e-9
+                self._steps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(step)
+                gap = min(gap, step)
             self._pauses.setdefault(name, deque(maxlen=KEPT_GAPS)).append(gap)
         self.health.speaks(name)
 
     def usual(self, name, least=LEAST_GAPS):
-        """Wall seconds between two of its messages; NaN where fewer than `least` are known."""
-        gaps = self._gaps.get(name, ())
-        return float(np.median(gaps)) if len(gaps) >= least else np.nan
+        """Seconds between two of its messages; NaN where fewer than `least` such gaps are known.
+
+        Messages that waited for this process come all at once: live, their stamps tell how often
+        they were sent.
+        """
+        gaps, steps = (kept.get(name, ()) for kept in (self._gaps, self._steps))
+        if len(gaps) < least:
+            return np.nan
+        return float(max(np.median(gaps), np.median(steps) if self.live and len(steps) else 0.0))
 
     def watch(self, answer):
         """Say who has fallen silent, who has never spoken, and who is slow.
@@ -234,9 +247,10 @@ class Instruments:
                 if now - self._awaited > NEVER:
                     self.health.silent(name, np.nan)
             elif np.isfinite(usual) and now - last > max(
-                    QUIET, PERIODS * usual, LONGEST * max(self._pauses[name])):
+                    QUIET if last - self._first[name] > STARTING else NEVER, PERIODS * usual,
+                    LONGEST * max(self._pauses[name])):
                 self.health.silent(name, usual)
-            self.health.slow(name, self.usual(name, 1), answer)
+            self.health.slow(name, self.usual(name, SLOW_GAPS), answer)
 
     def hear(self, name):
         """Count the silence of an instrument from now on."""

@@ -1,10 +1,10 @@
-"""Which power-on a reading is of, by what the encoder tells and where it tells nothing."""
+"""Which power-on a reading is of, and who has fallen silent."""
 
 import numpy as np
 import pytest
 
 from msg_tools.power_on import PowerOn
-from pointing_model.observing.instruments import Instruments
+from pointing_model.observing.instruments import MOUNT, Instruments
 
 HERE, LOST = (1.0, 0.5), (np.nan, np.nan)
 
@@ -96,3 +96,53 @@ def test_where_the_clock_began_anew_readings_of_before_are_forgotten():
     assert (read.stamp, read.began) == (0, 1) and read.exposures.take(1.0, print) is None
     read.take_incremental(now[0], HERE, (0.0, 0.0))
     assert read.stamp == now[0]
+
+
+class Wall:
+    """Instruments on a clock of the test, of which the encoder speaks."""
+
+    def __init__(self):
+        self.now, self.stamp = 1000.0, 1_768_482_000 * 10**9
+        self.instruments = Instruments(wall=lambda: self.now, live=True, absolute=False)
+
+    def speaks(self, gaps, step=0.05):
+        for gap in gaps:
+            self.now += gap
+            self.stamp += round(step * 1e9)
+            self.instruments.spoke(MOUNT, self.stamp)
+
+    def looks(self, seconds):
+        """What is told at the last of looks half a second apart."""
+        for _ in range(round(seconds / 0.5)):
+            self.now += 0.5
+            self.instruments.watch(10.0)
+        return [text for text in self.instruments.health.alarms if MOUNT in text]
+
+
+@pytest.mark.parametrize('burst', [12, 30])
+def test_messages_that_waited_for_the_start_are_no_rate(burst):
+    """A 20 Hz encoder of which a busy process reads what has come, and again 0.6 s later."""
+    wall = Wall()
+    wall.instruments.watch(10.0)
+    wall.speaks([0.0067] * burst)
+    assert wall.instruments.usual(MOUNT) == pytest.approx(0.05)
+    assert wall.looks(1.0) == []
+    wall.speaks([0.001] * 12)
+    assert wall.looks(1.0) == []
+    wall.speaks([0.05] * 100)
+    assert wall.looks(1.0) == [f'instrument {MOUNT}: silent; it sent something every 0.05 s']
+
+
+def test_one_that_ends_while_it_starts_is_silent_too():
+    wall = Wall()
+    wall.speaks([0.05] * 15)
+    assert wall.looks(1.5) == []
+    assert wall.looks(0.5) == [f'instrument {MOUNT}: silent; it sent something every 0.05 s']
+
+
+def test_of_one_pause_nobody_is_slow():
+    wall = Wall()
+    wall.speaks([0.1, 25.0], step=25.0)
+    assert wall.looks(0.5) == []
+    wall.speaks([25.0, 25.0], step=25.0)
+    assert ['a message every 25 s' in text for text in wall.looks(1.0)] == [True]
