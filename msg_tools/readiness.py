@@ -5,6 +5,8 @@ may see it before the other; a message sent in between is lost. So each node say
 diagnostics how many endpoints it is matched with, and whoever starts the work compares.
 """
 
+import time
+
 # first words of the rows, before the topic's name: `MountNode.endpoints` writes, `parse` reads
 PUBLISHES, SUBSCRIBES = 'publishes', 'subscribes'  # endpoints matched
 PUBLISHED, LAST = 'published', 'last'  # messages, the last one's sequence number
@@ -44,17 +46,30 @@ class GraphReports(dict):
     ----------
     namespace : str
         Of the graph; what others report is left alone.
+
+    Attributes
+    ----------
+    heard : dict of str to float
+        Node name -> when, by `time.monotonic`.
     """
 
     def __init__(self, namespace):
         super().__init__()
         self._within = namespace.rstrip('/') + '/'
+        self.heard = {}
 
     def take(self, message):
         """Keep the reports in a DiagnosticArray."""
         for status in message.status:
             if status.name.startswith(self._within):
                 self[status.name] = parse(status)
+                self.heard[status.name] = time.monotonic()
+
+    def silent(self, seconds):
+        """Nodes, by their own names, that have not reported for so long and did so before."""
+        now = time.monotonic()
+        return [name.removeprefix(self._within) for name, at in self.heard.items()
+                if now - at > seconds]
 
     def errors_of(self, node):
         """What a node of the graph, by its own name, reported last as errors, '' for nothing."""

@@ -19,6 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from .executor import NodeExecutor
 from .memory import large_apart
 from .node import MountNode
+from .open_files import check_open_files
 from .signals import ENDING, on_end
 
 #: s in which DDS lets go of nodes that have ended
@@ -67,6 +68,7 @@ def run_nodes(makers, args=None):
     # that imports (`telescope_mount.start`); an exception would fall into the middle of a record
     on_end(lambda *_: told.append(True))
     try:
+        check_open_files()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         running = True
         for make in makers:

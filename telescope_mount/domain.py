@@ -38,9 +38,13 @@ def _lock_file(number):
 
 
 def _lock(number):
-    try:
-        handle = os.open(_lock_file(number), os.O_RDWR | os.O_CREAT, 0o666)
-    except OSError:
+    shared = _lock_file(number)
+    # where another user has that one, it may not be written
+    for path in (shared, shared.with_name(f'{shared.stem}_of_{os.geteuid()}.lock')):
+        with contextlib.suppress(OSError):
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+            break
+    else:
         return None
     file = os.fdopen(handle, 'r+')
     try:

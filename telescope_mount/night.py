@@ -26,6 +26,8 @@ STALL = 60.0
 THINKING = 1800.0
 #: wall seconds after which a wait is told
 SAID_AFTER = 1.5
+#: s within which a node reports again, also one that works hard
+ANSWERED_IN = 10.0
 #: s that a mount may take to be homed before that is said to hold the night up
 HOMES_IN = 30.0
 #: in the folder of a real mount's night: where its plan stands
@@ -330,6 +332,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                _said(watcher, topics.CALIBRATION_STATUS))
         if now != last:
             last, since = now, time.monotonic()
+        quiet = _without_answer(watcher, nodes)
         if status is not None:
             if note is not None and at.refused > refused:
                 note(_refusal(status, at.refused - refused))
@@ -341,8 +344,8 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                 raise NightFailed(status.message)
             done = at.observations + at.lost
             # how many stars a step `track` takes nobody knows
-            progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else ''),
-                     done, max(total, done))
+            progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else '')
+                     + quiet, done, max(total, done))
             if at.state == 'done':
                 if said:
                     say('')
@@ -363,7 +366,16 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
         if time.monotonic() - since > (max(stall, THINKING) if at.step == 'diagnose' else stall):
             what = status.message if status is not None else 'the star observer'
             raise NightFailed(f'nothing went on for {time.monotonic() - since:.0f} s: waiting for '
-                              f'{what}')
+                              f'{what}{quiet}')
+
+
+def _without_answer(watcher, nodes):
+    """Which nodes do not answer, `, ...` after what is done; '' where all do."""
+    if stopped := nodes.stopped():
+        return ', ' + ', '.join(f'{name} is stopped (kill -CONT {pid})'
+                                for name, pid in stopped.items())
+    silent = watcher.reports.silent(ANSWERED_IN)
+    return f', no answer from {", ".join(silent)}' if silent else ''
 
 
 def _complete(watcher, plan):

@@ -138,6 +138,7 @@ class ForkServer:
             self._connection.send(request)
         while not self._started:
             self.listen(1.0)
+            raise_noted()  # it may be stopped itself
             if self._process.poll() is not None and not self._started:
                 words = self._log.read_text(errors='replace').strip().split('\n')[-1]
                 raise RuntimeError(f'nodes cannot be started: {words.removeprefix("error: ")}')
@@ -181,6 +182,13 @@ class ForkServer:
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
+
+
+def _is_stopped(pid):
+    with contextlib.suppress(OSError):  # it has ended
+        # the state comes after the name, in which there may be anything
+        return Path(f'/proc/{pid}/stat').read_bytes().rpartition(b')')[2].split()[0] in b'Tt'
+    return False
 
 
 def die_with_parent():
@@ -274,6 +282,11 @@ class Processes:
             return ''
         return next((line.strip() for line in reversed(lines)
                      if line.strip() and not line.startswith(('[INFO]', '[WARN]', '[DEBUG]'))), '')
+
+    def stopped(self):
+        """Names and ids of processes that are stopped (SIGSTOP), a dict."""
+        return {name: process.pid for name, process in self.running.items()
+                if _is_stopped(process.pid)}
 
     def check(self):
         """Raise RuntimeError with a node's own words if one has ended; looks ten times a second."""

@@ -5,6 +5,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+from msg_tools.open_files import check_open_files
+
 #: modules that only ROS brings, by the beginning of their names
 _OF_ROS = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces', 'lifecycle_msgs',
            'rosgraph_msgs', 'std_msgs', 'std_srvs', 'sensor_msgs', 'geometry_msgs',
@@ -12,15 +14,16 @@ _OF_ROS = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces'
 
 
 def check(command):
-    """Refuse a command that needs ROS where there is none.
+    """Refuse a command that needs ROS where there is none, or where it cannot run.
 
     Raises
     ------
     ValueError
-        With the command that installs it.
+        With the command that installs it, or that lets it run.
     """
     if find_spec('rclpy') is None:
         raise ValueError(_line(command))
+    check_open_files()
 
 
 def missing(error, command):

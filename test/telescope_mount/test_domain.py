@@ -56,6 +56,19 @@ def test_numbers_outside_the_ports_are_refused(number):
         domain.claim(number)
 
 
+def test_a_lock_file_of_another_user_blocks_no_domain(tmp_path, monkeypatch):
+    monkeypatch.setattr(domain.tempfile, 'gettempdir', lambda: str(tmp_path))
+    number = domain.claim().number
+    path = domain._lock_file(number)
+    path.unlink()
+    path.symlink_to(tmp_path / 'theirs')  # as little to be opened as what one may not write
+    lock = domain.claim(number)
+    with pytest.raises(ValueError, match='in use'):
+        domain.claim(number)
+    lock.release()
+    assert not (tmp_path / 'theirs').exists()
+
+
 def test_none_free_is_said(monkeypatch):
     monkeypatch.setattr(domain, '_lock', lambda number: None)
     with pytest.raises(ValueError, match='no ROS domain from 10 to 99 is free'):

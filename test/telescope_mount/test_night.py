@@ -200,6 +200,25 @@ def test_a_killed_node_ends_the_night_with_one_line_and_a_readable_log(tmp_path)
     assert not [pid for pid in nodes if os.path.exists(f'/proc/{pid}')]
 
 
+def test_a_node_that_is_stopped_is_named_and_does_not_hold_up_the_end(tmp_path):
+    folder = tmp_path / 'night'
+    specs = measured_graph(bag=str(folder / 'bag'), player={'file': str(MMT)})
+    nodes, named = {}, []
+
+    def stop(step, done, total):
+        if done and not nodes:
+            nodes.update({name: pid for pid, name in nodes_of(os.getpid()).items()})
+            os.kill(nodes['calibration'], signal.SIGSTOP)
+        if 'is stopped' in step and not named:
+            named.append(step)
+            os.kill(os.getpid(), signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        observe(prepare_folder(folder), specs, 'fit, diagnose', None, stop)
+    assert f', calibration is stopped (kill -CONT {nodes["calibration"]})' in named[0]
+    assert BagReader(folder / 'bag').complete
+    assert not [pid for pid in nodes.values() if os.path.exists(f'/proc/{pid}')]
+
+
 def test_ctrl_c_ends_every_node_and_closes_the_log(cli, tmp_path):
     out = tmp_path / 'night'
     child = cli.start('night', '--out', out, '--stars', 4, '--polaris', 1000)

@@ -85,6 +85,19 @@ def test_what_a_node_is_told_before_it_listens_is_not_lost(processes, number):
     assert [node.wait(60) for node in processes.running.values()] == [0, 0, 0]
 
 
+def test_what_is_stopped_is_named_and_goes_on_to_end(processes):
+    for name in ('camera', 'mount_display'):
+        processes.start(spec(name))
+        ready(processes, name)
+    assert processes.stopped() == {}
+    stopped = processes.running['camera'].pid
+    os.kill(stopped, signal.SIGSTOP)
+    while not processes.stopped():
+        time.sleep(0.01)
+    assert processes.stopped() == {'camera': stopped}
+    assert processes.stop() == {'camera': 0, 'mount_display': 0}
+
+
 def test_what_a_node_logged_on_its_way_is_no_reason_for_its_end(processes):
     processes.start(spec('camera'))
     ready(processes, 'camera')
