@@ -1,4 +1,4 @@
-"""Mounts that are no alt-azimuth ones: exactness, measured runs, blind effects, mistaken columns.
+"""Mounts that are no alt-azimuth ones: exactness, measured runs, blind effects.
 
     python benchmarks/equatorial.py [--data FOLDER] [--only PART ...] [--trials N] [--nights N]
                                     [--ways N] [--first-way N] [--full] [--verbose]
@@ -13,7 +13,6 @@ to five minutes a way; it prints each, and `--first-way` goes on where it was en
 """
 
 import argparse
-import tempfile
 import time
 from pathlib import Path
 
@@ -29,7 +28,7 @@ from equatorial_runs import (
 )
 from scipy.spatial.transform import Rotation
 
-from calibration.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.diagnosis import diagnose
 from calibration.diagnosis.base import Base, observations
 from calibration.diagnosis.predicting import choose_to_predict
 from calibration.diagnosis.resampling import random_folds
@@ -38,8 +37,8 @@ from calibration.diagnosis.work import Work
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
-from pointing_model.mounts import Mount, is_beyond, through_pole
-from pointing_model.run_files import NoUsableRow, read_run
+from pointing_model.mounts import Mount, through_pole
+from pointing_model.run_files import read_run
 from pointing_model.sky import Site, Weather
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -235,89 +234,8 @@ def clean(table, args, rng):
                   good=alarms <= 0.015 * args.nights)
 
 
-# -------------------------------------------------------------------------------- mistaken columns
-
-def written(c, lst, moments, kind, path):
-    """A file as an owner writes it, degrees."""
-    rows = [f'# mount: {kind}', f'# latitude_deg: {LATITUDE / DEG!r}',
-            'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg,lst_h,time']
-    rows += [','.join(repr(float(v)) for v in row)
-             for row in np.column_stack((*c, lst / 15.0, moments))]
-    path.write_text('\n'.join(rows) + '\n')
-    return path
-
-
-def cases(h, d, a, e, lst):
-    """Yield kind, what must be said, and the four columns as they are written, degrees."""
-    def short(v):
-        return np.remainder(v + 180.0, 360.0) - 180.0
-    beyond = np.cos(np.radians(e)) < 0.0
-    for what, said, one in (
-            ('hours', 'hour angle {} in hours', lambda x, y: (short(x) / 15.0, y)),
-            ('sign of HA', 'hour angle {} counted the other way', lambda x, y: (-x, y)),
-            ('RA for HA', 'right ascension in place of the hour angle {}',
-             lambda x, y: (np.remainder(lst - x, 360.0), y)),
-            ('HA and Dec exchanged', 'hour angle and declination {} exchanged',
-             lambda x, y: (y, x)),
-            ('polar distance', 'polar distance in place of the declination {}',
-             lambda x, y: (x, 90.0 - y))):
-        yield what, said.format('of the catalogue'), (*one(h, d), a, e)
-        yield what, said.format('of the encoders'), (h, d, *one(a, e))
-        yield what, said.format('of catalogue and encoders'), (*one(h, d), *one(a, e))
-    if beyond.any():
-        turned, folded = np.where(beyond, short(a + 180.0), a), np.where(beyond, 180.0 - e, e)
-        yield ('beyond 90: HA not turned', 'beyond 90 degrees with the hour angle of the star',
-               (h, d, turned, e))
-        yield ('beyond 90: Dec folded', 'folded back to below 90 degrees where the hour angle is',
-               (h, d, a, folded))
-        yield ('beyond 90: both folded', 'folded back to below 90 degrees with the hour angle of '
-               'the star', (h, d, turned, folded))
-
-
-def mistakes(table, args, rng):
-    """What an owner may have mistaken is told, and nothing is concluded."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / 'run.csv'
-        for kind in ('equatorial', 'german'):
-            mount, named, mirrored, missed, count = mount_of(kind), 0, 0, [], 0
-            for _ in range(20 if args.full else 4):
-                c = sky(rng, int(rng.choice([40, 80])), mount)
-                size = 10**rng.uniform(1.3, 3.0)
-                terms = {n: size * ARCSEC * rng.normal() for n in mount.names.physical}
-                a, e = geometry.sky_to_encoder(c['az'], c['el'], terms, mount)
-                a, e = (v + ARCSEC * rng.normal(size=len(v)) for v in (a, e))
-                h, d = through_pole(c['az'], c['el'], is_beyond(c['el']))
-                lst = np.remainder(c['time'] * 360.0 / 86164.0905 + 10.0, 360.0)
-                for what, said, columns in cases(*(v / DEG for v in (h, d, a, e)), lst):
-                    count += 1
-                    told = _outcome(written(columns, lst, c['time'], kind, path))
-                    if said in told:
-                        named += 1
-                    elif what == 'sign of HA' and 'counted the other way' in told:
-                        mirrored += 1  # of both pairs: the mirror image of a mount is one
-                    else:
-                        missed.append(f'{what}, terms of {size:.0f}": {told[:200]}')
-            table.row(f'{kind}: mistakes in columns: named', f'{named + mirrored} of {count}',
-                      'all', f'of these {mirrored} as fitting as well as it is written',
-                      named + mirrored == count)
-            if args.verbose:
-                print('\n'.join('    ' + m for m in missed))
-
-
-def _outcome(path):
-    try:
-        try:
-            run = read_run(path)
-        except NoUsableRow as error:
-            run = error.run
-        checked = check_columns(run)
-        return '; '.join((*checked.alike, *checked.notes))
-    except (MistakenColumns, ValueError) as error:
-        return str(error)
-
-
 PARTS = {'exact': exact, 'measured': measured, 'claimed': claimed, 'blind': blind,
-         'clean': clean, 'mistakes': mistakes}
+         'clean': clean}
 
 
 def main():

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import MistakenColumns, check_columns, naming_columns
+from calibration.diagnosis import check_columns, naming_columns
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
@@ -71,8 +71,11 @@ def simulated(rng, kind, through, site):
     return mount, [v[seen] for v in (h, d, a + x / np.cos(d), e + y, moment)], terms, beyond[seen]
 
 
-def write(path, kind, columns, beyond=None, stars=None, site=None):
-    """Write a file; `columns` in degrees as its owner has them, `stars`: ra, dec, moment."""
+def write(path, kind, columns, beyond=None, stars=None, site=None, lst=None):
+    """Write a file; `columns` in degrees as its owner has them, `stars`: ra, dec, moment.
+
+    `lst`: a column of the sidereal time, degrees.
+    """
     names = ['az_deg', 'el_deg', 'az_enc_deg', 'el_enc_deg'] if kind == 'altaz' else [
         'ha_deg', 'dec_deg', 'ha_enc_deg', 'dec_enc_deg']
     head = [] if kind == 'altaz' else [f'# mount: {kind}']
@@ -87,6 +90,9 @@ def write(path, kind, columns, beyond=None, stars=None, site=None):
             np.char.mod('%.7f', v) for v in columns[2:])]
     else:
         columns = [np.char.mod('%.9f', v) for v in columns]
+    if lst is not None:
+        names.append('lst_h')
+        columns.append(np.char.mod('%.9f', lst / 15.0))
     if beyond is not None:
         names.append('pier_side')
         columns.append(np.where(beyond, 'west', 'east'))
@@ -94,10 +100,10 @@ def write(path, kind, columns, beyond=None, stars=None, site=None):
     path.write_text('\n'.join([*head, ','.join(names), *rows]) + '\n')
 
 
-def mistakes(kind):
-    """Yield name, what must be said, and the columns as written by functions of (a, e), degrees.
+def mistakes(kind, lst):
+    """Yield name, where, what must be said, and what is done to (a, e) of both pairs, degrees.
 
-    An entry is (name, said, on the catalogue, on the encoders), None where nothing is changed.
+    None where nothing is done; `lst` the sidereal time, degrees.
     """
     a, e, p = ('azimuth', 'elevation', 'zenith distance') if kind == 'altaz' else (
         'hour angle', 'declination', 'polar distance')
@@ -114,57 +120,80 @@ def mistakes(kind):
             (f'sign of {a}', f'{a}%s counted', lambda x, y: (short(-x), y)),
             (f'sign of {e}', f'{e}%s with the other sign', lambda x, y: (x, -y)),
             (p, f'{p} in place of the {e}%s', lambda x, y: (x, 90.0 - y)),
-            ('axes exchanged', f'{a} and {e}%s exchanged', lambda x, y: (y, short(x)))):
+            ('axes exchanged', f'{a} and {e}%s exchanged', lambda x, y: (y, short(x))),
+            *([] if kind == 'altaz' else [(
+                'right ascension', 'right ascension in place of the hour angle%s',
+                lambda x, y: (np.remainder(lst - x, 360.0), y))])):
         for where, on in ((OF_CATALOGUE, (one, None)), (OF_ENCODERS, (None, one)),
                           (OF_BOTH, (one, one))):
             yield name, where, said % where if '%s' in said else said, on
 
 
-def outcome(path, said, truth, verbose=False):
+def mistakes_beyond(beyond):
+    """The same of readings through the pole: what is not turned or folded there."""
+    def turned(a):
+        return np.where(beyond, np.remainder(a, 360.0) - 180.0, a)
+
+    def folded(e):
+        return np.where(beyond, 180.0 - e, e)
+    for name, said, one in (
+            ('hour angle not turned', 'beyond 90 degrees with the hour angle of the star',
+             lambda a, e: (turned(a), e)),
+            ('declination folded', 'folded back to below 90 degrees where the hour angle is',
+             lambda a, e: (a, folded(e))),
+            ('both folded', 'folded back to below 90 degrees with the hour angle of the star',
+             lambda a, e: (turned(a), folded(e)))):
+        yield f'beyond the pole, {name}', '', said, (None, one)
+
+
+def outcome(path, said, truth):
     """What becomes of a file."""
     try:
         with naming_columns():
             run = load_run(path)
         checked = check_columns(run)
         fitted = fit_terms(run)
-    except MistakenColumns as error:
-        return 'named' if said in str(error) else 'refused', str(error)
     except ValueError as error:
         return 'named' if said in str(error) else 'refused', str(error)
     names = list(fitted.names)
     off = [abs(wrap(fitted.model.terms[n] - truth[n])) for n in names]
     sigma = np.sqrt(np.diagonal(fitted.covariance))
     worst = float(np.max(np.divide(off, np.maximum(sigma, 1e-12))))
-    text = '; '.join(checked.notes) + ' alike: ' + '; '.join(checked.alike) + f' {worst:.1f} sigma'
+    notes = [*checked.notes, *(n for n in run.meta['notes'] if 'axis would lean' in n)]
+    text = '; '.join(notes) + ' alike: ' + '; '.join(checked.alike) + f' {worst:.1f} sigma'
     signs = ('mount and catalogue exchanged', 'of catalogue and encoders counted the other way')
     if worst <= SIGMAS:
         return 'harmless', text
     if said in signs or said.endswith(OF_BOTH + ' counted'):
         return 'alike', text
-    return ('noted' if checked.notes or any(said in one for one in checked.alike)
+    return ('noted' if notes or any(said in one for one in checked.alike)
             else 'WRONG'), text
 
 
-def of_columns(rng, form, path, found, verbose):
+def of_columns(rng, form, path):
     """Every mistake in the columns of a run of one form."""
     kind, pier, through = FORMS[form]
     site = Site(48.0 * DEG, 11.0 * DEG, 500.0)
     mount, columns, terms, beyond = simulated(rng, kind, through, site)
-    h, d, a, e, _ = columns
+    h, d, a, e, moment = columns
+    lst = np.remainder(moment * 360.0 / 86164.0905 + 10.0, 360.0)
+    through_by_reading = beyond.any() and not pier
     if pier:
         a, e = through_pole(a, e, beyond)
     a = wrap(a) if kind != 'altaz' else np.remainder(a, 2.0 * np.pi)
     h, d, a, e = (v / DEG for v in (h, d, a, e))
-    for name, where, said, (one, other) in mistakes(kind):
+    for name, where, said, (one, other) in (
+            *mistakes(kind, lst), *(mistakes_beyond(beyond) if through_by_reading else ())):
         written = [*(one or (lambda *v: v))(h, d), *(other or (lambda *v: v))(a, e)]
-        write(path, kind, written, beyond if pier else None, site=site)
+        write(path, kind, written, beyond if pier else None, site=site,
+              lst=lst if name == 'right ascension' else None)
         yield (form, name + where), outcome(path, said, terms)
     write(path, kind, [a, e, h, d], beyond if pier else None, site=site)
     yield (form, 'mount and catalogue exchanged'), outcome(
         path, 'mount and catalogue exchanged', terms)
 
 
-def of_stars(rng, form, path, found, verbose):
+def of_stars(rng, form, path):
     """Every other clock and site of a run of right ascensions."""
     kind, pier, through = FORMS[form]
     site = Site(rng.uniform(15.0, 60.0) * rng.choice([-1, 1]) * DEG,
@@ -244,8 +273,7 @@ def main():
             for seed in range(args.runs):
                 rng = np.random.default_rng((args.seed, seed, list(FORMS).index(form)))
                 for (_, what), (result, text) in (
-                        *of_columns(rng, form, path, None, None),
-                        *of_stars(rng, form, path, None, None)):
+                        *of_columns(rng, form, path), *of_stars(rng, form, path)):
                     by_form.setdefault(form, Counter())[result] += 1
                     by_mistake.setdefault(what, Counter())[result] += 1
                     if result == 'WRONG' or args.verbose and result in ('refused', 'noted'):

@@ -36,10 +36,14 @@ _WITH_EFFECTS = (1.15, 10.0)
 _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
+#: log-likelihood by which another clock or site is noted that fits as well
+_AS_LIKELY_ELSEWHERE = 8.0
 _NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _WRONG = {'columns': 'the columns are not what they are named', 'times': 'the times are not UTC',
           'site': 'the site is wrong'}
 _DAY = 18.0  # hours that azimuths in hours span
+#: deg: hour angles and declinations of rows on a strip along the meridian, as nobody observes
+_STRIP, _STRIP_LONG, _STRIP_ROWS = 13.0, 60.0, 12
 _FIELD = 2.0 * DEG  # a run within it tells nothing of its columns
 
 
@@ -155,7 +159,7 @@ class _Check:
         """Refuse the run as written if the other is what it is; note what may be."""
         times, likelier = other.better_than(written)
         if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
-            if self._fills_the_day(other.reading) or self._needed(other, written):
+            if self._is_clear(other.reading) or self._needed(other, written):
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
             if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere:
@@ -163,8 +167,13 @@ class _Check:
                     f'{self.rows.where}{other.text} would fit to {other.rms_arcsec:.1f} '
                     f'arcsec, where the seven terms leave {written.rms_arcsec:.1f}; an effect '
                     f'that they lack may do so too: make sure of the {other.reading.kind}')
+            else:
+                out.alike.append(other.text)
         elif other.reading.elsewhere:
-            pass
+            if times > 1.0 / _ALIKE and likelier > _AS_LIKELY_ELSEWHERE:
+                out.notes.append(
+                    f'{self.rows.where}{other.text} would fit as well, with {_sizes(other)} in '
+                    f'place of {_sizes(written)}: make sure of the {other.reading.kind}')
         elif times > 1.0 / _ALIKE or likelier > -_AS_LIKELY:
             out.alike.append(other.text)
 
@@ -176,11 +185,19 @@ class _Check:
         """Whether the catalogue places are as good as one place, however they are read."""
         return all(np.ptp(c) < _FIELD for c in self.rows.columns[:2])
 
-    def _fills_the_day(self, reading):
-        """Whether azimuths run over 0 to 24, as no dome's slit does, and are read as hours."""
-        az = self.rows.columns[0] / DEG
-        return (self.mount.altaz and 'hours' in reading.catalogue
-                and 'swapped' not in reading.catalogue and az.min() >= 0.0 and np.ptp(az) > _DAY)
+    def _is_clear(self, reading):
+        """Whether numbers read as hours, or radians of the first axis, span what those span.
+
+        Azimuths over 0 to 24, as no dome's slit does; hour angles within half a day of the
+        meridian, where declinations span the sky.
+        """
+        first, second = (np.asarray(v) / DEG for v in self.rows.columns[:2])
+        if not set(reading.catalogue) & {'hours', 'radians of the first'} or (
+                'swapped' in reading.catalogue):
+            return False
+        if self.mount.altaz:
+            return 'hours' in reading.catalogue and first.min() >= 0.0 and np.ptp(first) > _DAY
+        return len(first) >= _STRIP_ROWS and np.ptp(first) < _STRIP and np.ptp(second) > _STRIP_LONG
 
     def _needed(self, other, written):
         """Whether common effects in place of the other reading do not fit as well.
@@ -236,15 +253,29 @@ class _Check:
 
 def _alike(fits):
     """The best and those that cannot be told from it; of these the ones with fewest mistakes."""
-    best, near = fits[0] if fits else None, []
-    for fit in fits:
-        best = fit if fit.better_than(best)[1] > 0.0 else best
+    best = _likeliest(fits)
+    one = _likeliest([fit for fit in fits if fit.reading.mistakes < 2])
+    if one is not None and not best.far_better_than(one, _BETTER, _LIKELIER):
+        best = one
+    near = []
     for fit in fits:
         times, likelier = fit.better_than(best)
         if likelier > -_AS_LIKELY or times > 1.0 / _ALIKE and not fit.reading.elsewhere:
             near.append(fit)
     fewest = min((fit.reading.mistakes for fit in near), default=0)
     return [fit for fit in near if fit.reading.mistakes == fewest]
+
+
+def _likeliest(fits):
+    best = fits[0] if fits else None
+    for fit in fits:
+        best = fit if fit.better_than(best)[1] > 0.0 else best
+    return best
+
+
+def _sizes(fit):
+    zero, tilt = (size / DEG for size in fit.sizes)
+    return f'a zero of {zero:.2g} deg and a tilt of {tilt:.2g}'
 
 
 def _size(arcsec):

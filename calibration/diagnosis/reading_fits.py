@@ -257,7 +257,7 @@ class ReadingFits:
         if self._as_it_is:
             return p
         az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
-        if reading.exchanged:
+        if reading.exchanged and beyond is None:
             beyond = is_beyond(p.el)
         if beyond is not None and not is_beyond(el_enc).any():
             az_enc, el_enc = through_pole(az_enc, el_enc, beyond)
