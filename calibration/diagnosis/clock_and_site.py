@@ -6,6 +6,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
+from pointing_model.sky import sidereal_time
 
 from .readings import Places
 
@@ -32,6 +33,8 @@ class Elsewhere:
         Catalogue places, radians; NaN where there is none.
     mount : Mount
         At that site.
+    turn : ndarray, shape (n,)
+        By which hour angles of the mount are others, that were made by the clock; radians.
     """
 
     said: str
@@ -40,6 +43,7 @@ class Elsewhere:
     az: np.ndarray
     el: np.ndarray
     mount: Mount
+    turn: np.ndarray = 0.0
     mistakes, elsewhere = 1, True
     catalogue = encoders = ()
     offsets, exchanged = '', False
@@ -51,7 +55,7 @@ class Elsewhere:
             x = (np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi) * np.cos(el)
             return Places(self.az, self.el, self.az + x / reach, self.el + el_enc - el,
                           np.ones(len(az)))
-        return Places(self.az, self.el, az_enc, el_enc, np.abs(reach))
+        return Places(self.az, self.el, az_enc + self.turn, el_enc, np.abs(reach))
 
     def text(self, zero=0.0, names=None):
         """For people."""
@@ -122,6 +126,10 @@ def _of_stars(rows, text, kind, advice, site, hours=0.0):
         if mount.kind in _EQUATORIAL:
             mount = Mount.equatorial(site.latitude, mount.kind)
         az, el = mount.axes_of(az, el)
-    places = np.full((2, len(rows.line)), np.nan)
-    places[:, there] = az, el
-    return Elsewhere(text, kind, advice, *places, mount)
+    turn = 0.0
+    if rows.reads_by_clock:
+        turn = sidereal_time(stars.time - 3600.0 * hours, site) - sidereal_time(stars.time,
+                                                                                solved.site)
+    places = np.full((3, len(rows.line)), np.nan)
+    places[:2, there], places[2, there] = (az, el), turn
+    return Elsewhere(text, kind, advice, *places[:2], mount, places[2])

@@ -29,6 +29,8 @@ class FileRows:
     mount : Mount
     solved : Solved or None
         Places among the stars that those of the catalogue were made of.
+    reads_by_clock : bool
+        Hour angles of the mount were made of its right ascensions and the time.
     held : bool
         Offsets on the sky came in place of readings.
     rows_used, misplaced : int
@@ -49,6 +51,7 @@ class FileRows:
         source = run.meta.get('source')
         self.where = f'{PurePath(str(source)).name}: ' if source else ''
         self.mount, self.solved = run.mount, run.meta.get('solved')
+        self.reads_by_clock = bool(run.meta.get('reads_by_clock'))
         self.held = not run.meta.get('raw_reading', True) and encoder == 'enc'
         self.rows_used = len(run)
         written, place = _written(run, encoder)

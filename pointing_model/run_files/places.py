@@ -113,6 +113,7 @@ def mount_ascension(path, table):
         lst = np.full(len(time), np.nan)
         lst[known] = sidereal_time(time[known], site)
         said = f'the time at longitude {site.longitude / DEG:.6g} deg'
+        meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
     columns['az_enc'] = wrap(lst - ascension)
     meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as of date, and '
                          f'the sidereal time by {said}')

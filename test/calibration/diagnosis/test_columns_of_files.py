@@ -12,7 +12,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.run_files import read_run
-from pointing_model.sky import Site, Weather, observed_to_icrs
+from pointing_model.sky import Site, Weather, observed_to_icrs, sidereal_time
 from telescope_mount.runs import load_run
 
 CASES = Path(__file__).resolve().parents[4] / 'shared' / 'cases'
@@ -100,8 +100,11 @@ ELSEWHERE = {
     'exchanged': (0.0, Site(64.3 * DEG, 34.3 * DEG, 500.0), 'latitude and longitude exchanged')}
 
 
-def of_stars(path, kind, hours=0.0, site=SITE, n=40):
-    """A file with right ascensions, of `TERMS`; written with another clock or site."""
+def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False):
+    """A file with right ascensions, of `TERMS`; written with another clock or site.
+
+    `ascension`: with that of the mount in place of its hour angle.
+    """
     rng = np.random.default_rng(4)
     mount = ALTAZ if kind == 'altaz' else Mount.equatorial(SITE.latitude, kind)
     az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.98, n))
@@ -117,7 +120,9 @@ def of_stars(path, kind, hours=0.0, site=SITE, n=40):
     rows = [f'# mount: {kind}', '# frame: ICRS', '# pressure_hpa: 955', '# temperature_c: 8',
             f'# latitude_deg: {site.latitude / DEG:.6f}', '# height_m: 500',
             f'# longitude_deg: {site.longitude / DEG:.6f}',
-            f'time,ra_deg,dec_deg,{first}_enc_deg,{second}_enc_deg']
+            f'time,ra_deg,dec_deg,{"ra" if ascension else first}_enc_deg,{second}_enc_deg']
+    if ascension:
+        a = np.mod([sidereal_time(t, SITE) for t in moment] - a, 2.0 * np.pi)
     stamps = np.datetime_as_string(((moment + 3600.0 * hours) * 1e3).astype('datetime64[ms]'))
     rows += [f'{t},{w:.7f},{x:.7f},{y:.7f},{z:.7f}' for t, w, x, y, z in zip(
         stamps, *(v / DEG for v in (ra, dec, a, e)))]
@@ -134,6 +139,14 @@ def test_a_clock_that_is_not_utc_and_a_wrong_site_are_named(tmp_path, kind):
         with pytest.raises(MistakenColumns, match=said), naming_columns(), catch_warnings():
             simplefilter('error')  # numpy's are faults of the fit
             check_columns(load_run(path))
+
+
+def test_a_clock_that_right_ascensions_of_the_mount_were_turned_by_is_named(tmp_path):
+    path = tmp_path / 'run.csv'
+    assert check_columns(load_run(of_stars(path, 'german', ascension=True))).notes == []
+    of_stars(path, 'german', 8.0, ascension=True)
+    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'), naming_columns():
+        check_columns(load_run(path))
 
 
 def test_the_sign_of_the_latitude_is_named_where_hour_angles_are_given(tmp_path):
