@@ -58,12 +58,6 @@ def _unit(az, el):
     return cos_el * np.sin(az), cos_el * np.cos(az), np.sin(el)
 
 
-def _side(cos_el):
-    """-1 where a place is one through the pole."""
-    beyond = cos_el < 0.0
-    return np.where(beyond, -1.0, 1.0) if np.any(beyond) else 1.0
-
-
 def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     """Encoder angles at which the mount looks at a direction.
 
@@ -100,7 +94,7 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
 
     def ends(a, e):
         sines = *sincos(a), *sincos(e)
-        d_az, d_el, _ = to_axes(sines, known, mount, _side(sines[3]))
+        d_az, d_el, _ = to_axes(sines, known, mount)
         d_el += ie
         if tf and mount.altaz:
             d_el += tf * sines[3]
@@ -283,7 +277,7 @@ def linearised(az, el, sines, known, names, mount):
     """
     ia, ie, tf = known[0], known[1], known[6]
     cos_el = sines[3]
-    d_az, d_el, way = to_axes(sines, known, mount, _side(cos_el))
+    d_az, d_el, way = to_axes(sines, known, mount)
     d_az += ia
     x = in_turn(d_az) * cos_el
     d_el += ie

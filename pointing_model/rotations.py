@@ -163,20 +163,19 @@ def _of_small(angle, most):
             1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0)))
 
 
-def to_axes(sines, coefficients, mount, side):
+def to_axes(sines, coefficients, mount):
     """What the rotations add to the angles of a direction, but for the zeros of the axes.
 
     Parameters
     ----------
     sines : tuple of ndarray, shape (n,)
-        sin A, cos A, sin E, cos E of the catalogue place.
+        sin A, cos A, sin E, cos E of the catalogue place; one through the pole has a negative
+        cos E, and the solution is that on its side.
     coefficients : sequence of float
         In the order of `CANONICAL`, radians. Flexure acts here for a mount that is not an
         alt-azimuth one.
     mount : Mount
         Whose errors are its own.
-    side : float or ndarray
-        -1 where the place is one through the pole.
 
     Returns
     -------
@@ -193,7 +192,7 @@ def to_axes(sines, coefficients, mount, side):
             place = _lifted(place, tf, mount.zenith)
         ux, uy, uz = turned(place, an, aw)
         sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
-        clear, room = False, None
+        clear, room, beyond = False, None, bool(cos_el < 0.0)
     else:  # a call of numpy costs as much as tens of stars: all that is linear in one product
         place = np.empty((3, *sin_el.shape))
         np.multiply(cos_el, sin_a, out=place[0])
@@ -206,16 +205,16 @@ def to_axes(sines, coefficients, mount, side):
         ux, uy, sin_e = room[:3]
         sin_e += sin_c * sin_n
         sin_e *= 1.0 / (cos_c * cos_n)
-        clear = mount.altaz and sin_el.size and bool(
-            np.minimum.reduce(cos_el, axis=None)
-            > _BESIDE * (hypot(an, aw) + abs(ca) + abs(npae)))
+        lowest = np.minimum.reduce(cos_el, axis=None, initial=1.0)
+        clear = mount.altaz and lowest > _BESIDE * (hypot(an, aw) + abs(ca) + abs(npae))
+        beyond = False if lowest >= 0.0 else cos_el < 0.0  # NaN is below nothing
     vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
     horizontal = ux * ux + uy * uy
     with np.errstate(invalid='ignore', divide='ignore'):
         # NaN: a direction closer to the axis than the line of sight
         vy = np.sqrt(horizontal - vx * vx)
-        if np.ndim(side) or side < 0.0:
-            vy = vy * side
+        if beyond is not False:
+            vy = np.where(beyond, -vy, vy)
         cos_e = vy * (1.0 / cos_c)
         across, along = ux * cos_a - uy * sin_a, ux * sin_a + uy * cos_a
         if np.ndim(sin_el) == 0:

@@ -102,7 +102,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         base = Base.parse(base, own_terms, mount_of(runs))
     obs = observations(runs, encoder)
     if obs.context.left_out():
-        obs.notes.append(_not_taken(obs.context))
+        obs.notes.append(not_taken(obs.context))
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
@@ -124,8 +124,17 @@ def _silent(text, done, total):
     """Progress that nobody asked for."""
 
 
-def _not_taken(context):
-    """A note of the columns that are no causes, and how to make one of them."""
+def not_taken(context):
+    """A note of the columns that are not taken as causes, and how to make one of them.
+
+    Parameters
+    ----------
+    context : Context
+
+    Returns
+    -------
+    str
+    """
     names = context.left_out()
     how = '--cause COLUMN takes one'
     if any(name.startswith('auxiliary_') for name in names):  # of TPOINT, which does not name them

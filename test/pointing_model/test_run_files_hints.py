@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from calibration.diagnosis.diagnosis import not_taken
+from calibration.diagnosis.readings import Reading
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
+from pointing_model.context import Context
 from pointing_model.mounts import Mount
 from pointing_model.run_files import read_run
 from pointing_model.sky import Site, Weather, icrs_to_observed, sidereal_time
@@ -113,3 +116,18 @@ def test_the_right_ascension_of_the_mount_becomes_its_hour_angle(read):
     assert 'longitude' in refused(read, head + text(5))
     assert 'no column time' in refused(
         read, head + 'ha_deg,dec_deg,ra_enc_deg,dec_enc_deg\n1,2,3,4')
+
+
+def test_a_right_ascension_in_place_of_the_hour_angle_is_told_how_it_is_read():
+    said = Reading((), ('ascension',)).text(names=GERMAN.names)
+    assert 'right ascension in place of the hour angle of the encoders' in said
+    assert 'call the column ra_enc_deg' in said
+    assert 'ra_enc_deg' not in Reading(('ascension',)).text(names=GERMAN.names)
+
+
+def test_auxiliary_readings_that_are_a_temperature_are_told_how_to_be_used():
+    def note(name):
+        return not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)}))
+    assert 'auxiliary_1' in note('auxiliary_1') and 'call the column temperature_c' in note(
+        'auxiliary_1')
+    assert 'temperature_c' not in note('fwhm') and '--cause COLUMN' in note('fwhm')
