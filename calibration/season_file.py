@@ -13,13 +13,14 @@ Columns (unknown cells empty; of others a note says that they are not used):
 The file ``zeros.csv`` of `season_report.write_season` is one. A last row without zeros is tonight.
 """
 
-import csv
 import difflib
-from datetime import datetime, timezone
+from pathlib import Path
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.run_files.cells import Cells
+from pointing_model.run_files.table import content, floats, read_lines, seconds_or_iso
 
 from .diagnosis.rows_told import listed
 from .zero_causes import AXES, Season, zero_causes
@@ -29,6 +30,8 @@ _DRIVERS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': '
 _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
+_WANTED = (f'give a header row with {_NEEDED} and what may have moved them (temperature_c, '
+           'supply_v, since_h, side), and a row for each power-on')
 
 
 def read_zeros(path):
@@ -50,69 +53,94 @@ def read_zeros(path):
     Raises
     ------
     ValueError
-        An empty file, no such columns, a cell that is no number, nothing that the zeros could
-        follow.
+        An empty file, no such columns, one of which most cells are no numbers, nothing that the
+        zeros could follow.
     OSError
         It cannot be read.
     """
+    path = Path(path)
     try:
-        with open(path, newline='', encoding='utf-8-sig') as file:
-            table = csv.DictReader(file)
-            rows, lines = [], []
-            for row in table:
-                rows.append(row)
-                lines.append(table.line_num)
-            names = [name.strip() for name in table.fieldnames or () if name]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f'{path} is no CSV file: {error}') from None
-    if not names:
-        raise ValueError(f'{path} is empty: give a header row with {_NEEDED} and what may have '
-                         'moved them (temperature_c, supply_v, since_h, side), and a row for each '
-                         'power-on')
-    rows = [{(name or '').strip(): cell for name, cell in row.items()} for row in rows]
+        lines = read_lines(path)
+    except ValueError as error:
+        raise ValueError(f'{error}: {_WANTED}' if str(error).endswith('is empty') else
+                         str(error)) from None
+    if not content(lines):
+        raise ValueError(f'{path} is empty: {_WANTED}')
+    cells = Cells(path, lines)
     for name in ('zero_az_arcsec', 'zero_el_arcsec'):
-        if name not in names:
+        if name not in cells.header:
             raise ValueError(f'{path} has no column {name}: zeros of power-ons are in {_NEEDED}')
-    if not rows:
+    if not len(cells):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
-    notes = _unknown_columns(path, names)
-
-    def column(name, words=None):
-        return np.array([_number(path, line, name, row.get(name), words)
-                         for line, row in zip(lines, rows)], dtype=float)
-
-    def pair(pattern, words=None):
-        own = [pattern.format(axis) for axis in _SHORT]
-        common = pattern.format('')
-        return np.array([column(name if name in names else common, words)
-                         for name in own]).T.reshape(-1, 2)
-
-    drivers = {name: pair(pattern, _SIDES if name == 'side' else None)
+    notes = _unknown_columns(path, cells.header)
+    zeros, sigmas = _pair(path, cells, 'zero{}_arcsec'), _pair(path, cells, 'sigma{}_arcsec')
+    drivers = {name: _pair(path, cells, pattern, _SIDES if name == 'side' else {})
                for name, pattern in _DRIVERS.items()}
-    if not any(np.isfinite(values).any() for values in drivers.values()):
+    time, run = _time(path, cells), _column(path, cells, 'run')
+    for k, axis in enumerate(_SHORT):
+        cells.leave_out(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
+    _leave_out_copies(cells, np.column_stack([time * 1e3, zeros * 1e6]))
+    kept = cells.reasons == 0
+    notes += _left_out(path, cells.lines, cells.reasons)
+    if not kept.any():
+        raise ValueError('; '.join([f'{path}: no row can be used', *notes]))
+    if not any(np.isfinite(values[kept]).any() for values in drivers.values()):
         raise ValueError('; '.join([
             f'{path} tells nothing that the zeros could follow: give temperature_c '
             '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
-    time = np.array([_time(path, line, row.get('time')) for line, row in zip(lines, rows)])
-    run = column('run')
     season = Season(
-        np.where(np.isfinite(run), run, np.arange(1.0, len(rows) + 1.0)).astype(int),
-        time, pair('zero{}_arcsec') * ARCSEC, pair('sigma{}_arcsec') * ARCSEC, drivers)
-    lines = np.array(lines)
-    if np.isfinite(time).all():
-        order = np.argsort(time, kind='stable')
+        np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),
+        time, zeros * ARCSEC, sigmas * ARCSEC, drivers).select(kept)
+    lines = cells.lines[kept]
+    if np.isfinite(season.time).all():
+        order = np.argsort(season.time, kind='stable')
         season, lines = season.select(order), lines[order]
     tonight = None
     if np.isnan(season.zeros[-1]).all():
         tonight = {name: values[-1] for name, values in season.drivers.items()}
         season, lines = season.select(slice(0, -1)), lines[:-1]
     there = np.isfinite(season.zeros).sum(axis=1)
-    for count, why in ((1, f'one of {_NEEDED} is empty; a power-on counts with both'),
-                       (0, 'no zero; only the last row may be without, it is tonight')):
-        if (there == count).any():
-            away = lines[there == count].tolist()
-            notes.append(f'{path}, line{"s" * (len(away) > 1)} {listed(away)} left out: {why}')
-    return season.select(there == 2), tonight, notes
+    reasons = np.zeros(len(there), dtype=object)
+    reasons[there == 1] = f'one of {_NEEDED} is empty; a power-on counts with both'
+    reasons[there == 0] = 'no zero; only the last row may be without, it is tonight'
+    return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
+
+
+def _left_out(path, lines, reasons):
+    """Notes of the rows that have a reason."""
+    return [f'{path}, line{"s" * (len(away) > 1)} {listed(away)} left out: {why}'
+            for why in dict.fromkeys(reasons[reasons != 0])
+            for away in [lines[reasons == why].tolist()]]
+
+
+def _leave_out_copies(cells, values):
+    """A power-on that is written twice, by its time and zeros, counts once."""
+    first = {}
+    for i in np.flatnonzero((cells.reasons == 0) & np.isfinite(values).all(axis=1)):
+        line = first.setdefault(tuple(np.rint(values[i])), cells.lines[i])
+        if line != cells.lines[i]:
+            cells.reasons[i] = f'the same as line {line}'
+
+
+def _pair(path, cells, pattern, words=None):
+    """Numbers of both axes, each of its own column or of that of both, shape (n, 2)."""
+    return np.array([_column(path, cells, name if name in cells.header else pattern.format(''),
+                             words) for name in map(pattern.format, _SHORT)]).T
+
+
+def _column(path, cells, name, words=None):
+    if name not in cells.header:
+        return np.full(len(cells), np.nan)
+    texts = [str((words or {}).get(cell.lower(), cell)) for cell in cells[name]]
+    values = floats(path, cells.lines, name, texts, cells.reasons)
+    cells.leave_out(np.isinf(values), f'{name} is infinite')
+    return values
+
+
+def _time(path, cells):
+    if 'time' not in cells.header:
+        return np.full(len(cells), np.nan)
+    return seconds_or_iso(path, cells.lines, 'time', cells['time'], cells.reasons)
 
 
 def _unknown_columns(path, names):
@@ -161,30 +189,3 @@ def judge_zeros(path):
         'sigma_arcsec': expected[axis]['sigma_arcsec'], 'measured_arcsec': None,
         'measured_sigma_arcsec': None, 'by': expected[axis]['by'],
         'missing': expected[axis]['missing']} for axis in AXES}}
-
-
-def _number(path, line, name, cell, words=None):
-    text = (cell or '').strip()
-    if words and text.lower() in words:
-        return words[text.lower()]
-    try:
-        value = float(text or 'nan')
-    except ValueError:
-        value = np.inf
-    if np.isinf(value):
-        raise ValueError(f'{path}, line {line}: {name} is no number: {text!r:.40}') from None
-    return value
-
-
-def _time(path, line, cell):
-    text = (cell or '').strip()
-    try:
-        return float(text or 'nan')
-    except ValueError:
-        pass
-    try:
-        when = datetime.fromisoformat(text)
-    except ValueError:
-        raise ValueError(f'{path}, line {line}: time is neither seconds nor a date: '
-                         f'{text!r:.40}') from None
-    return (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp()

@@ -1,8 +1,7 @@
 """What the zeros of a season follow, for people: table, lines, CSV and plot."""
 
-import csv
-
 from msg_tools.output import beside
+from pointing_model.run_files.cells import write_rows
 
 from .season import season_from_rows
 from .tables import new_table
@@ -114,9 +113,9 @@ def season_lines(judged):
 def write_season(power_ons, path):
     """A CSV with a row for each power-on; an empty cell is unknown."""
     with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(['run', 'time', *(pattern.format(axis) for pattern in _COLUMNS.values()
-                                         for axis in ('az', 'el'))])
-        for row in power_ons:
-            table.writerow([row['run'], row['time'], *(
-                '' if value is None else value for name in _COLUMNS for value in row[name])])
+        write_rows(file, [
+            ['run', 'time', *(pattern.format(axis) for pattern in _COLUMNS.values()
+                              for axis in ('az', 'el'))],
+            *([row['run'], row['time'], *('' if value is None else value
+                                          for name in _COLUMNS for value in row[name])]
+              for row in power_ons)])

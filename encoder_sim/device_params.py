@@ -1,8 +1,7 @@
 """What the nodes of the simulated devices share: parameters, scenario, start of the night."""
 
-from datetime import datetime, timezone
-
 from msg_tools import convert, topics
+from msg_tools.iso_time import iso_seconds
 from msg_tools.node import MountNode, Param
 
 from .scenario_file import load_scenario
@@ -19,13 +18,7 @@ def parse_utc(text):
     ValueError
         It is no date, or outside of what a ROS time message can hold.
     """
-    text = text.strip()
-    try:
-        when = datetime.fromisoformat(text[:-1] + '+00:00' if text.endswith('Z') else text)
-    except ValueError:
-        raise ValueError(f'{text!r} is no date; write 2026-01-15T13:00:00') from None
-    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
-    seconds = round(when.timestamp())
+    seconds = round(iso_seconds(text))
     if not 0 < seconds < LAST_SECOND:
         raise ValueError(f'{text!r}: ROS messages hold times from 1970 to 2038-01-18 only')
     return seconds * 1_000_000_000

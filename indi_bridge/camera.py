@@ -3,9 +3,10 @@
 import threading
 import time
 import zlib
-from datetime import datetime, timezone
 from io import BytesIO
 from typing import NamedTuple
+
+from msg_tools.iso_time import iso_seconds
 
 from .client import PATIENCE, IndiError
 
@@ -115,7 +116,7 @@ def _middle(data, began, seconds):
     if told is None:
         return here, 'the camera tells no DATE-OBS: exposures are taken to begin when asked for'
     try:
-        start = datetime.fromisoformat(told).replace(tzinfo=timezone.utc).timestamp()
+        start = iso_seconds(str(told))
         there = round((start + 0.5 * float(header.get('EXPTIME', seconds))) * 1e9)
     except ValueError:
         return here, f'DATE-OBS {told!r} of the camera is no time'

@@ -1,6 +1,5 @@
 """Paper 000's experiment through the graph: eleven nights, and a GPS satellite on one of them."""
 
-import csv
 import json
 from functools import partial
 
@@ -122,6 +121,7 @@ def _write(folder, nights, said, kept, incomplete, latest):
     from calibration.season_report import judge_season, write_season
     from msg_tools import topics
     from pointing_model.run_files import write_csv
+    from pointing_model.run_files.cells import write_rows
     from pointing_model.run_messages import cloud_to_run
 
     kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
@@ -133,9 +133,8 @@ def _write(folder, nights, said, kept, incomplete, latest):
 
     def write_table(path):
         with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
-            table = csv.writer(file)
-            table.writerow(COLUMNS)
-            table.writerows([row[name] for name in COLUMNS] for row in report['table1'])
+            write_rows(file, [COLUMNS, *([row[name] for name in COLUMNS]
+                                         for row in report['table1'])])
     for name, write in (
             ('table1.csv', write_table),
             ('gps.json', partial(write_text, text=json.dumps(report['gps'], indent=1) + '\n')),

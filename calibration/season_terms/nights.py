@@ -183,21 +183,6 @@ def _time_of(run, label):
     return None
 
 
-def day_of(text):
-    """UTC seconds of a date or time, ISO 8601.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
-    try:
-        when = datetime.fromisoformat(text.strip().replace('Z', '+00:00'))
-    except ValueError:
-        raise ValueError(f'{text!r} is no date: write 2016-08-01 or 2016-08-01T03:00') from None
-    return (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp()
-
-
 def days(nights):
     """Days since the first night, shape (n,)."""
     time = np.array([night.time for night in nights])

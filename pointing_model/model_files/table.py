@@ -5,7 +5,6 @@ follow, and carry what they are made of as JSON, so that nothing of the model is
 correlations of its errors. Remarks begin with ``#``; ``# geometry: rotation`` counts.
 """
 
-import csv
 import io
 import json
 
@@ -16,6 +15,8 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
+from pointing_model.run_files.cells import Cells, delimiter_of, split_row, write_rows
+from pointing_model.run_files.table import decimal_points, lines_of
 from pointing_model.terms import terms_of
 
 from .program import number_of, refuse_equatorial
@@ -33,24 +34,24 @@ def write(model, caption):
     if model.mount.on_sky:
         out.write(f'# errors: {model.mount.errors}\n# of a German mount: A and E are folded back '
                   'to the sky, before the side of the pier is worked out\n')
-    rows = csv.writer(out, lineterminator='\n')
-    rows.writerow(_HEADER)
+    rows = [_HEADER]
     errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     for (name, value), error in zip(model.terms.items(), errors):
-        rows.writerow(['term', name, repr(value / ARCSEC), repr(float(error) / ARCSEC),
-                       terms_of(model.mount)[name].formula, '', ''])
+        rows.append(['term', name, repr(value / ARCSEC), repr(float(error) / ARCSEC),
+                     terms_of(model.mount)[name].formula, '', ''])
     h = model.harmonics
     if h is not None:
         for name, (value, error) in h.coefficients.items():
-            rows.writerow(['harmonic', name, repr(float(value / ARCSEC)),
-                           repr(float(error / ARCSEC)), f'paper 000, E read as {h.interpretation}',
-                           '', h.interpretation])
+            rows.append(['harmonic', name, repr(float(value / ARCSEC)),
+                         repr(float(error / ARCSEC)), f'paper 000, E read as {h.interpretation}',
+                         '', h.interpretation])
     for fitted in model.effects:
         e = fitted.effect
         made = json.dumps({'name': e.name, 'family': e.form, 'parameters': e.parameters})
         for name, value, error in zip(e.coefficient_names, fitted.coefficients, fitted.sigma):
-            rows.writerow(['effect', name, repr(float(value / ARCSEC)),
-                           repr(float(error / ARCSEC)), e.formula, ', '.join(e.requires), made])
+            rows.append(['effect', name, repr(float(value / ARCSEC)),
+                         repr(float(error / ARCSEC)), e.formula, ', '.join(e.requires), made])
+    write_rows(out, rows)
     return out.getvalue()
 
 
@@ -58,7 +59,7 @@ def looks_like(text):
     """Whether it is such a table."""
     top = next((line for line in text.splitlines() if line.strip() and not line.startswith('#')),
                '')
-    names = [cell.strip() for cell in top.split(',')]
+    names = split_row(top, delimiter_of(top)) or ()
     return 'value_arcsec' in names and 'name' in names
 
 
@@ -82,8 +83,8 @@ def read(path, text, mount=ALTAZ):
         Unknown terms, numbers that are not finite, rows that do not fit.
     """
     geometry = 'rotation'
-    body = []
-    for number, line in enumerate(text.splitlines(), 1):
+    lines = lines_of(path, text.encode())
+    for number, line in enumerate(lines, 1):
         if line.startswith('#'):
             word, _, value = line[1:].partition(':')
             if word.strip() == 'geometry':
@@ -93,16 +94,13 @@ def read(path, text, mount=ALTAZ):
                                      'rotation nor first_order')
             elif word.strip() == 'errors':
                 mount = mount.with_errors(value.strip())
-        elif line.strip():
-            body.append((number, line))
-    header, *rows = csv.reader(line for _, line in body)
-    header = [cell.strip() for cell in header]
+    cells = Cells(path, lines)
+    for i in np.flatnonzero(cells.reasons != 0):  # a model is whole, or none
+        raise ValueError(f'{path}, row {cells.lines[i]}: {cells.reasons[i]}')
+    columns = [decimal_points(cells.column(i)) for i in range(len(cells.header))]
     terms, errors, series, effects = {}, [], {}, {}
-    for (number, _), cells in zip(body[1:], rows):
-        if len(cells) != len(header):
-            raise ValueError(f'{path}, row {number}: {len(cells)} cells, but the header has '
-                             f'{len(header)}')
-        row = dict(zip(header, (cell.strip() for cell in cells)))
+    for number, *texts in zip(cells.lines.tolist(), *columns):
+        row = dict(zip(cells.header, texts))
         name, part = row['name'], row.get('part') or 'term'
         value = number_of(path, number, name, row['value_arcsec']) * ARCSEC
         error = number_of(path, number, f'sigma of {name}', row.get('sigma_arcsec') or '0') * ARCSEC

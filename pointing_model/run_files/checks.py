@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import DEG, wrap
+from pointing_model.copies import copies
 from pointing_model.mounts import ALTAZ
 from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
@@ -18,6 +19,7 @@ _GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
 _WRITTEN = 20_000  # rows that are kept as they were written
+_NAMED = 5  # rows whose copies are listed by the line of each
 _LARGEST = 1e50  # squares and their sums stay finite
 #: beginnings and ends of the reasons for which a row is left out for the place it names
 _NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
@@ -181,11 +183,16 @@ def flag_rows(table, mount):
     with np.errstate(invalid='ignore'):
         table.exclude((el < low * DEG) | (el > high * DEG),
                       f'elevation outside {low:g}..{high:g} deg')
-    first = {}
-    copy_of = np.array([first.setdefault(text, number)
-                        for text, number in zip(table.texts, table.lines.tolist())])
-    for i in np.flatnonzero((copy_of != table.lines) & (table.reasons == 0)):
-        table.reasons[i] = f'the same as line {copy_of[i]}'
+    rows = np.flatnonzero(table.reasons == 0)
+    first = copies({name: values[rows] for name, values in table.columns.items()})
+    again = np.flatnonzero(first >= 0)
+    few = len(np.unique(first[again])) <= _NAMED
+    for i in again:
+        where = f'line {table.lines[rows[first[i]]]}' if few else 'one before'
+        table.reasons[rows[i]] = f'the same as {where}'
+    if not few:
+        table.meta['notes'].append(f'{len(again)} of {len(rows)} rows are written twice, by their '
+                                   'time and readings: each counts once')
 
 
 def derive_approach(table):

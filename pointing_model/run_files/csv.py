@@ -1,7 +1,6 @@
 """Pointing runs as CSV, read and written."""
 
 import csv
-import re
 
 import numpy as np
 
@@ -11,14 +10,13 @@ from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_p
 from pointing_model.run import COLUMNS, column_name
 
 from . import hints, solves, table
+from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
 from .declared import NUMBERS, declarations
-from .table import Table, bad_cell, content, floats, is_number, same_width
+from .table import Table, content, cost_rows, floats, is_number
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
-#: a number with a decimal comma, where commas divide nothing
-_DECIMAL = re.compile(r'^([-+]?\d+),(\d+)$')
 #: of other mounts: their columns, those of a place of the horizon, and the side of the pier
 _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
 _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
@@ -27,11 +25,8 @@ _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told
            for names in (KINDS['equatorial'], KINDS['free'])]
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
-_CLOCK = 1e8  # s: below, time counts from an arbitrary start
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
-_BLOCK = 5000  # lines that are split at a time
-MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
 
 
 def csv_delimiter(lines):
@@ -39,17 +34,14 @@ def csv_delimiter(lines):
     top = content(lines)[:2]
     if not top:
         return None
-    first = top[0][1]
-    for delimiter in ',;\t':
-        names = [cell.strip().strip('"') for cell in first.split(delimiter)]
-        if len(names) < 2 or any(is_number(name) for name in names):
-            continue
-        known = any(name in own for name in names for own in (CSV_NAMES, _OTHERS[0][1],
-                                                              _OTHERS[1][1]))
-        alike = len(top) > 1 and top[1][1].count(delimiter) == len(names) - 1 > 2
-        if known or alike:
-            return delimiter
-    return None
+    delimiter = delimiter_of(top[0][1])
+    names, *cells = ([cell.strip() for cell in split_row(line, delimiter) or ()]
+                     for _, line in top)
+    if len(names) < 2 or any(map(is_number, names)):
+        return None
+    known = any(name in own for name in names for own in (CSV_NAMES, _OTHERS[0][1], _OTHERS[1][1]))
+    alike = cells and len(cells[0]) == len(names) > 3
+    return delimiter if known or alike else None
 
 
 def read_csv(path, lines, delimiter, encoder=None):
@@ -71,45 +63,26 @@ def read_csv(path, lines, delimiter, encoder=None):
     Raises
     ------
     ValueError
-        A column is missing or twice there, a cell is no number, a row has another length.
+        A column is missing or twice there, or most of its cells are bad; most rows have another
+        length.
     """
-    body = content(lines)
-    (header,) = _split(path, body[:1], delimiter)
-    numbers = np.array([number for number, _ in body[1:]], dtype=int)
-    if len(header) > MOST_COLUMNS:
-        raise ValueError(f'{path}: {len(header)} columns, at most {MOST_COLUMNS} are read; keep '
-                         'those of the observations')
-    twice = [name for name in header if name and header.count(name) > 1]
-    if twice:
-        raise ValueError(f'{path}: column {twice[0]!r} is there twice')
+    cells = Cells(path, lines, delimiter)
+    header, numbers = cells.header, cells.lines
     names, by_header = _names_of(header)
     _require(path, header, encoder, names)
-    if len(body) == 1:
+    if not len(cells):
         raise table.NoObservations(f'{path} has a header row but no observations')
-    blocks, texts = [], []
-    for i in range(1, len(body), _BLOCK):
-        rows = _split(path, body[i:i + _BLOCK], delimiter)
-        if delimiter != ',' and any(',' in line for _, line in body[i:i + _BLOCK]):
-            rows = [[_DECIMAL.sub(r'\1.\2', cell) for cell in row] for row in rows]
-        same_width(path, numbers[i - 1:], rows, len(header), 'cells',
-                   f'the header has {len(header)}' + (
-                       '; are there decimal commas? Write points, or semicolons between the cells'
-                       if delimiter == ',' and all(len(r) == 2 * len(header) for r in rows)
-                       else ''))
-        # of a million rows, cells as text and rows that differ would take most of the memory
-        texts += [hash('\0'.join(row)) for row in rows]
-        blocks.append([np.array([cell.encode() for cell in cells]) for cells in zip(*rows)])
     columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):
-        cells = [cell.decode() for block in blocks for cell in block[i].tolist()]
-        _take_column(path, numbers, header, header_name, cells, columns, meta, by_header)
+        _take_column(path, cells, header_name, cells.column(i), columns, meta, by_header)
         _note_near(header_name, header, by_header, names, meta['notes'])
     _one_source(columns, meta)
-    commented = [number for number, line in enumerate(lines, 1) if number > body[0][0]
+    first = content(lines)[0][0]
+    commented = [number for number, line in enumerate(lines, 1) if number > first
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
-    return Table(columns, numbers, texts, meta, commented=commented, names=names)
+    return Table(columns, numbers, meta, cells.reasons, commented=commented, names=names)
 
 
 def _names_of(header):
@@ -127,55 +100,33 @@ def _names_of(header):
     return ALTAZ.names, CSV_NAMES
 
 
-def _split(path, body, delimiter):
-    """Cells of every line; a quoted cell may not run over the end of its line."""
-    try:
-        rows = list(csv.reader((line for _, line in body), delimiter=delimiter, strict=True))
-    except csv.Error:
-        rows = []
-    if len(rows) != len(body):
-        for number, line in body:
-            try:
-                whole = len(list(csv.reader([line], delimiter=delimiter, strict=True))) == 1
-            except csv.Error:
-                whole = False
-            if not whole:
-                raise ValueError(f'{path}, row {number}: a quoted cell does not end on its line')
-    return [[cell.strip() for cell in row] for row in rows]
-
-
 def _is_row(line, delimiter, width):
     cells = line.split(delimiter)
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 
-def _take_column(path, numbers, header, header_name, cells, columns, meta, by_header):
+def _take_column(path, table_cells, header_name, cells, columns, meta, by_header):
+    numbers, reasons, header = table_cells.lines, table_cells.reasons, table_cells.header
     name = by_header.get(header_name)
     if name == 'time':
-        columns['time'] = _time(path, numbers, cells, meta)
+        columns['time'] = _time(path, numbers, cells, meta, reasons)
     elif name == 'run':
         columns['run'] = _run_numbers(cells, meta)
     elif name in _TEXT:
         columns[name] = _numbers_or_text(cells)
-    elif name in ('approach_az', 'approach_el'):
-        columns[name] = _approach(path, numbers, header_name, cells)
     elif name:
-        columns[name] = floats(path, numbers, header_name, cells)
+        columns[name] = floats(path, numbers, header_name, cells, reasons)
+        if name in ('approach_az', 'approach_el'):
+            cost_rows(path, numbers, header_name, cells, {
+                int(i): 'is not -1, 0 or 1' for i in np.flatnonzero(
+                    ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))}, reasons)
     elif header_name in ('mount', 'telescope'):
         solves.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{COLUMNS[header_name][0]}')
     elif header_name:
-        bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), None)
-        if bad is None:
-            values = floats(path, numbers, header_name, cells)
-            own = table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
-                else table.own_name(header_name, header, meta['notes'])
-            columns[own] = values
-        else:
-            meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric (row '
-                                 f'{numbers[bad]}: {cells[bad][:40]!r})')
+        _take_own(path, numbers, header, header_name, cells, columns, meta)
     elif any(cells):
         meta['notes'].append('a column without a name left out')
 
@@ -188,6 +139,25 @@ def _note_near(header_name, header, by_header, names, notes):
     if near:
         notes.append(f'column {header_name[:40]!r} is not read; is it {near}? Then give it that '
                      'name')
+
+
+def _take_own(path, numbers, header, header_name, cells, columns, meta):
+    """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
+    bad = [i for i, cell in enumerate(table.decimal_points(cells))
+           if cell.lower() not in table.UNKNOWN and not is_number(cell)]
+    said = bad and f'(row {numbers[bad[0]]}: {cells[bad[0]][:40]!r})'
+    if 2 * len(bad) > sum(map(bool, cells)):
+        meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {said}')
+        return
+    known = np.array(cells, dtype=object)
+    known[bad] = ''
+    values = floats(path, numbers, header_name, known.tolist())
+    own = table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
+        else table.own_name(header_name, header, meta['notes'])
+    columns[own] = values
+    if bad:
+        meta['notes'].append(f'column {header_name[:40]!r} is not a number in {len(bad)} of '
+                             f'{len(cells)} rows: unknown there {said}')
 
 
 def _one_source(columns, meta):
@@ -252,43 +222,18 @@ def _run_numbers(cells, meta):
     return np.array([number[cell] for cell in cells])
 
 
-def _approach(path, numbers, header_name, cells):
-    values = floats(path, numbers, header_name, cells)
-    bad = ~np.isin(values, (-1.0, 0.0, 1.0)) & ~np.isnan(values)
-    if bad.any():
-        raise bad_cell(path, numbers, header_name, cells, int(np.argmax(bad)), 'is not -1, 0 or 1')
+def _time(path, numbers, cells, meta, reasons):
+    values = table.seconds_or_iso(path, numbers, 'time', cells, reasons)
+    if sum(map(is_number, cells)) * 2 > sum(map(bool, cells)):
+        _refuse_other_units(path, numbers, values, meta)
+        if np.any(np.abs(values) < table.CLOCK):
+            meta['time_is_utc'] = False
+            meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
     return values
 
 
-def _time(path, numbers, cells, meta):
-    try:
-        values = np.array([cell or 'nan' for cell in cells], dtype=float)
-    except ValueError:
-        if any(map(is_number, cells)):
-            one = next(i for i, cell in enumerate(cells) if is_number(cell))
-            other = next(i for i, cell in enumerate(cells) if cell and not is_number(cell))
-            if _reads_as_iso(cells[other]):
-                raise ValueError(
-                    f'{path}, column time: mixes seconds (row {numbers[one]}) and ISO 8601 (row '
-                    f'{numbers[other]})') from None
-        return table.parse_iso(path, numbers, 'time', cells)
-    _refuse_other_units(path, numbers, cells, values, meta)
-    if np.any(np.abs(values) < _CLOCK):
-        meta['time_is_utc'] = False
-        meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
-    return values
-
-
-def _refuse_other_units(path, numbers, cells, values, meta):
+def _refuse_other_units(path, numbers, values, meta):
     finite = np.isfinite(values)
-    outside = finite & ((values < table.YEAR_1900) | (values > table.YEAR_2100))
-    if outside.any():
-        i = int(np.argmax(outside))
-        unit = next((f' (is this {word}?)' for scale, word in (
-            (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
-            if _CLOCK < values[i] / scale < table.YEAR_2100), '')
-        raise bad_cell(path, numbers, 'time', cells, i, f'is outside 1900 to 2100{unit}; give '
-                       'seconds since 1970 or ISO 8601')
     known = np.sort(values[finite])
     if len(known) < 5 or known[0] == known[-1]:
         return
@@ -301,14 +246,6 @@ def _refuse_other_units(path, numbers, cells, values, meta):
                          f'{numbers[finite][-1]}: {said} Give seconds or ISO 8601')
     if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
         meta['notes'].append(f'time: {said}')
-
-
-def _reads_as_iso(cell):
-    try:
-        table.parse_iso('', [0], '', [cell])
-    except ValueError:
-        return False
-    return True
 
 
 # ------------------------------------------------------------------------------------- writing
@@ -402,9 +339,7 @@ def write_csv(run, path, *, plain=False):
     quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
     with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
         stream.writelines(f'# {line}\n' for line in _told_of(run))
-        writer = csv.writer(stream, lineterminator='\n', quoting=quoting)
-        writer.writerow(header)
-        writer.writerows(zip(*columns))
+        write_rows(stream, [header, *zip(*columns)], quoting=quoting)
 
 
 def _told_of(run):

@@ -95,7 +95,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
     _auxiliary(path, numbers, [row[after + 8:] for row in cells], options, columns, meta)
-    table = Table(columns, numbers, [' '.join(row) for row in cells], meta,
+    table = Table(columns, numbers, meta,
                   names=ALTAZ.names if altaz else KINDS['equatorial'])
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
@@ -228,5 +228,5 @@ def read_short(path, body, meta):
         else 'equatorial'
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')
-    return Table(columns, numbers, [' '.join(row) for row in cells], meta,
+    return Table(columns, numbers, meta,
                  names=KINDS['equatorial'])

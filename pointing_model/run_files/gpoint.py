@@ -103,7 +103,7 @@ def read_gpoint(path, lines):
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
         meta |= {'clock_tells': True, 'mount_told': 'german'}
         meta['notes'].append('time: of the sidereal clock')
-    return Table(columns, numbers, [' '.join(row) for row in cells], meta,
+    return Table(columns, numbers, meta,
                  commented=_unsolved(lines, len(names)),
                  names=ALTAZ.names if altaz else KINDS['equatorial'])
 

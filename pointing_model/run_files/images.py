@@ -71,7 +71,7 @@ def read_images(path):
     if mapping.mount is not None:
         meta['mount_told'] = mapping.mount
     columns = _columns(rows, mapping, meta)
-    table = Table(columns, np.arange(1, len(files) + 1), [file.name for file in files], meta,
+    table = Table(columns, np.arange(1, len(files) + 1), meta,
                   names=mapping.names)
     for i, reason in enumerate(reasons):
         if reason:

@@ -85,8 +85,7 @@ def _table(path, rows, cells):
     notes += renamed
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
-    table = Table(columns, numbers, [line.strip() for _, line in rows],
-                  {'format': 'iram', 'notes': notes})
+    table = Table(columns, numbers, {'format': 'iram', 'notes': notes})
     rejected = np.array([line.startswith('#') for _, line in rows])
     table.exclude(rejected, 'rejected by the observers (#)')
     for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):

@@ -36,12 +36,13 @@ def read_mmt(path, lines):
     Raises
     ------
     ValueError
-        A record lacks an angle.
+        Most records lack an angle; a single one is left out.
     """
     starts = [i for i, line in enumerate(lines) if line.startswith('CAT:')]
     values = {name: [] for pair in _WANTED.values() for name in pair}
-    stars, magnitudes, sidereal, texts = [], [], [], []
-    for start, stop in zip(starts, [*starts[1:], len(lines)]):
+    stars, magnitudes, sidereal = [], [], []
+    reasons = np.zeros(len(starts), dtype=object)
+    for i, (start, stop) in enumerate(zip(starts, [*starts[1:], len(lines)])):
         fields = {}
         for line in lines[start:stop]:
             tag, _, rest = line.partition(':')
@@ -49,30 +50,35 @@ def read_mmt(path, lines):
         for tag, (az, el) in _WANTED.items():
             cells = fields.get(tag, [])
             if len(cells) != 2 or not all(map(is_number, cells)):
-                raise ValueError(f'{path}, row {start + 1}: the record of this star has no '
-                                 f'"{tag}:" with elevation and azimuth')
+                reasons[i] = reasons[i] or ('the record of this star has no '
+                                            f'"{tag}:" with elevation and azimuth')
+                cells = ['nan'] * 2
             values[el].append(float(cells[0]))
             values[az].append(float(cells[1]))
-        catalogue = fields['CAT']
+        catalogue = fields.get('CAT', [])
         stars.append(catalogue[0] if catalogue else '')
         magnitude = catalogue[5] if len(catalogue) > 5 else ''
         magnitudes.append(float(magnitude) if is_number(magnitude) else np.nan)
         sidereal.append(_hours((fields.get('LST') or [''])[0]))
-        texts.append('\n'.join(lines[start:stop]).rstrip())
+    bad = np.flatnonzero(reasons != 0)
+    if 2 * len(bad) > len(starts):
+        raise ValueError(f'{path}, row {starts[bad[0]] + 1}: {reasons[bad[0]]}')
     columns = {name: np.array(v) for name, v in values.items()}
     columns.update(star=np.array(stars), magnitude=np.array(magnitudes))
     meta = {'format': 'mmt', 'notes': [
         'az, el are RAA (refracted place), az_enc, el_enc TAA (mount with the star centred), '
         'az_abs, el_abs ABS_AA; lst_h is the local sidereal time in hours']}
-    if np.isfinite(sidereal).all():
-        hours = np.unwrap(np.array(sidereal), period=24.0)
+    known = np.isfinite(sidereal)
+    if known.any():
+        hours = np.array(sidereal)
+        hours[known] = np.unwrap(hours[known], period=24.0)
         columns['lst_h'] = hours
-        columns['time'] = (hours - hours[0]) * _SIDEREAL_HOUR
+        columns['time'] = (hours - hours[known][0]) * _SIDEREAL_HOUR
         meta['time_is_utc'] = False
         meta['notes'].append('time: seconds since the first star, made from the sidereal times')
     else:
-        meta['notes'].append('no time: a record has no LST')
-    return Table(columns, np.array(starts) + 1, texts, meta)
+        meta['notes'].append('no time: no record has an LST')
+    return Table(columns, np.array(starts) + 1, meta, reasons)
 
 
 def _hours(clock):

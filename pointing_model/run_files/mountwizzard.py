@@ -79,7 +79,7 @@ def read_mountwizzard(path, lines):
         columns['scale_arcsec_px'] = values['scaleS']
     if all(isinstance(point.get('mirroredS'), bool) for point in points):
         columns['parity'] = np.array([1.0 if point['mirroredS'] else -1.0 for point in points])
-    table = Table(columns, numbers, [json.dumps(point, sort_keys=True) for point in points], meta,
+    table = Table(columns, numbers, meta,
                   names=KINDS['equatorial'])
     for i, point in enumerate(points):
         missing = [name for name in _NUMBERS if not np.isfinite(values[name][i])]

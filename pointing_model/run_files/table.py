@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from msg_tools.iso_time import read_iso
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mount_names import KINDS, Names
 from pointing_model.mounts import ALTAZ
@@ -22,8 +23,13 @@ DERIVED = frozenset((
 _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
 _BLOCK = 5000  # times that are read together
+#: cells that say that nothing is known
+UNKNOWN = ('', 'n/a', 'na', '-', '--', 'none', 'null', '?', 'unknown')
+_POINT = re.compile(r'[-+]?\d*\.\d+(?:[eE][-+]?\d+)?', re.ASCII)
+_COMMA = re.compile(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', re.ASCII)
 _NO_TIME = 'is neither ISO 8601 (2021-08-21T04:36:01.5Z) nor seconds since 1970'
 YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
+CLOCK = 1e8  # s: below, time counts from an arbitrary start
 
 
 class NoObservations(ValueError):
@@ -40,8 +46,6 @@ class Table:
         By the names of `pointing_model.run.COLUMNS` and `SPECIAL`; others are drivers.
     lines : ndarray of int, shape (n,)
         Line of the file that each row begins on, from 1.
-    texts : list of str or int
-        What the file says in each row, or its hash: equal ones are one observation written twice.
     meta : dict
         ``format``, ``notes`` and what else the file tells.
     reasons : ndarray of object, shape (n,), optional
@@ -57,7 +61,6 @@ class Table:
 
     columns: dict
     lines: np.ndarray
-    texts: list
     meta: dict
     reasons: np.ndarray = None
     commented: list = field(default_factory=list)
@@ -88,8 +91,12 @@ def read_lines(path):
         The file cannot be read.
     """
     if path.is_dir():
-        raise ValueError(f'{path} is a folder, not a file with a pointing run')
-    data = path.read_bytes()
+        raise ValueError(f'{path} is a folder, not a file with a table')
+    return lines_of(path, path.read_bytes())
+
+
+def lines_of(path, data):
+    """Lines of the bytes of a text file, as `read_lines`; `path` for messages."""
     if data.startswith(b'\x89MCAP'):
         raise ValueError(f'{path} is an MCAP log, not a table of observations')
     if not data.strip():
@@ -104,13 +111,16 @@ def read_lines(path):
                          'CSV and give that')
     # control characters other than tab, newline, form feed, carriage return, DOS end of file
     if re.search(rb'[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]', data):
-        raise ValueError(f'{path} is a binary file, not a pointing run')
+        raise ValueError(f'{path} is a binary file, not a table')
     try:
         text = data.decode('utf-8-sig')
     except UnicodeDecodeError:
         text = data.decode('latin-1')
     # str.splitlines would also break at form feeds and Unicode separators
-    return re.split(r'\r\n|\n|\r', text.replace('\x1a', ''))
+    lines = re.split(r'\r\n|\n|\r', text.replace('\x1a', ''))
+    if re.fullmatch(r'"?sep=[,;\t]"?', lines[0].strip(' ')):  # for one program of spreadsheets
+        lines[0] = ''
+    return lines
 
 
 def content(lines, comment='#'):
@@ -187,85 +197,166 @@ def bad_cell(path, lines, label, cells, i, what):
     return ValueError(f'{path}, row {lines[i]}, column {label}: {cells[i][:40]!r} {what}')
 
 
-def same_width(path, numbers, rows, width, what, against):
-    """Refuse a row of another length than `width`; `what` its cells are, and `against` what.
+def same_width(path, numbers, rows, width, what, against, reasons=None):
+    """Blank rows of another length than `width`; `what` their cells are, and `against` what.
+
+    Parameters
+    ----------
+    reasons : ndarray of object, shape (n,), optional
+        Gets why a row is left out; without it, and where most rows are such, the file is refused.
 
     Raises
     ------
     ValueError
         With the file and the row.
     """
-    for number, row in zip(numbers, rows):
-        if len(row) != width:
-            raise ValueError(f'{path}, row {number}: {len(row)} {what}, but {against}')
+    bad = [i for i, row in enumerate(rows) if len(row) != width]
+    if bad and (reasons is None or 2 * len(bad) > len(rows)):
+        i = bad[0]
+        raise ValueError(f'{path}, row {numbers[i]}: {len(rows[i])} {what}, but {against}')
+    for i in bad:
+        reasons[i] = f'{len(rows[i])} {what}, but {against}'
+        rows[i] = [''] * width
 
 
-def floats(path, lines, label, cells):
-    """Cells as numbers; an empty one is NaN.
+def cost_rows(path, lines, label, cells, bad, reasons=None):
+    """Leave out the rows of bad cells; a column most of whose cells are bad costs the file.
+
+    Parameters
+    ----------
+    path : Path
+    lines : sequence of int, shape (n,)
+    label : str
+        Name of the column.
+    cells : sequence of str, shape (n,)
+    bad : dict of int to str
+        Rows, and what is said of their cells.
+    reasons : ndarray of object, shape (n,), optional
+        Gets why a row is left out; without it one bad cell costs the file.
 
     Raises
     ------
     ValueError
-        A cell is no number: file, row and column `label`.
+        File, row and column.
     """
+    if not bad:
+        return
+    if reasons is None or 2 * len(bad) > sum(map(bool, cells)):
+        i = min(bad)
+        raise bad_cell(path, lines, label, cells, i, bad[i])
+    for i, what in bad.items():
+        if reasons[i] == 0:
+            reasons[i] = f'{label} {cells[i][:40]!r} {what}'
+
+
+def decimal_points(cells):
+    """Numbers with decimal commas as ones with points, where none of the column has a point."""
+    if not any(',' in cell for cell in cells) or any(map(_POINT.fullmatch, cells)):
+        return cells
+    return [cell.replace(',', '.') if _COMMA.fullmatch(cell) else cell for cell in cells]
+
+
+def floats(path, lines, label, cells, reasons=None):
+    """Cells as numbers; one that is empty, or says that it is unknown, is NaN.
+
+    Parameters
+    ----------
+    path, lines, label, cells, reasons
+        As of `cost_rows`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where a cell is no number.
+
+    Raises
+    ------
+    ValueError
+        As `cost_rows`.
+    """
+    cells = decimal_points(cells)
     try:
         return np.array([cell or 'nan' for cell in cells], dtype=float)
     except ValueError:
-        bad = next((i for i, cell in enumerate(cells) if cell and not is_number(cell)), 0)
-        raise bad_cell(path, lines, label, cells, bad, _no_number(cells[bad])) from None
+        pass
+    values, bad = np.full(len(cells), np.nan), {}
+    for i, cell in enumerate(cells):
+        if is_number(cell):
+            values[i] = float(cell)
+        elif cell.lower() not in UNKNOWN:
+            bad[i] = _no_number(cell)
+    cost_rows(path, lines, label, cells, bad, reasons)
+    return values
 
 
 def _no_number(cell):
     """What is said of a cell that should be a number."""
     if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
         return 'is not a number; write decimal degrees, as 45.5'
+    if _COMMA.fullmatch(cell):
+        return 'is not a number; other cells of the column have decimal points'
     if re.fullmatch(r'[-+]?[\d.]+\s*\D+', cell):
         return 'is not a number; leave the unit out: the name of the column has it'
-    if cell.lower() in ('n/a', 'na', '-', '--', 'none', 'null', '?'):
-        return 'is not a number; leave the cell empty where nothing is known'
     return 'is not a number'
 
 
-def parse_iso(path, lines, label, cells):
+def parse_iso(path, lines, label, cells, reasons=None):
     """Seconds since 1970 of ISO 8601 times, UTC where no zone is given; empty is NaN.
+
+    Parameters
+    ----------
+    path, lines, label, cells, reasons
+        As of `cost_rows`. What is read: `msg_tools.iso_time.read_iso`.
 
     Raises
     ------
     ValueError
-        A cell is no such time, or outside 1900 to 2100.
+        As `cost_rows`; a bad cell is no such time, or outside 1900 to 2100.
     """
-    if len(cells) > _BLOCK:  # what a pattern matched is ten times as long as the number
-        return np.concatenate([parse_iso(path, lines[i:i + _BLOCK], label, cells[i:i + _BLOCK])
-                               for i in range(0, len(cells), _BLOCK)])
-    matches = [_ISO.fullmatch(cell) for cell in cells]
-    for i, (match, cell) in enumerate(zip(matches, cells)):
-        if cell and match is None:
-            raise bad_cell(path, lines, label, cells, i, _NO_TIME)
-    plain = [f'{m[1]}T{m[2] or "00:00:00"}' if m else 'NaT' for m in matches]
-    try:
-        stamps = np.array(plain, dtype='datetime64[s]')
-    except ValueError:
-        for i, text in enumerate(plain):
-            try:
-                np.datetime64(text, 's')
-            except ValueError:
-                raise bad_cell(path, lines, label, cells, i, _NO_TIME) from None
-        raise
-    rest = np.array([float(m[3] or 0.0) - _zone(m) if m else np.nan for m in matches])
-    seconds = np.where(np.isnat(stamps), 0, stamps.astype(np.int64)) + rest
-    outside = (seconds < YEAR_1900) | (seconds > YEAR_2100)
-    if outside.any():
-        raise bad_cell(path, lines, label, cells, int(np.argmax(outside)),
-                       'is outside 1900 to 2100')
-    return seconds
+    values = np.empty(len(cells))
+    for i in range(0, len(cells), _BLOCK):  # what a pattern matched is ten times as long
+        whole, fraction = read_iso(cells[i:i + _BLOCK])
+        values[i:i + _BLOCK] = whole + fraction
+    bad = {int(i): _NO_TIME for i in np.flatnonzero(np.isnan(values))
+           if cells[i].lower() not in UNKNOWN}
+    outside = (values < YEAR_1900) | (values > YEAR_2100)
+    bad |= {int(i): 'is outside 1900 to 2100' for i in np.flatnonzero(outside)}
+    cost_rows(path, lines, label, cells, bad, reasons)
+    return np.where(outside, np.nan, values)
 
 
-_ISO = re.compile(r'(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d(?::\d\d)?)(\.\d+)?'
-                  r'(?:Z|([+-])(\d\d):?(\d\d)?)?)?', re.ASCII)
+def seconds_or_iso(path, lines, label, cells, reasons=None):
+    """Times that are seconds since 1970, or ISO 8601: what most cells are.
+
+    Parameters
+    ----------
+    path, lines, label, cells, reasons
+        As of `cost_rows`.
+
+    Raises
+    ------
+    ValueError
+        As `cost_rows`; half of the times are seconds, half ISO 8601.
+    """
+    known = [i for i, cell in enumerate(cells) if cell.lower() not in UNKNOWN]
+    seconds = [i for i in known if is_number(cells[i])]
+    if 2 * len(seconds) == len(known) > 0:
+        other = next(i for i in known if not is_number(cells[i]))
+        if not np.isnan(read_iso([cells[other]])[1][0]):
+            raise ValueError(f'{path}, column {label}: mixes seconds (row {lines[seconds[0]]}) and '
+                             f'ISO 8601 (row {lines[other]})')
+    if 2 * len(seconds) < len(known) or not known:
+        return parse_iso(path, lines, label, cells, reasons)
+    values = floats(path, lines, label, cells, reasons)
+    outside = np.isfinite(values) & ((values < YEAR_1900) | (values > YEAR_2100))
+    cost_rows(path, lines, label, cells, {
+        int(i): f'is outside 1900 to 2100{_unit_of(values[i])}; give seconds since 1970 or '
+        'ISO 8601' for i in np.flatnonzero(outside)}, reasons)
+    return np.where(outside, np.nan, values)
 
 
-def _zone(match):
-    sign, hours, minutes = match[4], match[5], match[6]
-    if not sign:
-        return 0
-    return int(sign + '1') * (int(hours) * 3600 + int(minutes or 0) * 60)
+def _unit_of(value):
+    """A question after a unit in which a number would be a time."""
+    return next((f' (is this {word}?)' for scale, word in (
+        (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
+        if CLOCK < value / scale < YEAR_2100), '')

@@ -95,7 +95,7 @@ def read_tpoint(path, lines):
     columns = {key: floats(path, numbers, name, column)
                for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
     commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
-    table = Table(columns, numbers, [' '.join(row) for row in cells], meta, commented=commented)
+    table = Table(columns, numbers, meta, commented=commented)
     table.exclude(rejected, 'rejected by the observers (#)')
     return table
 

@@ -73,7 +73,7 @@ def read_unam(path, lines):
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
-    table = Table(columns, numbers, [' '.join(row) for row in cells], meta,
+    table = Table(columns, numbers, meta,
                   commented=_commented(lines), names=KINDS['equatorial'])
     for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
                                  ('equinox', (2000.0,), '2000')):

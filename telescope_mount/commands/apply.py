@@ -1,6 +1,5 @@
 """The command ``apply``: directions to encoder angles by a model, and back."""
 
-import csv
 import sys
 from pathlib import Path
 
@@ -74,34 +73,41 @@ def _apply(model, args):
     from pointing_model.apply import turned, zeros_of_rows
     from pointing_model.context import Context
     from pointing_model.run import column_name
-    name, header, rows, lines, delimiter = _table(args.file)
-    cells = dict(zip(header, zip(*rows) if rows else [()] * len(header)))
+    from pointing_model.run_files.table import decimal_points
+    name, table = _table(args.file)
+    header, lines, reasons = table.header, table.lines, table.reasons
+    rows = [table.column(i) for i in range(len(header))]
+    cells = dict(zip(header, rows))
     places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
                         for part in ('', '_enc'))
     pair = readings if args.reverse else places
-    columns, notes = _drivers(name, lines, cells, pair, places, args)
-    az, el = (_angles(name, lines, column, cells) for column in pair)
-    _check(name, lines, pair, az, el, args.reverse or not model.mount.altaz)
-    if model.mount.altaz and not args.reverse and (el > 90.0).any():
-        notes.append('past the zenith, tube over the back, in row'
-                     f'{"s" * int((el > 90.0).sum() > 1)} {_listed(np.asarray(lines)[el > 90.0])}: '
-                     'at azimuth - 180, 180 - elevation')
+    columns, notes = _drivers(name, lines, cells, pair, places, args, reasons)
+    az, el = (_angles(name, lines, column, cells, reasons) for column in pair)
+    _check(name, lines, pair, az, el, args.reverse or not model.mount.altaz, cells, reasons)
+    # rows that are left out go along, somewhere, and their cells stay empty
+    used = reasons == 0
+    az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
     place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
     context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
+    if 'run' in columns and used.any():
+        columns['run'] = np.where(used, columns['run'], columns['run'][used][0])
     zero, applied = zeros_of_rows(model, args.zero, columns.get('run'))
     out = np.stack(turned(model, context, zero, args.reverse)) / DEG
     notes += [*_said_of_zeros(model, applied, columns.get('run'), args.zero), *_unknown(
         model, context, out, args.reverse)]
-    bad = ~np.isfinite(out).all(axis=0)
+    notes += [f'cells left empty in row{"s" * int((reasons == why).sum() > 1)} '
+              f'{_listed(lines[reasons == why])}: {why}' for why in dict.fromkeys(reasons[~used])]
+    bad = ~np.isfinite(out).all(axis=0) & used
+    out[:, ~used] = np.nan
     if bad.any():
         notes.append(f'the mount cannot look there, nearer to its zenith than its axes allow: '
                      f'cells left empty in row{"s" * int(bad.sum() > 1)} '
-                     + _listed(np.asarray(lines)[bad]))
+                     + _listed(lines[bad]))
     # the first axis, of what is catalogue place and of the reading alike
-    up = np.mod(az, 360.0) > 180.0 if model.mount.kind == 'german' else np.zeros(len(az), bool)
+    up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.kind == 'german')
     if up.any():
         notes.append(f'the counterweight is up in row{"s" * int(up.sum() > 1)} '
-                     f'{_listed(np.asarray(lines)[up])}: with it down the mount looks there '
+                     f'{_listed(lines[up])}: with it down the mount looks there '
                      'through the pole, at hour angle + 180, 180 - declination')
     names = places if args.reverse else readings
     if set(names) & set(header):
@@ -109,77 +115,74 @@ def _apply(model, args):
         notes.append(f'the file has angles of that side already: those of the model are in '
                      f'{", ".join(names)}')
     texts = [['' if v != v else repr(v) for v in column] for column in out.tolist()]
-    return [*header, *names], [[*row, *pair] for row, pair in zip(rows, zip(*texts))], \
-        delimiter, notes
+    if any(decimal_points(cells[column]) is not cells[column] for column in pair):
+        texts = [[text.replace('.', ',') for text in column] for column in texts]
+    return [*header, *names], list(zip(*rows, *texts)), table.delimiter, notes
 
 
 def _table(file):
-    """Name for messages, header, rows, line of each, delimiter."""
-    name = 'standard input' if file == '-' else file
+    """Name for messages, and the cells."""
+    from pointing_model.run_files.cells import Cells
+    from pointing_model.run_files.table import content, lines_of
     if file == '-':
+        name = 'standard input'
         if sys.stdin.isatty():
             print('directions are read from the terminal; end with Ctrl-D', file=sys.stderr)
-        text = sys.stdin.read()
+        data = sys.stdin.buffer.read()
     else:
-        text = Path(file).read_text(encoding='utf-8-sig', errors='replace')
-    body = [(number, line) for number, line in enumerate(text.splitlines(), 1)
-            if line.strip() and not line.lstrip().startswith('#')]
-    if not body:
+        name, data = file, Path(file).read_bytes()
+    lines = lines_of(name, data) if data.strip() else []
+    if not content(lines):
         raise ValueError(f'{name} is empty; it needs a header row, as az_deg,el_deg')
-    top = body[0][1]
-    delimiter = next((d for d in ',;\t' if d in top), ',')
-    header, *rows = ([cell.strip() for cell in row] for row in csv.reader(
-        (line for _, line in body), delimiter=delimiter))
-    twice = [h for h in header if h and header.count(h) > 1]
-    if twice:
-        raise ValueError(f'{name}: column {twice[0]!r} is there twice')
-    lines = [number for number, _ in body[1:]]
-    for number, row in zip(lines, rows):
-        if len(row) != len(header):
-            raise ValueError(f'{name}, row {number}: {len(row)} cells, but the header has '
-                             f'{len(header)}')
-    return name, header, rows, lines, delimiter
+    return name, Cells(name, lines)
 
 
-def _angles(name, lines, column, cells):
-    """A column of angles; ValueError where it is missing or a cell is no number."""
+def _angles(name, lines, column, cells, reasons):
+    """A column of angles; ValueError where it is missing, or most cells are no numbers."""
     import numpy as np
 
-    from pointing_model.run_files.table import floats
+    from pointing_model.run_files.table import cost_rows, floats
     if column not in cells:
         there = ', '.join(c[:40] for c in list(cells)[:40])
         raise ValueError(f'{name}: no column {column}; the file has {there}')
-    values = floats(name, lines, column, cells[column])
-    bad = ~np.isfinite(values)
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f'{name}, row {lines[i]}, column {column}: '
-                         f'{cells[column][i] or "empty"!r} is no angle')
+    values = floats(name, lines, column, cells[column], reasons)
+    empty = np.flatnonzero(~np.isfinite(values) & (reasons == 0))
+    cost_rows(name, lines, column, [cell or 'empty' for cell in cells[column]],
+              {int(i): 'is no angle' for i in empty}, reasons)
     return values
 
 
-def _check(name, lines, pair, az, el, beyond):
+def _check(name, lines, pair, az, el, beyond, cells, reasons):
     """Refuse what is no direction in degrees."""
     import numpy as np
+
+    from pointing_model.run_files.table import cost_rows
     # a tube past the zenith or through the pole
-    bad = (el < (-180.0 if beyond else -90.0)) | (el > 180.0)
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f'{name}, row {lines[i]}, column {pair[1]}: {el[i]:g} is no such '
-                         'angle in degrees')
+    with np.errstate(invalid='ignore'):
+        bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
+    cost_rows(name, lines, pair[1], cells[pair[1]], {
+        int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)}, reasons)
+    az, el = az[reasons == 0], el[reasons == 0]
     if len(el) >= 3 and np.abs(el).max() <= 1.6 and np.abs(az).max() <= 6.3 and np.ptp(el) > 0.05:
         raise ValueError(f'{name}: {pair[0]}, {pair[1]} never exceed '
                          f'{max(np.abs(az).max(), np.abs(el).max()):.3g}: they look like radians; '
                          'give degrees')
 
 
-def _drivers(name, lines, cells, pair, places, args):
+def _drivers(name, lines, cells, pair, places, args, reasons):
     """What the effects may follow, in SI by the names in memory; remarks."""
     import numpy as np
 
     from pointing_model.run import COLUMNS
     from pointing_model.run_files.csv import CSV_NAMES
-    from pointing_model.run_files.table import bad_cell, floats, is_number, own_name, parse_iso
+    from pointing_model.run_files.table import (
+        cost_rows,
+        decimal_points,
+        floats,
+        is_number,
+        own_name,
+        seconds_or_iso,
+    )
     given = {}
     for text in args.given:
         key, equals, value = text.partition('=')
@@ -194,18 +197,18 @@ def _drivers(name, lines, cells, pair, places, args):
         if column in pair or column in places or not column:
             continue
         known = CSV_NAMES.get(column)
-        where = 'the options' if column in given else name
-        if column == 'time' and values and not any(map(is_number, filter(None, values))):
-            out['time'] = parse_iso(where, lines, column, values)
+        # what is given for all rows costs all
+        where, costs = ('the options', None) if column in given else (name, reasons)
+        if column == 'time':
+            out['time'] = seconds_or_iso(where, lines, column, values, costs)
         elif known == 'star' and not all(map(is_number, values)):
             continue
         elif known in COLUMNS:
-            numbers = floats(where, lines, column, values)
-            if np.isinf(numbers).any():
-                raise bad_cell(where, lines, column, values, int(np.argmax(np.isinf(numbers))),
-                               'is not finite')
+            numbers = floats(where, lines, column, values, costs)
+            cost_rows(where, lines, column, values, {
+                int(i): 'is not finite' for i in np.flatnonzero(np.isinf(numbers))}, costs)
             out[known] = numbers * COLUMNS[known][1]
-        elif values and all(not v or is_number(v) for v in values):
+        elif values and all(not v or is_number(v) for v in decimal_points(values)):
             out[own_name(column, cells, notes)] = floats(where, lines, column, values)
         elif column in given:
             raise ValueError(f'--set {column}={given[column]}: is not a number')
@@ -261,6 +264,5 @@ def _listed(lines, limit=20):
 
 
 def _write(stream, header, rows, delimiter):
-    writer = csv.writer(stream, delimiter=delimiter, lineterminator='\n')
-    writer.writerow(header)
-    writer.writerows(rows)
+    from pointing_model.run_files.cells import write_rows
+    write_rows(stream, [header, *rows], delimiter=delimiter)

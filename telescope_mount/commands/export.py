@@ -1,10 +1,8 @@
 """The command ``export``: logs, runs and models as files that other programs read."""
 
-import csv
 import math
 import re
 from contextlib import contextmanager
-from datetime import datetime, timezone
 from pathlib import Path
 
 from msg_tools.output import beside
@@ -267,6 +265,7 @@ def time_of(text, begin):
     ValueError
         It is neither.
     """
+    from msg_tools.iso_time import WANTED, iso_ns
     try:
         seconds = float(text)
         if math.isfinite(seconds):
@@ -274,12 +273,10 @@ def time_of(text, begin):
     except ValueError:
         pass
     try:
-        when = datetime.fromisoformat(text.replace('Z', '+00:00'))
+        return iso_ns(text)
     except ValueError:
         raise ValueError(f'time {text!r}: write seconds since the beginning, or UTC as '
-                         '2026-01-15T13:00:00') from None
-    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
-    return round(when.timestamp() * 1e6) * 1000
+                         f'{WANTED}') from None
 
 
 def _span(start, end, begin):
@@ -334,11 +331,11 @@ def _columns(rows):
 @contextmanager
 def _table(part, form, columns):
     """A function that writes a row."""
+    from pointing_model.run_files.cells import write_rows
     if form == 'csv':
         with open(part, 'w', newline='', encoding='utf-8') as stream:
-            writer = csv.writer(stream)
-            writer.writerow(columns)
-            yield lambda row: writer.writerow([row.get(name, '') for name in columns])
+            write_rows(stream, [columns])
+            yield lambda row: write_rows(stream, [[row.get(name, '') for name in columns]])
         return
     pyarrow, parquet = _parquet()
     kinds = {int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_()}

@@ -5,7 +5,6 @@ import math
 import os
 import sys
 from contextlib import contextmanager, redirect_stdout
-from datetime import datetime
 from pathlib import Path
 
 from msg_tools.night_folder import log_of, model_of
@@ -42,11 +41,11 @@ def real(low, high, unit=''):
 def utc(text):
     """A type for ``add_argument``: an ISO 8601 date."""
     if text:
+        from msg_tools.iso_time import iso_seconds
         try:
-            datetime.fromisoformat(text.strip().removesuffix('Z'))
-        except ValueError:
-            raise argparse.ArgumentTypeError(
-                f'{text!r} is no date; write 2026-01-15T13:00:00') from None
+            iso_seconds(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
     return text
 
 

@@ -32,8 +32,9 @@ def run(args):
     options.check_outputs(args)
     from calibration.diagnosis import naming_columns
     from calibration.season_terms.judged import judge_season
-    from calibration.season_terms.nights import day_of, nights_of
+    from calibration.season_terms.nights import nights_of
     from calibration.season_terms.page import write_page
+    from msg_tools.iso_time import iso_seconds
     from pointing_model.run_files import NoObservations
 
     from ..runs import load_run
@@ -41,7 +42,7 @@ def run(args):
     declared = []
     for text in args.since:
         date, _, what = text.partition('=')
-        declared.append((day_of(date), what.strip() or f'what was done on {date}'))
+        declared.append((iso_seconds(date), what.strip() or f'what was done on {date}'))
     tonight, causes = None, {}
     for text in args.tonight:
         name, sign, value = text.partition('=')
@@ -51,7 +52,7 @@ def run(args):
             except ValueError:
                 raise ValueError(f'--tonight {text}: {value!r} is no number') from None
         else:
-            tonight = day_of(name)
+            tonight = iso_seconds(name)
     console, runs, empty = new_console(), [], []
     files = list(_files(args.files))
     with Progress(unit='runs', first='reading') as progress:

@@ -1,6 +1,5 @@
 """A folder of images solved one by one into a run; what is done is not done again."""
 
-import csv
 import json
 from collections import Counter
 from pathlib import Path
@@ -11,6 +10,7 @@ from msg_tools.output import beside
 from pointing_model.plate_solved.images import NotThere, read_header
 from pointing_model.plate_solved.solvers import NotSolved
 from pointing_model.run_files import iso_utc
+from pointing_model.run_files.cells import write_rows
 from pointing_model.run_files.images import common_site, one_image, one_mount_of, refuse_absent
 
 SOLVED, FAILED, HUNG = 'solved', 'not solved', 'hung'
@@ -195,10 +195,8 @@ def _write(out, done, mapping, site, count):
         stream.writelines(f'# {name}: {value!r}\n' for name, value in site.items())
         if len(rows) < count:
             stream.write(f'# unsolved: {count - len(rows)} of {count} images\n')
-        writer = csv.writer(stream, lineterminator='\n')
-        writer.writerow(names)
-        for row in rows:
-            writer.writerow([_cell(name, row.get(name)) for name in names])
+        write_rows(stream, [names, *([_cell(name, row.get(name)) for name in names]
+                                     for row in rows)])
 
 
 def _cell(name, value):

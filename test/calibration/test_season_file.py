@@ -54,15 +54,18 @@ def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
 @pytest.mark.parametrize('text, words', [
     ('time,zero_az_arcsec,zero_el_arcsec\n1,2,3\n', 'give temperature_c'),
     ('temperature_c,zero_az_arcsec\n1,2\n', 'no column zero_el_arcsec'),
-    (HEADER + '1,2,3,warm,5\n', "line 2: temperature_c is no number: 'warm'"),
-    (HEADER + 'noon,2,3,4,5\n', "line 2: time is neither seconds nor a date: 'noon'"),
+    (HEADER + '1,2,3,warm,5\n', "row 2, column temperature_c: 'warm' is not a number"),
+    (HEADER + 'noon,2,3,4,5\n', "row 2, column time: 'noon' is neither ISO 8601"),
+    (HEADER + '1,2,3,4\n', 'row 2: 4 cells, but the header has 5'),
+    (HEADER + '1,1,5,2,5,3,5\n', 'are there decimal commas?'),
+    (HEADER.replace('supply_v', 'temperature_c'), "column 'temperature_c' is there twice"),
     (HEADER + '1,2,3,4,5\n2,3,4,5,6\n', '2 power-ons with a zero: too few to name a cause'),
     (HEADER.replace('supply_v', 'supplyv') + '1,2,3,4,5\n2,,4,5,6\n',
      'line 3 left out: one of zero_az_arcsec'),
     ('time,zero_az_arcsec,zero_el_arcsec,Temprature_C\n1,2,3,4\n', 'did you mean temperature_c?'),
     (HEADER, 'has a header and no row: write a row'), ('', 'is empty: give a header row'),
     ('\n\n', 'is empty: give'),
-    ('\0\1', 'no column zero_az_arcsec'), (None, 'zeros.csv')])
+    ('\0\1', 'is a binary file'), (None, 'zeros.csv')])
 def test_what_cannot_be_judged_is_one_line(tmp_path, refused, text, words):
     file = tmp_path / 'zeros.csv'
     if text is not None:
@@ -91,3 +94,45 @@ def test_what_is_not_used_of_a_file_is_said(tmp_path, ended):
     assert (code, err) == (0, '') and 'tonight, foretold' in out
     assert 'lines 15-16 left out: one of' in out and 'line 14 left out: no zero' in out
     assert 'column suply_v is not used: did you mean supply_v?' in out
+
+
+def rows_of_nights(n=12, seed=5):
+    rng = np.random.default_rng(seed)
+    return [[f'2026-01-{i + 1:02d}T18:00:00Z', f'{3 * i + rng.normal():.3f}',
+             f'{2 * i + rng.normal():.3f}', f'{i:.1f}', '5.0', '1.5', '1.5'] for i in range(n)]
+
+
+WITH_SIGMA = HEADER.strip() + ',sigma_az_arcsec,sigma_el_arcsec'
+
+
+@pytest.mark.parametrize('spoil, reason', [
+    (lambda r: [*r[:1], '3', '4', *r[2:]], '8 cells, but the header has 7'),
+    (lambda r: [*r, 'x'], '8 cells, but the header has 7'),
+    (lambda r: [*r[:5], '0', '1.5'], 'sigma_az_arcsec is not positive'),
+    (lambda r: [*r[:6], '-1'], 'sigma_el_arcsec is not positive'),
+    (lambda r: [*r[:3], 'inf', *r[4:]], 'temperature_c is infinite'),
+    (lambda r: [r[0], '1.2.3', *r[2:]], "zero_az_arcsec '1.2.3' is not a number"),
+    (lambda r: ['2026-01-01T18:00:00Z', *rows_of_nights()[0][1:4], '7', *r[5:]],
+     'the same as line 2')])
+def test_a_bad_row_of_zeros_is_left_out_by_name(tmp_path, spoil, reason):
+    rows, file = rows_of_nights(), tmp_path / 'zeros.csv'
+    file.write_text('\n'.join([WITH_SIGMA, *map(','.join, rows)]))
+    whole = read_zeros(file)[0]
+    rows[4] = spoil(rows[4])
+    file.write_text('\n'.join([WITH_SIGMA, *map(','.join, rows)]))
+    season, _, notes = read_zeros(file)
+    assert notes == [f'{file}, line 6 left out: {reason}']
+    kept = np.arange(12) != 4
+    np.testing.assert_array_equal(season.zeros, whole.zeros[kept])
+    np.testing.assert_array_equal(season.drivers['temperature'],
+                                  whole.drivers['temperature'][kept])
+
+
+def test_zeros_with_decimal_commas_are_the_same(tmp_path):
+    plain, other = tmp_path / 'plain.csv', tmp_path / 'other.csv'
+    plain.write_text('\n'.join([WITH_SIGMA, *map(','.join, rows_of_nights())]))
+    other.write_bytes(plain.read_text().replace(',', ';').replace('.', ',').encode('utf-16'))
+    a, b = read_zeros(plain)[0], read_zeros(other)[0]
+    np.testing.assert_array_equal(a.zeros, b.zeros)
+    np.testing.assert_array_equal(a.time, b.time)
+    assert np.isfinite(a.time).all() and len(a) == 12

@@ -48,9 +48,9 @@ def test_times(read):
                 '2021-08-21T12:36:01.25+08:00', '2021-08-20T20:06:01.250000-0830', '')
     assert got[:4].tolist() == [1629520561.25] * 4 and np.isnan(got[4])
     for bad in ('yesterday', '2021-13-01T00:00:00Z', '21/08/2021', 'now', '2021-08',
-                '2021-08-21T04:36:60Z', '2021-02-30'):
-        with pytest.raises(ValueError, match=f'row 3, column time: .*{bad[:4]}.* ISO 8601'):
-            times('2021-08-21T04:36:01Z', bad)
+                '2021-08-21T04:36:61Z', '2021-08-21T24:00:01Z', '2021-02-30'):
+        with pytest.raises(ValueError, match=f'row 2, column time: .*{bad[:4]}.* ISO 8601'):
+            times(bad, '', bad)
 
 
 def test_times_that_are_no_utc(read, refuse):
@@ -130,8 +130,8 @@ def test_a_missing_column_is_named_with_the_closest(read, refuse):
     ('\n  \n', ['empty']),
     (HEADER + '\n', ['no observations']),
     (HEADER, ['no observations']),
-    (GOOD.replace('40.2', '4o.2'), ['row 3', 'el_enc_deg', '4o.2']),
-    (GOOD.replace('100,60,', '100,'), ['row 4', '3 cells', '4']),
+    (GOOD.replace('20.1', '2o.1').replace('40.2', '4o.2'), ['row 2', 'el_enc_deg', '2o.1']),
+    (GOOD.replace('100,60,', '100,').replace('10,20,', '10,'), ['row 2', '3 cells', '4']),
     (GOOD.replace('el_deg,', 'az_deg,', 1), ['az_deg', 'twice']),
     (b'\x7fELF\0\0\1', ['binary']),
     (bytes(range(256)) * 9, ['binary']),
@@ -247,8 +247,11 @@ def test_azimuths_that_tell_the_turn_give_the_way_as_it_was(read):
 
 @pytest.mark.parametrize('cell', ['2', '0.5', 'inf', 'east'])
 def test_an_approach_is_a_sign(read, cell, refuse):
-    refuse(f'{HEADER},approach_el\n1,30,1,30,-1\n9,20,9,20,{cell}\n', 'row 3',
-           'approach_el', cell)
+    text = f'{HEADER},approach_el\n9,20,9,20,{cell}\n'
+    refuse(text, 'row 2', 'approach_el', cell)
+    run = read(text + '1,30,1,30,-1\n')
+    assert run['approach_el'].tolist() == [-1.0]
+    assert f'approach_el {cell!r} is not' in run.meta['excluded'][0]['reason']
 
 
 def test_runs_by_name_are_numbered(read):
@@ -263,9 +266,10 @@ def test_rows_behind_a_comment_sign_are_counted(read):
     assert run.meta['excluded'] == [{'row': 5, 'reason': 'commented out'}]
 
 
-def test_rows_are_numbered_as_an_editor_does(read, refuse):
+def test_rows_are_numbered_as_an_editor_does(read):
     text = '# one\r\n\x0c# two\u2028\r\n' + GOOD.replace('\n', '\r\n').replace('60.3', 'x')
-    refuse(text, 'row 6', 'el_enc_deg')
+    assert read(text).meta['excluded'] == [
+        {'row': 6, 'reason': "el_enc_deg 'x' is not a number"}]
 
 
 def test_names_that_look_like_comments_come_back(tmp_path):

@@ -27,7 +27,7 @@ def model(tmp_path):
 
 
 def table(text):
-    return list(csv.DictReader(io.StringIO(text)))
+    return list(csv.DictReader(io.TextIOWrapper(io.BytesIO((text).encode()))))
 
 
 def test_there_and_back_with_the_columns_of_the_file(ended, model, tmp_path):
@@ -71,7 +71,7 @@ def test_what_is_not_known_is_said_once(ended, model, tmp_path):
 def test_the_standard_input_and_models_of_other_programs(ended, tmp_path, monkeypatch):
     path = tmp_path / 'tcs.model'
     path.write_text('RTS2_ALTAZ -36" 0 0 0 0 18" 0\n')
-    monkeypatch.setattr('sys.stdin', io.StringIO('az_deg,el_deg\n10,45\n'))
+    monkeypatch.setattr('sys.stdin', io.TextIOWrapper(io.BytesIO(b'az_deg,el_deg\n10,45\n')))
     code, out, err = ended('apply', path)
     assert code == 0 and err == ''
     row, = table(out)
@@ -81,10 +81,10 @@ def test_the_standard_input_and_models_of_other_programs(ended, tmp_path, monkey
 
 @pytest.mark.parametrize('text, options, words', [
     ('az_deg,el\n1,2\n', [], 'no column el_deg; the file has az_deg, el'),
-    ('az_deg,el_deg\n1,2\n3,x\n', [], "row 3, column el_deg: 'x' is not a number"),
-    ('az_deg,el_deg\n1,2\n3,nan\n', [], "row 3, column el_deg: 'nan' is no angle"),
+    ('az_deg,el_deg\n1,x\n', [], "row 2, column el_deg: 'x' is not a number"),
+    ('az_deg,el_deg\n3,nan\n', [], "row 2, column el_deg: 'nan' is no angle"),
     ('az_deg,el_deg\n1,\n', [], "column el_deg: 'empty' is no angle"),
-    ('az_deg,el_deg\n1,195\n', [], '195 is no such angle'),
+    ('az_deg,el_deg\n1,195\n', [], "'195' is no such angle"),
     ('az_deg,el_deg\n1,0.2\n2,0.5\n3,1.2\n', [], 'look like radians'),
     ('az_deg,el_deg\n1,2,3\n', [], 'row 2: 3 cells, but the header has 2'),
     ('az_deg,az_deg,el_deg\n1,2,3\n', [], "'az_deg' is there twice"),
@@ -119,3 +119,40 @@ def test_a_german_mount_with_its_counterweight_up_is_told(ended, tmp_path):
     assert 'the counterweight is up in row 3: ' in ' '.join(err.split())
     given.write_text('ha_deg,dec_deg\n20,30\n160,150\n')
     assert ended('apply', path, given)[2] == ''
+
+
+PLAIN = 'time,az_deg,el_deg,run\n' + ''.join(
+    f'2026-01-15T13:0{i}:00Z,{10.5 + i},{45.25 + i},2\n' for i in range(5))
+
+
+@pytest.mark.parametrize('line, said', [
+    ('2026-01-15T13:09:00Z,1x,45,2', "az_deg '1x' is not a number"),
+    ('2026-01-15T13:09:00Z,,45,2', "az_deg 'empty' is no angle"),
+    ('2026-01-15T13:09:00Z,10,5,45,2', '5 cells, but the header has 4'),
+    ('2026-01-15T13:09:00Z,10,205,2', "el_deg '205' is no such angle in degrees"),
+    ('at nine,10,45,2', "time 'at nine' is neither ISO 8601")])
+def test_a_bad_row_of_directions_stays_empty_and_is_named(ended, model, tmp_path, line, said):
+    given = tmp_path / 'in.csv'
+    given.write_text(PLAIN + line + '\n')
+    code, out, err = ended('apply', model[0], given)
+    *rows, last = table(out)
+    assert code == 0 and f'cells left empty in row 7: {said}' in ' '.join(err.split())
+    assert last['az_enc_deg'] == last['el_enc_deg'] == ''
+    given.write_text(PLAIN)
+    assert rows == table(ended('apply', model[0], given)[1])
+
+
+def test_directions_with_semicolons_and_decimal_commas_or_in_utf_16(ended, model, tmp_path):
+    given, path = tmp_path / 'in.csv', model[0]
+    given.write_text(PLAIN)
+    _, plain, _ = ended('apply', path, given)
+    given.write_bytes(PLAIN.replace(',', ';').replace('.', ',').encode('utf-16'))
+    code, out, _ = ended('apply', path, given)
+    assert code == 0 and out.replace(',', '.').replace(';', ',') == plain
+
+
+def test_cells_that_a_spreadsheet_would_run_are_made_harmless(ended, model, tmp_path):
+    given = tmp_path / 'in.csv'
+    given.write_text('az_deg,el_deg,note\n10,45,=1+1\n20,50,"-2, -3"\n')
+    _, out, _ = ended('apply', model[0], given)
+    assert [row['note'] for row in table(out)] == ["'=1+1", "'-2, -3"]

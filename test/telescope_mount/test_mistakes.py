@@ -41,6 +41,13 @@ def test_a_mistake_is_one_line(refused, folder, monkeypatch, words, parts):
     assert 'Traceback' not in line and '  ' not in line
 
 
+@pytest.mark.parametrize('file, line, said', mistakes.FAULTS_OF_A_ROW)
+def test_a_fault_of_a_row_costs_the_row(ended, folder, monkeypatch, file, line, said):
+    monkeypatch.chdir(folder)
+    code, out, err = ended('fit', file)
+    assert (code, err) == (0, '') and f'line {line} left out: {said}' in ' '.join(out.split())
+
+
 def test_what_is_no_mistake_works(ended, folder, monkeypatch):
     """Files as spreadsheets of any country save them."""
     monkeypatch.chdir(folder)

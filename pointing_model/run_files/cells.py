@@ -1,0 +1,166 @@
+"""Tables of cells as people and spreadsheets write them: one set of rules for every file.
+
+A row whose cells are not as many as the header's costs that row; most rows of another length, or a
+column twice, the file. Cells are divided by commas, semicolons or tabs, whichever the header has
+most of. What numbers and times cost is in `table.cost_rows`.
+"""
+
+import csv
+import re
+
+import numpy as np
+
+from .table import content, is_number
+
+_BLOCK = 5000  # lines that are split at a time
+MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
+#: what a spreadsheet takes for a formula, also behind blanks
+_FORMULA = re.compile(r"[\s']*[=+\-@\t\r＝＋－＠]")
+#: what a terminal obeys, and what turns the direction of a text
+_CONTROL = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]')
+
+
+class Cells:
+    """A table with a header row.
+
+    Attributes
+    ----------
+    header : list of str
+    lines : ndarray of int, shape (n,)
+        Line of the file that each row is on.
+    reasons : ndarray of object, shape (n,)
+        Why a row is left out, 0 where it is not.
+    delimiter : str
+    """
+
+    def __init__(self, path, lines, delimiter=None):
+        """Split a file.
+
+        Parameters
+        ----------
+        path : Path or str
+            For messages.
+        lines : list of str
+            Of the file, as of `table.read_lines`.
+        delimiter : str, optional
+            By default that of the header.
+
+        Raises
+        ------
+        ValueError
+            A column is twice there, most rows have another length, too many columns.
+        """
+        body = content(lines)
+        self.delimiter = delimiter or delimiter_of(body[0][1])
+        header = split_row(body[0][1], self.delimiter)
+        if header is None:
+            raise ValueError(f'{path}, row {body[0][0]}: a quoted name does not end on its line')
+        self.header = [plain_text(name.strip()) for name in header]
+        if len(self.header) > MOST_COLUMNS:
+            raise ValueError(f'{path}: {len(self.header)} columns, at most {MOST_COLUMNS} are '
+                             'read; keep those of the observations')
+        twice = [name for name in self.header if name and self.header.count(name) > 1]
+        if twice:
+            raise ValueError(f'{path}: column {twice[0]!r} is there twice')
+        self.lines = np.array([number for number, _ in body[1:]], dtype=int)
+        self.reasons = np.zeros(len(self.lines), dtype=object)
+        # as text, a million rows would take most of the memory
+        self._blocks = []
+        for i in range(1, len(body), _BLOCK):
+            rows = self._split(body[i:i + _BLOCK], i - 1)
+            self._blocks.append([np.array([cell.encode() for cell in cells])
+                                 for cells in zip(*rows)])
+        self._refuse_lengths(path, body)
+
+    def __len__(self):
+        return len(self.lines)
+
+    def column(self, i):
+        """Cells of column `i`, a list of str."""
+        return [plain_text(cell.decode()) for block in self._blocks for cell in block[i].tolist()]
+
+    def __getitem__(self, name):
+        """Cells of the column `name`."""
+        return self.column(self.header.index(name))
+
+    def leave_out(self, mask, text):
+        """Leave out the rows of `mask`; the first reason counts."""
+        self.reasons[mask & (self.reasons == 0)] = text
+
+    def _split(self, body, first):
+        """Rows of a block; one of another length is blank and has its reason."""
+        width = len(self.header)
+        try:
+            rows = list(csv.reader((line for _, line in body), delimiter=self.delimiter,
+                                   strict=True))
+        except csv.Error:
+            rows = []
+        if len(rows) != len(body):  # a quoted cell runs over the end of its line
+            rows = [split_row(line, self.delimiter) for _, line in body]
+        for i, row in enumerate(rows):
+            if row is not None:
+                while len(row) > width and not row[-1].strip():
+                    row.pop()
+                if len(row) == width:
+                    rows[i] = [cell.strip() for cell in row]
+                    continue
+            rows[i] = [''] * width
+            self.reasons[first + i] = 'a quoted cell does not end on its line' if row is None \
+                else f'{len(row)} cells, but the header has {width}'
+        return rows
+
+    def _refuse_lengths(self, path, body):
+        bad = np.flatnonzero(self.reasons != 0)
+        if 2 * len(bad) <= len(self):
+            return
+        hint = ''
+        if self.delimiter == ',' and re.search(r'\d,\d', body[1 + bad[0]][1]) and len(
+                body[1 + bad[0]][1].split(',')) > len(self.header):
+            hint = '; are there decimal commas? Write points, or semicolons between the cells'
+        raise ValueError(f'{path}, row {self.lines[bad[0]]}: {self.reasons[bad[0]]}{hint}')
+
+
+def split_row(line, delimiter):
+    """Cells of a line; None where a quoted one does not end on it."""
+    try:
+        rows = list(csv.reader([line], delimiter=delimiter, strict=True))
+    except csv.Error:
+        return None
+    return rows[0] if len(rows) == 1 else None
+
+
+def delimiter_of(line):
+    """What divides the cells of a header: a comma, a semicolon or a tab."""
+    return max(',;\t', key=lambda delimiter: len(split_row(line, delimiter) or ()))
+
+
+def plain_text(cell):
+    """A cell as it was before `safe_text`."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell[1:]) else cell
+
+
+def safe_text(text):
+    """A text that no spreadsheet runs and no terminal obeys.
+
+    What looks like a formula gets an apostrophe before it, which `plain_text` takes off;
+    characters that a terminal obeys are spelt as ``\\x1b``. Numbers are as they are.
+    """
+    text = _CONTROL.sub(lambda found: found[0].encode('unicode_escape').decode(), text)
+    return f"'{text}" if _FORMULA.match(text) and not is_number(text) else text
+
+
+def write_rows(stream, rows, *, delimiter=',', quoting=csv.QUOTE_MINIMAL):
+    """Write rows of cells as CSV; texts as `safe_text` has them.
+
+    Parameters
+    ----------
+    stream : file
+        Open for text, with ``newline=''``.
+    rows : iterable of sequence
+    delimiter : str
+    quoting : int
+        Of the module ``csv``.
+    """
+    writer = csv.writer(stream, delimiter=delimiter, quoting=quoting, lineterminator='\n')
+    writer.writerows([safe_text(cell) if isinstance(cell, str) else cell for cell in row]
+                     for row in rows)
