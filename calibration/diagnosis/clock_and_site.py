@@ -48,7 +48,7 @@ class Elsewhere:
     catalogue = encoders = ()
     offsets, exchanged = '', False
 
-    def places(self, az, el, az_enc, el_enc, held=False, lst=None):
+    def places(self, az, el, az_enc, el_enc, held=False, **clock):
         """As `Reading.places`; what is of the catalogue counts no more."""
         reach = np.cos(self.el)
         if held:

@@ -43,6 +43,8 @@ class FileRows:
     label : ndarray of int, shape (n,)
         Number of the run of each row.
     line : ndarray of int, shape (n,)
+    sidereal : bool
+        `lst` is of the site.
     lst : ndarray, shape (n,), or None
         Sidereal time, radians, with a zero of its own.
     """
@@ -65,7 +67,8 @@ class FileRows:
         self.line = written['line'][some]
         self.beyond = written['beyond'][some] if 'beyond' in written else None
         self.label = _labels(run, place[some])
-        self.lst = None if self.mount.altaz else _clock(run, written, place, some)
+        self.lst, self.sidereal = (None, False) if self.mount.altaz else _clock(
+            run, written, place, some)
 
 
 def _written(run, encoder):
@@ -112,21 +115,22 @@ def _labels(run, place):
 
 
 def _clock(run, written, place, some):
-    """Sidereal time of the rows where each has one."""
+    """Sidereal time where each row has one, else None, and whether it is that of the site."""
+    lst = None
     if len(run) and (place[some] >= 0).all():
         lst = Context.of_run(run).get('lst')
-        if lst is not None:
-            lst = np.asarray(lst, float)[place[some]]
-            return lst if np.isfinite(lst).all() else None
+    if lst is not None:
+        return _whole(np.asarray(lst, float)[place[some]]), True
     for name, unit in (('lst_h', np.pi / 12.0), ('time', _SIDEREAL)):
         if name in written:
-            lst = unit * np.asarray(written[name], float)[some]
-        elif name in run and len(run) and (place[some] >= 0).all():
-            lst = unit * np.asarray(run[name], float)[place[some]]
-        else:
-            continue
-        return lst if np.isfinite(lst).all() else None
-    return None
+            return _whole(unit * np.asarray(written[name], float)[some]), name == 'lst_h'
+        if name in run and len(run) and (place[some] >= 0).all():
+            return _whole(unit * np.asarray(run[name], float)[place[some]]), name == 'lst_h'
+    return None, False
+
+
+def _whole(values):
+    return values if np.isfinite(values).all() else None
 
 
 def _evenly(count, most):

@@ -36,8 +36,6 @@ _WITH_EFFECTS = (1.15, 10.0)
 _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
-#: log-likelihood by which another clock or site is noted that fits as well
-_AS_LIKELY_ELSEWHERE = 8.0
 _NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
 _WRONG = {'columns': 'the columns are not what they are named', 'times': 'the times are not UTC',
           'site': 'the site is wrong'}
@@ -153,6 +151,12 @@ class _Check:
         out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
         for other in others:
             self._compare(other, written, others, out)
+        elsewhere = _likeliest([fit for fit in others if fit.reading.elsewhere
+                                and fit.better_than(written)[0] > 1.0 / _ALIKE])
+        if not out.notes and elsewhere and elsewhere.better_than(written)[1] > -_AS_LIKELY:
+            out.notes.append(
+                f'{self.rows.where}{elsewhere.text} would fit as well, with {_sizes(elsewhere)} in '
+                f'place of {_sizes(written)}: make sure of the {elsewhere.reading.kind}')
         return out
 
     def _compare(self, other, written, others, out):
@@ -169,12 +173,7 @@ class _Check:
                     f'that they lack may do so too: make sure of the {other.reading.kind}')
             else:
                 out.alike.append(other.text)
-        elif other.reading.elsewhere:
-            if times > 1.0 / _ALIKE and likelier > _AS_LIKELY_ELSEWHERE:
-                out.notes.append(
-                    f'{self.rows.where}{other.text} would fit as well, with {_sizes(other)} in '
-                    f'place of {_sizes(written)}: make sure of the {other.reading.kind}')
-        elif times > 1.0 / _ALIKE or likelier > -_AS_LIKELY:
+        elif not other.reading.elsewhere and (times > 1.0 / _ALIKE or likelier > -_AS_LIKELY):
             out.alike.append(other.text)
 
     def _single(self):
@@ -275,7 +274,7 @@ def _likeliest(fits):
 
 def _sizes(fit):
     zero, tilt = (size / DEG for size in fit.sizes)
-    return f'a zero of {zero:.2g} deg and a tilt of {tilt:.2g}'
+    return f'a zero of {zero:.3g} deg and a tilt of {tilt:.3g}'
 
 
 def _size(arcsec):

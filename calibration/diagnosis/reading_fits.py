@@ -44,6 +44,8 @@ class Fit:
         The first zero that was taken off the readings before the fit, radians.
     sigma : ndarray, shape (2,)
         Noise of both axes, radians.
+    freedom : int
+        Offsets beyond what was fitted.
     misfit : float
         Mean logarithm of the noise, see `misfit`.
     lost : int
@@ -60,6 +62,7 @@ class Fit:
     places: tuple
     taken: float
     sigma: np.ndarray
+    freedom: int
     misfit: float
     lost: int
     zeros: tuple
@@ -84,8 +87,7 @@ class Fit:
         one size as of ten times that.
         """
         gain = other.misfit - self.misfit
-        likelier = 2.0 * min(len(self.places[0]), len(other.places[0])) * gain \
-            + _LOST * (other.lost - self.lost)
+        likelier = min(self.freedom, other.freedom) * gain + _LOST * (other.lost - self.lost)
         if self.reading.elsewhere:
             likelier += sum(np.clip(np.log(max(b, _SMALL) / max(a, _SMALL)), -_MOST_OF_SIZES,
                                     _MOST_OF_SIZES) for a, b in zip(self.sizes, other.sizes))
@@ -174,7 +176,7 @@ class ReadingFits:
         if not np.isfinite(sigma).all():
             return None
         tilt = np.hypot(*(values.get(self.names.named(name), 0.0) for name in ('AN', 'AW')))
-        return Fit(reading, places, zero, sigma, misfit(sigma, gain), lost,
+        return Fit(reading, places, zero, sigma, 2 * n - count, misfit(sigma, gain), lost,
                    (zero + values[index[0]], values[index[1]]), float(tilt), terms, self.names)
 
     def best(self, readings, near=10.0):
@@ -230,7 +232,8 @@ class ReadingFits:
     def _places(self, reading, centred):
         """Usable places of a reading, the first zero taken off, the log of its gain, rows lost."""
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
-            p = reading.places(*self.rows.columns, held=self.rows.held, lst=self.rows.lst)
+            p = reading.places(*self.rows.columns, held=self.rows.held, lst=self.rows.lst,
+                               sidereal=self.rows.sidereal)
             p = self._by_axes(p, reading)
             high = p.el if self._as_it_is else self._mount(reading).horizon_of(p.az, p.el)[1]
             good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])

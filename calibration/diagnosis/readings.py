@@ -96,7 +96,7 @@ class Reading:
         return (len(set(self.catalogue) | set(self.encoders)) + bool(self.offsets)
                 + self.exchanged)
 
-    def places(self, az, el, az_enc, el_enc, held=False, lst=None):
+    def places(self, az, el, az_enc, el_enc, held=False, lst=None, sidereal=False):
         """The columns set right.
 
         Parameters
@@ -108,13 +108,15 @@ class Reading:
             is then one of the catalogue.
         lst : ndarray, shape (n,), optional
             Sidereal time, radians, with a zero of its own.
+        sidereal : bool
+            It has none.
 
         Returns
         -------
         Places
         """
         if 'ascension' in (*self.catalogue, *self.encoders):
-            az, az_enc = self._from_ascension(az, az_enc, el_enc, lst)
+            az, az_enc = self._from_ascension(az, az_enc, el_enc, lst, sidereal)
         if held:
             x, y = np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi, el_enc - el
             x = x * np.cos(el)
@@ -137,12 +139,12 @@ class Reading:
                 az_enc, el_enc = through_pole(az_enc, el_enc, np.sin(az) < 0.0)
         return Places(az, el, az_enc, el_enc, scale * np.abs(reach) * np.ones(len(az)))
 
-    def _from_ascension(self, az, az_enc, el_enc, lst):
+    def _from_ascension(self, az, az_enc, el_enc, lst, sidereal):
         """Hour angles of both pairs, with the clock's zero where the other pair has them."""
         both = [lst - az if 'ascension' in self.catalogue else az,
                 lst - az_enc if 'ascension' in self.encoders else az_enc]
         away = both[1] - both[0] - np.where(is_beyond(el_enc), np.pi, 0.0)
-        if 'ascension' in self.catalogue and 'ascension' in self.encoders:
+        if sidereal or 'ascension' in self.catalogue and 'ascension' in self.encoders:
             return both
         zero = np.angle(np.exp(1j * away).mean())
         if 'ascension' in self.catalogue:
