@@ -1,79 +1,170 @@
-"""`telescope-mount night` stopped at any moment: is it said, is all gone, is the log readable?
+"""A night ended by signals, however it was started: is all gone, is the log whole?
 
-    python benchmarks/stops.py [--times N] [--seed N]
+    python benchmarks/stops.py [--times N] [--seed N] [--ways command,executables,run,launch]
 
-A night is timed; then nights are sent SIGINT and SIGTERM in turn at moments that are drawn from 0
-to its end. Each must end with 130 or 143 (0 where it was done already) and one line, leave no
-process and nothing in `/dev/shm`, and its log, where it was begun, must be one that
-`telescope-mount info` reads. In the first moments, until Python runs the command, the kernel or
-the interpreter ends it: these are counted apart. Then all processes of a night are killed with
-SIGKILL: what they leave in `/dev/shm` the next night must have taken away.
+Each row is a way to start and a signal, or one that comes twice, sent so many times at moments that
+are drawn from 0 to the end of a night: of the command as it was timed before, of others as much
+longer as they take (`LONGER`), where some moments find the plan done and the nodes still there.
+
+- command: `telescope-mount night`, as installed; it alone gets the signal;
+- executables: the nodes of a night, each the installed executable that `ros2 run` starts, all of
+  which get the signal, as from `systemctl stop` or a terminal;
+- run: the same under `ros2 run`, which alone get the signal and may pass it on;
+- launch: `ros2 launch telescope_mount night.launch.py`, which alone gets the signal.
+
+The last two need `ros2` on the PATH and the package in AMENT_PREFIX_PATH, else they are left out;
+where the package is there its executables are taken, else those beside this Python.
+
+A log, where it was begun, must be one that `telescope-mount info` calls whole. No process may be
+left, nothing in `/dev/shm`, and no traceback of ours in the output. `telescope-mount night` must
+say one line and end with 128 and the signal's number, or 0 where it was done. What ends while the
+interpreter starts, before it runs a line of the package, is counted apart ("early").
 """
 
 import argparse
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 import uuid
+from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import yaml
 
-NIGHT = ('--stars', '8', '--polaris', '4')
+from telescope_mount.dds import dds_environment
+from telescope_mount.domain import claim
+from telescope_mount.graph import night_graph
+from telescope_mount.threads import ONE_THREAD
+
+PLAN = ('--stars', '8', '--polaris', '4')
 TOKEN = 'TELESCOPE_MOUNT_STOPS'
 SHM = Path('/dev/shm')
 #: ports that belong to no domain stay to be used again, see `telescope_mount.shared_memory`
 PORT = re.compile(r'(sem\.)?fast(rtps|dds)_port(\d+)')
-END = 60.0  # s
+END, GONE = 60.0, 5.0  # s
+#: s between two signals
+APART = 0.1
+SIGNALS = ('TERM', 'HUP', 'INT', 'TERM TERM', 'INT INT', 'HUP TERM')
+WAYS = ('command', 'executables', 'run', 'launch')
+#: how much longer than by the command a night takes where each node starts an interpreter
+LONGER = {'command': 1.0, 'executables': 2.0, 'run': 3.0, 'launch': 2.5}
+NAMESPACE = '/mount'
 
 
-class Night:
-    """One run of the command, whose processes are known by a word in their environment."""
+def prefix():
+    """Of the package as colcon built it, None where it is not there."""
+    return next((Path(path) for path in os.environ.get('AMENT_PREFIX_PATH', '').split(':')
+                 if path and Path(path, 'lib/telescope_mount').is_dir()), None)
 
-    def __init__(self, out, *options):
-        self.word, self.out = uuid.uuid4().hex, out
+
+def executable(name):
+    """Path of an installed executable."""
+    found = prefix()
+    return str(found / 'lib/telescope_mount' / name if found else Path(sys.executable).with_name(
+        name))
+
+
+class Started:
+    """What was started, whose processes are known by a word in their environment.
+
+    Parameters
+    ----------
+    way : str
+        One of `WAYS`.
+    folder : Path
+        For all that it writes.
+    """
+
+    def __init__(self, way, folder):
+        self.word, self.folder = uuid.uuid4().hex, folder
+        self.lock = None if way == 'command' else claim()
+        self.environment = os.environ | {TOKEN: self.word}
+        if self.lock:
+            self.environment |= dds_environment(self.lock.number) | ONE_THREAD | {
+                'ROS_DOMAIN_ID': str(self.lock.number), 'ROS_LOG_DIR': str(folder / 'ros')}
+        self.bag = folder / 'night' / 'bag'
         self.began = time.monotonic()
-        self.child = subprocess.Popen(
-            [sys.executable, '-m', 'telescope_mount.cli', 'night', *NIGHT, '--out', str(out),
-             *options], env=os.environ | {TOKEN: self.word}, text=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            # a benchmark in the background of a script ignores Ctrl-C, and its children would too
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+        self.children = [self._start(number, words) for number, words in enumerate(
+            getattr(self, way)())]
+
+    def _start(self, number, words):
+        with open(self.folder / f'{number}.out', 'w') as out:
+            return subprocess.Popen(
+                words, env=self.environment, stdin=subprocess.DEVNULL, stdout=out,
+                stderr=subprocess.STDOUT,
+                # a benchmark in the background of a script ignores Ctrl-C, as its children would
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+
+    def command(self):
+        return [[executable('telescope-mount'), 'night', *PLAN, '--out',
+                 str(self.folder / 'night')]]
+
+    def executables(self, begin=None):
+        """Of the nodes of a night, with their parameters."""
+        self.bag.parent.mkdir()
+        for spec in night_graph(bag=str(self.bag)):
+            params = self.folder / f'{spec.name}.yaml'
+            params.write_text(yaml.safe_dump(
+                {spec.full_name: {'ros__parameters': spec.parameters}}))
+            words = begin(spec.name) if begin else [executable(spec.name)]
+            yield [*words, '--ros-args', '-r', f'__ns:={NAMESPACE}', *(
+                ['--params-file', str(params)] if spec.parameters else [])]
+
+    def run(self):
+        return self.executables(lambda name: ['ros2', 'run', 'telescope_mount', name])
+
+    def launch(self):
+        self.bag.parent.mkdir()
+        return [['ros2', 'launch', 'telescope_mount', 'night.launch.py', f'bag:={self.bag}',
+                 'display:=false', 'stars:=8', 'polaris:=4']]
 
     def processes(self):
         """Ids of all that belong to it."""
         found = []
         for entry in filter(str.isdigit, os.listdir('/proc')):
-            try:
+            with suppress(OSError):
                 if self.word.encode() in Path(f'/proc/{entry}/environ').read_bytes():
                     found.append(int(entry))
-            except OSError:
-                continue
         return found
 
     def after(self, seconds):
-        """Wait until so long after its begin; whether it still runs."""
-        try:
-            self.child.wait(max(0.0, self.began + seconds - time.monotonic()))
-        except subprocess.TimeoutExpired:
-            return True
-        return False
+        """Wait until so long after its begin, or until its first has ended."""
+        with suppress(subprocess.TimeoutExpired):
+            self.children[0].wait(max(0.0, self.began + seconds - time.monotonic()))
+
+    def send(self, number):
+        """A signal to what was started, and to nothing that that has started."""
+        for child in self.children:
+            child.send_signal(number)
 
     def end(self):
-        """Exit code, and the lines of stderr."""
-        _, err = self.child.communicate(timeout=END)
-        return self.child.returncode, err.splitlines()
-
-    def left(self):
-        """Processes that are there 2 s after its end."""
-        end = time.monotonic() + 2.0
-        while (found := self.processes()) and time.monotonic() < end:
+        """Exit codes, and what each said."""
+        codes = []
+        for child in self.children:
+            try:
+                codes.append(child.wait(END))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                codes.append('killed')
+                child.wait()
+        end = time.monotonic() + GONE
+        while (left := self.processes()) and time.monotonic() < end:
             time.sleep(0.02)  # nothing tells when an orphan has gone
-        return found
+        for pid in left:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        if self.lock:
+            self.lock.release()
+        texts = [(self.folder / f'{number}.out').read_text(errors='replace')
+                 for number in range(len(self.children))]
+        return codes, texts, left
 
 
 def names():
@@ -90,102 +181,132 @@ def in_use(processes=None):
     """Names in `/dev/shm` that a process, by default any, has mapped or open."""
     found = set()
     for entry in filter(str.isdigit, os.listdir('/proc')) if processes is None else processes:
-        try:
+        with suppress(OSError):
             found |= set(re.findall(r'/dev/shm/(\S+)', Path(f'/proc/{entry}/maps').read_text()))
             for file in os.listdir(f'/proc/{entry}/fd'):
                 place = os.readlink(f'/proc/{entry}/fd/{file}')
                 if place.startswith('/dev/shm/'):
                     found.add(place.removeprefix('/dev/shm/'))
-        except OSError:
-            continue
     return found
 
 
-def readable(out):
-    """What `telescope-mount info` says of the log: exit code, None where there is none."""
-    if not list(Path(out).glob('bag/*.mcap')):
+def closed(bag):
+    """Whether `telescope-mount info` calls a log whole; None where there is none."""
+    if not list(bag.glob('*.mcap')):
         return None
-    return subprocess.run([sys.executable, '-m', 'telescope_mount.cli', 'info', str(out / 'bag')],
-                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+    return subprocess.run([sys.executable, '-m', 'telescope_mount.cli', 'info', str(bag)],
+                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode == 0
 
 
-def stopped(folder, number, moment):
-    """One night that gets a signal; what is wrong, a list of sentences, and what it said."""
-    night = Night(folder / 'night')
+def early(text):
+    """Whether Python itself was told to end, on its way to the package."""
+    return 'KeyboardInterrupt' in text and 'in main' not in text
+
+
+def stopped(way, told, folder, moment):
+    """One night that gets signals; what is wrong, a list of sentences, and facts."""
+    night = Started(way, folder)
     night.after(moment)
     own = in_use(night.processes())
-    night.child.send_signal(number)
-    own |= in_use(night.processes())
-    code, lines = night.end()
-    took = time.monotonic() - night.began - moment
+    for number in told:
+        night.send(number)
+        own |= in_use(night.processes())
+        time.sleep(APART)
+    at = time.monotonic()
+    codes, texts, left = night.end()
+    took = time.monotonic() - at
     wrong = []
-    early = not night.out.exists() and (code == -number or 'KeyboardInterrupt' in lines[-1:])
-    if code not in (0, 128 + number) and not early:
-        wrong.append(f'code {code}')
-    if len(lines) != (code != 0) and not early:
-        wrong.append(f'{len(lines)} lines said: {lines[-1:]}')
-    if left := night.left():
-        wrong.append(f'processes left: {left}')
+    begun = [text for text in texts if not early(text)]
+    traces = [text for text in begun if 'Traceback' in text and 'telescope_mount' in text]
+    if traces:
+        wrong.append(f'{len(traces)} tracebacks: {traces[0].strip().splitlines()[-1]}')
+    if way == 'command':
+        lines = [line for line in texts[0].splitlines() if 'ended by' in line]
+        before = not (folder / 'night').exists() and codes[0] < 0
+        if codes[0] not in (0, *(128 + number for number in told)) and not before and begun:
+            wrong.append(f'code {codes[0]}')
+        elif codes[0] > 0 and len(lines) != 1 and begun:
+            wrong.append(f'{len(lines)} lines said')
+    if left:
+        wrong.append(f'{len(left)} processes left')
     if new := own & names() - in_use():
         wrong.append(f'in /dev/shm: {sorted(new)}')
-    log = readable(folder / 'night')
-    if log not in (None, 0):
-        wrong.append(f'info: code {log}')
-    return {'code': code, 'wrong': wrong, 'lines': lines, 'log': log, 'took': took,
-            'early': early}
+    log = closed(night.bag)
+    if log is False:
+        wrong.append('the log is not closed')
+    return wrong, {'log': log, 'took': took, 'early': len(begun) < len(texts) or (
+        way == 'command' and codes[0] in [-number for number in told])}
 
 
 def killed(folder, moment):
     """All of a night killed: files left in `/dev/shm`, and of these after the next night."""
-    night = Night(folder / 'night')
+    night = Started('command', folder / 'first')
     night.after(moment)
     own = in_use(night.processes())
     for process in night.processes():
-        try:
+        with suppress(ProcessLookupError):  # with its parent
             os.kill(process, signal.SIGKILL)
-        except ProcessLookupError:
-            continue  # with its parent
     night.end()
-    night.left()
     left = own & names() - in_use()
-    Night(folder / 'next').end()
-    return left, left & (names() - in_use()), readable(folder / 'night')
+    Started('command', folder / 'next').end()
+    return len(left), len(left & (names() - in_use())), closed(night.bag)
+
+
+def length():
+    """Seconds of a night by the command that nobody disturbs."""
+    with tempfile.TemporaryDirectory() as place:
+        night = Started('command', Path(place))
+        night.end()
+        return time.monotonic() - night.began
+
+
+def row(way, words, moments):
+    """One row of the table, printed."""
+    told = [signal.Signals[f'SIG{word}'] for word in words.split()]
+    counts, problems, took = Counter(), [], []
+    for moment in moments:
+        with tempfile.TemporaryDirectory() as place:
+            wrong, facts = stopped(way, told, Path(place), moment)
+        counts['good'] += not wrong
+        counts['early'] += facts['early']
+        counts['logs'] += facts['log'] is not None
+        took.append(facts['took'])
+        problems += [f'at {moment:.2f} s: {text}' for text in wrong]
+    print(f'| {way} | {words} | {counts["good"]} of {len(moments)} | {counts["logs"]} | '
+          f'{counts["early"]} | {np.median(took):.1f}, {max(took):.1f} | '
+          f'{"; ".join(problems)} |', flush=True)
 
 
 def main():
-    """Print a line a night, and the sums."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--times', type=int, default=24)
+    parser.add_argument('--times', type=int, default=10, help='moments of a row (default: 10)')
+    parser.add_argument('--ways', default=','.join(WAYS))
+    parser.add_argument('--signals', default=','.join(SIGNALS))
     parser.add_argument('--kills', type=int, default=2, help='nights killed with SIGKILL')
-    parser.add_argument('--until', type=float, help='the last moment, s; default: of a night')
+    parser.add_argument('--until', type=float, help='the last moment of the command, s; default: of a night')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)
-    with tempfile.TemporaryDirectory() as place:
-        night = Night(Path(place) / 'night')
-        code, lines = night.end()
-        length = time.monotonic() - night.began
-        print(f'undisturbed: code {code}, {length:.1f} s {lines}', flush=True)
-    good = early = 0
-    for i in range(args.times):
-        number = (signal.SIGINT, signal.SIGTERM)[i % 2]
-        moment = rng.uniform(0.0, args.until or length)
+    ways = [way for way in args.ways.split(',') if way in ('command', 'executables')
+            or (shutil.which('ros2') and prefix())]
+    took = args.until or length()
+    until = {way: took * LONGER[way] for way in ways}
+    print('moments: ' + ', '.join(f'{way} to {took:.1f} s' for way, took in until.items()))
+    print('\n| way | signal | as it must be | logs begun | early | ended after, s: median, most | '
+          'what was wrong |\n| --- | --- | --- | --- | --- | --- | --- |')
+    for way in ways:
+        for words in args.signals.split(',') + ['KILL'] * (way in ('run', 'launch')):
+            row(way, words, rng.uniform(0.0, until[way], args.times))
+    for _ in range(args.kills if 'command' in until else 0):
+        moment = rng.uniform(0.3, 1.0) * until['command']
         with tempfile.TemporaryDirectory() as place:
-            found = stopped(Path(place), number, moment)
-        good += not found['wrong']
-        early += found['early']
-        log = {None: 'no log', 0: 'log readable'}.get(found['log'], 'log not readable')
-        print(f'{number.name:8}{moment:6.2f} s: code {found["code"]:4}, ended after '
-              f'{found["took"]:5.2f} s, {log}; '
-              f'{"; ".join(found["wrong"]) or " ".join(found["lines"])}', flush=True)
-    print(f'{good} of {args.times} as they must be; {early} ended before the command ran')
-    for _ in range(args.kills):
-        moment = rng.uniform(0.3, 1.0) * length
-        with tempfile.TemporaryDirectory() as place:
+            for name in ('first', 'next'):
+                Path(place, name).mkdir()
             left, still, log = killed(Path(place), moment)
-        print(f'SIGKILL {moment:6.2f} s: {len(left)} files left in /dev/shm, {len(still)} after '
-              f'the next night; info: {log}', flush=True)
+        print(f'all killed at {moment:.2f} s: {left} files left in /dev/shm, {still} after the '
+              f'next night; log closed: {log}', flush=True)
 
 
 if __name__ == '__main__':
