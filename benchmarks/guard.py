@@ -22,12 +22,13 @@ import argparse
 import time
 
 import numpy as np
-from guard_drives import KNOTS, Many, Setting, carry_out, hermite
+from guard_drives import CORNERS, KNOTS, Many, Setting, carry_out, hermite
 
 from msg_tools.units import DEG
 from pointing_model.guard.judging import Judge
-from pointing_model.guard.limits import Axis, Horizon, Limits, travel_of
+from pointing_model.guard.limits import Axis, Limits, travel_of
 from pointing_model.guard.motion import State
+from pointing_model.guard.skyline import Horizon
 from pointing_model.guard.sun import Sun
 from pointing_model.guard.verdicts import Allowed
 from pointing_model.guard.way import lead, stopped
@@ -67,8 +68,7 @@ def setting(rng, number):
         travel = travel + rng.uniform(0.0, 60.0, (2, 2)) * [1.0, -1.0] * DEG * (0.5, 0.3)
     corners = np.zeros((0, 2))
     if rng.random() < 0.5:
-        az = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(2, 12)))
-        corners = np.column_stack([az, rng.uniform(0.0, 35.0, len(az)) * DEG])
+        corners = skyline(rng)
     least = rng.uniform(0.0, 20.0) * DEG
     away = rng.uniform(10.0, 40.0) * DEG if rng.random() < 0.7 else 0.0
     timing = rng.uniform(0.3, 1.0) if rng.random() < 0.9 else 0.0
@@ -83,6 +83,18 @@ def setting(rng, number):
         own.sky = (None, None)
     own.found = None
     return own
+
+
+def skyline(rng):
+    """Corners, rad, (n, 2): some straight between them, some with walls, some in steps."""
+    az = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(2, 12)))
+    kind = rng.integers(0, 3)
+    if kind:  # at each wall one corner on either side of it
+        az = np.repeat(az[np.append(np.diff(az) > 2.0 * DEG, True)][:CORNERS // 2], 2)
+    el = rng.uniform(0.0, 35.0, len(az)) * DEG
+    if kind == 2:
+        el[1::2] = np.roll(el[::2], -1)  # level between walls
+    return np.column_stack([az, el])
 
 
 def places(rng, own, count, margin):

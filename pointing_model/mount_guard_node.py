@@ -18,8 +18,9 @@ from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
 from .guard.keeper import ERROR, STILL, WARN, Keeper
-from .guard.limits import Axis, Horizon, Limits, parse_horizon, parse_pair, travel_of
+from .guard.limits import Axis, Limits, parse_pair, travel_of
 from .guard.settings import Settings
+from .guard.skyline import Horizon, parse_horizon
 from .guard.sun import Sun, sun_place
 from .observing.allowed_sky import PLACE, rows_of
 from .observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE

@@ -1,7 +1,5 @@
 """Where the axes and the tube may be, and how fast."""
 
-import math
-import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,10 +8,9 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from ..mounts import ALTAZ, Mount
+from .skyline import Horizon
 
 _TURN = 2.0 * np.pi
-#: steps of azimuth in which a horizon is kept, each with the highest that is in it
-_STEPS = 1440
 #: travel of the axes where nothing else is said, deg: first and second axis
 TRAVEL_DEG = {
     'altaz': ((-270.0, 270.0), (-5.0, 95.0)),
@@ -56,75 +53,6 @@ class Axis(NamedTuple):
     high: float
     rate: float
     acceleration: float
-
-
-class Horizon:
-    """The lowest elevation at each azimuth.
-
-    Parameters
-    ----------
-    least : float
-        Everywhere, rad.
-    points : sequence of (float, float)
-        Azimuth and elevation of the corners of a higher skyline, rad; straight between them, all
-        round.
-
-    Attributes
-    ----------
-    top : float
-        The highest of it, rad.
-    """
-
-    def __init__(self, least, points=()):
-        self.least, self.points = least, tuple(points)
-        self.flat = not self.points
-        self.top = max([least, *(el for _, el in self.points)])
-        if self.flat:
-            return
-        az, el = np.array(sorted((az % _TURN, el) for az, el in self.points)).T
-        self._az = np.concatenate([[az[-1] - _TURN], az, [az[0] + _TURN]])
-        self._el = np.concatenate([[el[-1]], el, [el[0]]])
-        self._step = _TURN / _STEPS
-        edges = self.at(np.arange(_STEPS + 1) * self._step)
-        highest = np.maximum(edges[:-1], edges[1:])
-        np.maximum.at(highest, (az / self._step).astype(int) % _STEPS, np.maximum(el, least))
-        # maxima of 1, 2, 4 ... steps from each one on
-        rows = [np.tile(highest, 3)]
-        for k in range(int(np.log2(_STEPS))):
-            rows.append(np.maximum(rows[-1], np.roll(rows[-1], -2**k)))
-        self._highest = np.array(rows)
-
-    def at(self, az):
-        """Lowest elevation at azimuths (rad), rad."""
-        if self.flat:
-            return np.full(np.shape(az), self.least)
-        return np.maximum(np.interp(np.mod(az, _TURN), self._az, self._el), self.least)
-
-    def over(self, az):
-        """As `at`, of one azimuth: a float."""
-        return self.least if self.flat else float(self.at(az))
-
-    def highest(self, az, half):
-        """The largest `at` within `half` of azimuths; both of shape (n,), rad."""
-        if self.flat:
-            return self.least
-        first = np.floor((az - half) / self._step).astype(int)
-        count = np.minimum(np.floor((az + half) / self._step).astype(int) - first + 1, _STEPS)
-        first = np.mod(first, _STEPS)
-        level = np.log2(count).astype(int)
-        return np.maximum(self._highest[level, first],
-                          self._highest[level, first + count - 2**level])
-
-
-    def highest_between(self, first, last):
-        """The largest `at` between two azimuths, floats, rad."""
-        if self.flat:
-            return self.least
-        begin = math.floor(first / self._step)
-        count = min(math.floor(last / self._step) - begin + 1, _STEPS)
-        level, begin = count.bit_length() - 1, begin % _STEPS
-        row = self._highest[level]
-        return float(max(row[begin], row[begin + count - 2**level]))
 
 
 @dataclass(frozen=True)
@@ -191,46 +119,6 @@ class Limits:
                                  f'{axis.high / DEG:g} deg: give the smaller end first')
             if not (axis.rate > 0.0 and axis.acceleration > 0.0):
                 raise ValueError(f'speed and acceleration of the {word} must be above 0')
-
-
-def parse_horizon(text):
-    """Corners of a skyline.
-
-    Parameters
-    ----------
-    text : str
-        ``0 12, 45 20.5, 180 8``: azimuth and elevation of each corner, deg; or a file with a
-        corner on each line. Empty: none.
-
-    Returns
-    -------
-    list of (float, float)
-        rad.
-
-    Raises
-    ------
-    ValueError, OSError
-        One line: what is wrong.
-    """
-    text = text.strip()
-    if not text:
-        return []
-    if re.search(r'[^\d\s.,;+\-eE]', text):
-        with open(text, encoding='utf-8') as file:
-            text = ','.join(line.partition('#')[0] for line in file)
-    points = []
-    for corner in re.split(r'[;,\n]', text):
-        if not corner.strip():
-            continue
-        try:
-            az, el = (float(part) for part in corner.split())
-        except ValueError:
-            raise ValueError(f'corner {corner.strip()!r} of the horizon: give azimuth and '
-                             'elevation in degrees, as 45 20.5') from None
-        if not (-360.0 <= az <= 360.0 and -90.0 <= el <= 90.0):
-            raise ValueError(f'corner {corner.strip()!r} of the horizon: no azimuth and elevation')
-        points.append((az * DEG, el * DEG))
-    return points
 
 
 def parse_pair(text, names='two numbers'):

@@ -6,7 +6,8 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from ..guard.limits import Horizon, parse_horizon, parse_pair
+from ..guard.limits import parse_pair
+from ..guard.skyline import Horizon, parse_horizon
 from ..guard.sun import Sun
 
 #: a star keeps so far from horizon and ends of travel, and from the Sun, which moves while it is
@@ -96,7 +97,8 @@ class AllowedSky(NamedTuple):
         -------
         ndarray of bool, shape (n,)
         """
-        up = el >= self.horizon.at(az) + NEAR
+        beside = NEAR / np.maximum(np.cos(el), NEAR / np.pi)
+        up = el >= self.horizon.highest(az, beside) + NEAR
         if not self.distance:
             return up
         place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)

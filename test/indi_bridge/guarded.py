@@ -8,8 +8,9 @@ import numpy as np
 from indi_bridge.driver import MountDriver
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.guard.goto import GotoKeeper
-from pointing_model.guard.limits import Axis, Horizon, Limits
+from pointing_model.guard.limits import Axis, Limits
 from pointing_model.guard.settings import Settings
+from pointing_model.guard.skyline import Horizon
 from pointing_model.guard.sun import Sun
 from pointing_model.observing.pointing import Track
 from pointing_model.sky import DEFAULT_SITE

@@ -9,8 +9,9 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.guard.goto import LONGEST, STOP, GotoKeeper
-from pointing_model.guard.limits import Axis, Horizon, Limits
+from pointing_model.guard.limits import Axis, Limits
 from pointing_model.guard.settings import Settings
+from pointing_model.guard.skyline import Horizon
 from pointing_model.guard.sun import Sun
 from pointing_model.guard.track import Cubic
 from pointing_model.mounts import Mount

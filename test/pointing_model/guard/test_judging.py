@@ -5,15 +5,9 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.guard.judging import Judge
-from pointing_model.guard.limits import (
-    Axis,
-    Horizon,
-    Limits,
-    parse_horizon,
-    safe_travel,
-    travel_of,
-)
+from pointing_model.guard.limits import Axis, Limits, safe_travel, travel_of
 from pointing_model.guard.motion import Slew, State
+from pointing_model.guard.skyline import Horizon, parse_horizon
 from pointing_model.guard.sun import Sun, sun_place, turned
 from pointing_model.guard.track import Cubic
 from pointing_model.guard.verdicts import Allowed, Refused

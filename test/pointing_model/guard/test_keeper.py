@@ -7,9 +7,10 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.guard.keeper import Keeper
-from pointing_model.guard.limits import Axis, Horizon, Limits, travel_of
+from pointing_model.guard.limits import Axis, Limits, travel_of
 from pointing_model.guard.rest import braked, ended
 from pointing_model.guard.settings import Settings
+from pointing_model.guard.skyline import Horizon
 from pointing_model.guard.sun import Sun
 from pointing_model.guard.track import Cubic
 from pointing_model.mounts import Mount as Places

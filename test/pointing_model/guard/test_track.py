@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG
-from pointing_model.guard.limits import Axis, Horizon
+from pointing_model.guard.limits import Axis
 from pointing_model.guard.motion import Slew, State, moment, plan_move
 from pointing_model.guard.track import Cubic, resting
 
@@ -63,15 +63,3 @@ def test_of_a_slew_each_stretch_holds_all_drives_going_and_braking(seed):
                 stop = places[:, 0] + places[:, 1] * np.abs(places[:, 1]) / (
                     2.0 * axis.acceleration)
                 assert low < stop.min() and stop.max() < high
-
-
-def test_the_highest_of_a_skyline_between_two_azimuths_is_none_lower():
-    rng = np.random.default_rng(4)
-    for _ in range(20):
-        horizon = Horizon(0.1, list(zip(rng.uniform(0.0, 6.28, 5), rng.uniform(0.0, 0.6, 5))))
-        first = rng.uniform(-10.0, 10.0)
-        last = first + rng.uniform(0.0, 7.0)
-        dense = horizon.at(np.linspace(first, last, 2000)).max()
-        wider = horizon.at(np.linspace(first - 0.01, last + 0.01, 2000)).max()
-        assert dense <= horizon.highest_between(first, last) <= wider + 0.01
-    assert Horizon(0.3).highest_between(0.0, 1.0) == 0.3

@@ -1,0 +1,208 @@
+"""The skyline about a mount: the lowest elevation at each azimuth, from its corners."""
+
+import re
+from bisect import bisect_left, bisect_right
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+
+_TURN = 2.0 * np.pi
+#: azimuths that differ by less are one; a wall counts so far beside itself, rad
+ONE, BESIDE = 1e-8, 1e-9
+#: azimuths that fall, as written, by less than a quarter of a turn do not rise through north, rad
+WIDE = 270.0 * DEG - ONE
+
+
+class Horizon:
+    """The lowest elevation at each azimuth.
+
+    Parameters
+    ----------
+    least : float
+        Everywhere, rad.
+    points : sequence of (float, float)
+        Azimuth and elevation of the corners of a higher skyline, rad, in one direction around the
+        horizon from any azimuth on; straight between them, and from the last to the first. Corners
+        at one azimuth are a wall, on which the highest of them counts.
+
+    Attributes
+    ----------
+    top : float
+        The highest of it, rad.
+
+    Raises
+    ------
+    ValueError
+        The corners go back and forth in azimuth, or more than once around.
+    """
+
+    def __init__(self, least, points=()):
+        self.least, self.points = least, tuple(points)
+        self.flat = not self.points
+        self.top = max([least, *(el for _, el in self.points)])
+        if self.flat:
+            return
+        az, el = _with_walls(unwrapped(self.points))
+        order = np.argsort(np.mod(az, _TURN))
+        az, el = np.mod(az, _TURN)[order], el[order]
+        self._az = np.concatenate([[az[-1] - _TURN], az, [az[0] + _TURN]])
+        self._el = np.concatenate([[el[-1]], el, [el[0]]])
+        # of two turns, maxima of 1, 2, 4 ... corners from each one on
+        self._corners = np.concatenate([az, az + _TURN])
+        self._corner_list = self._corners.tolist()
+        rows = [np.tile(el, 2)]
+        for k in range(int(np.log2(len(rows[0])))):
+            rows.append(np.maximum(rows[-1], np.roll(rows[-1], -2**k)))
+        self._highest = np.array(rows)
+
+    def at(self, az):
+        """Lowest elevation at azimuths (rad), rad."""
+        if self.flat:
+            return np.full(np.shape(az), self.least)
+        return np.maximum(np.interp(np.mod(az, _TURN), self._az, self._el), self.least)
+
+    def over(self, az):
+        """As `at`, of one azimuth: a float."""
+        return self.least if self.flat else float(self.at(az))
+
+    def highest(self, az, half):
+        """The largest `at` within `half` of azimuths; both of shape (n,), rad."""
+        if self.flat:
+            return self.least
+        half = np.minimum(half, np.pi)
+        begin = np.mod(az - half, _TURN)
+        end = begin + 2.0 * half
+        top = np.maximum(self.at(begin), self.at(end))
+        first = np.searchsorted(self._corners, begin, 'left')
+        count = np.searchsorted(self._corners, end, 'right') - first
+        level = np.log2(np.maximum(count, 1)).astype(int)
+        last = np.maximum(first + count - 2**level, 0)
+        first = np.minimum(first, len(self._corners) - 1)
+        between = np.maximum(self._highest[level, first], self._highest[level, last])
+        return np.where(count > 0, np.maximum(top, between), top)
+
+    def highest_between(self, first, last):
+        """The largest `at` between two azimuths, floats, rad."""
+        if self.flat or last - first >= _TURN:
+            return self.top
+        begin = first % _TURN
+        end = begin + last - first
+        top = float(self.at(np.array([begin, end])).max())
+        i, j = bisect_left(self._corner_list, begin), bisect_right(self._corner_list, end)
+        if i == j:
+            return top
+        level = (j - i).bit_length() - 1
+        row = self._highest[level]
+        return float(max(top, row[i], row[j - 2**level]))
+
+
+def unwrapped(points):
+    """Corners of a skyline with azimuths that never go back.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Azimuth and elevation of each, rad, as they were given.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Azimuths rise from the first on, within one turn.
+
+    Raises
+    ------
+    ValueError
+        No direction around the horizon has them one after the other.
+    """
+    points = np.array(points, float)
+    steps = np.diff(points[:, 0])
+    rising, falling = (bool(np.all(sense * steps > -ONE)) for sense in (1.0, -1.0))
+    if rising and steps.sum() < _TURN + ONE:
+        return points
+    ways = []
+    if not (rising or falling and steps.sum() < -_TURN - ONE):
+        back = points[::-1]
+        ways = [way for way in (_along(points), back if falling else _along(back))
+                if way is not None]
+    # of two azimuths alone either way leads on: the one with the shorter steps is meant
+    longest = [np.diff(way[:, 0]).max(initial=0.0) for way in ways]
+    if ways and not (len(ways) == 2 and np.ptp(longest) < ONE < longest[0] - np.pi):
+        return ways[int(np.argmin(longest))]
+    steps = wrap(steps)
+    turned = steps * (np.sign(np.sign(steps).sum()) or 1.0) < -ONE
+    az, el = points[int(np.argmax(turned)) + 1 if turned.any() else -1] / DEG
+    raise ValueError(f'corner {az:g} {el:g} of the horizon: azimuths go back and forth, or more '
+                     'than once around; give the corners in one direction around the horizon')
+
+
+def _along(points):
+    """Corners with azimuths that rise, None where that takes more than one turn."""
+    steps = np.diff(points[:, 0])
+    onward = np.mod(steps, _TURN)
+    onward[(onward < ONE) | (onward > _TURN - ONE)] = 0.0
+    if onward.sum() > _TURN + ONE or np.any(onward[steps < 0.0] > WIDE):
+        return None
+    return np.column_stack([points[0, 0] + np.append(0.0, np.cumsum(onward)), points[:, 1]])
+
+
+def _with_walls(points):
+    """Azimuths, strictly rising, and elevations of a skyline; walls are steep ramps outside."""
+    az, el = [], []
+    turns = np.flatnonzero(np.diff(points[:, 0]) >= ONE) + 1
+    groups = np.split(points, turns)
+    if len(groups) > 1 and groups[-1][0, 0] - groups[0][0, 0] > _TURN - ONE:
+        last = groups.pop()  # it closes where it begins
+        groups[0] = np.concatenate([last - [_TURN, 0.0], groups[0]])
+    for group in groups:
+        at, heights = group[0, 0], group[:, 1]
+        if np.ptp(heights) == 0.0:
+            az.append(at)
+            el.append(heights[0])
+            continue
+        top = heights.max()
+        az += [at - 2.0 * BESIDE, at - BESIDE, at + BESIDE, at + 2.0 * BESIDE]
+        el += [heights[0], top, top, heights[-1]]
+    return np.array(az), np.array(el)
+
+
+def parse_horizon(text):
+    """Corners of a skyline.
+
+    Parameters
+    ----------
+    text : str
+        ``0 12, 45 20.5, 180 8``: azimuth and elevation of each corner, deg; or a file with a
+        corner on each line. Empty: none.
+
+    Returns
+    -------
+    list of (float, float)
+        rad.
+
+    Raises
+    ------
+    ValueError, OSError
+        One line: what is wrong.
+    """
+    text = text.strip()
+    if not text:
+        return []
+    if re.search(r'[^\d\s.,;+\-eE]', text):
+        with open(text, encoding='utf-8-sig') as file:
+            text = ','.join(line.partition('#')[0] for line in file)
+    points = []
+    for corner in re.split(r'[;,\n]', text):
+        if not corner.strip():
+            continue
+        try:
+            az, el = (float(part) for part in corner.split())
+        except ValueError:
+            raise ValueError(f'corner {corner.strip()!r} of the horizon: give azimuth and '
+                             'elevation in degrees, as 45 20.5') from None
+        if not (-360.0 <= az <= 360.0 and -90.0 <= el <= 90.0):
+            raise ValueError(f'corner {corner.strip()!r} of the horizon: no azimuth and elevation')
+        points.append((az * DEG, el * DEG))
+    if points:
+        unwrapped(points)
+    return points
