@@ -25,7 +25,7 @@ from calibration.diagnosis import MistakenColumns, check_columns, diagnose
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.run import PointingRun
-from pointing_model.run_files import NoUsableRow, read_run, write_csv
+from pointing_model.run_files import NoUsableRow, read_run
 from pointing_model.terms import PHYSICAL
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -91,7 +91,8 @@ def telescopes(data):
 
 def through_a_file(columns, path):
     """As a user's file is read: degrees, and rows that the reader leaves out."""
-    write_csv(PointingRun(dict(zip(NAMES, columns))), path)
+    rows = np.degrees(np.column_stack(columns))  # as they are: `write_csv` has places on the sky
+    np.savetxt(path, rows, '%.12f', ',', header='az_deg,el_deg,az_enc_deg,el_enc_deg', comments='')
     return read_run(path)
 
 

@@ -21,6 +21,7 @@ _CLOCKS = 4  # of other clocks and sites
 _STEEPEST = 20.0 * DEG  # terms beyond, but for the zeros, belong to no mount
 _HALF_A_QUARTER = 45.0 * DEG  # the second zero of a reading: beyond, it is another reading
 _LIMITS = (-5.0 * DEG, 90.1 * DEG)
+_HOPELESS = 5.0 * DEG  # left in first order, far more than steep terms leave
 _ZENITH = 89.0 * DEG  # no run has most of its rows beyond
 _ONE_SIDE = 0.99  # length of the mean of unit vectors of the first axis' offsets: all alike
 _LOST = 7.0  # log-likelihood of a row that a reading has where no telescope looks
@@ -286,6 +287,8 @@ class ReadingFits:
         except (ValueError, np.linalg.LinAlgError):
             return -np.inf
         sigma = [scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)]
+        if np.hypot(*sigma) > _HOPELESS:
+            return np.inf
         if reading.offsets and not _explained(places, zero, sigma, 0.3 * _OFFSETS_LIKELIER):
             return np.inf
         return misfit(sigma, gain)
