@@ -1,8 +1,9 @@
 """Observations that are written twice: in one file, in several, in a log and in what it played.
 
 Two rows are one observation where time and readings agree to the digits of the one that has fewer;
-without the time of both, places and readings. Rows of one star seconds after one another differ in
-their time.
+without the time of both, places and readings; of two files also UTC and places, as in a log, of
+which the zeros are taken off, and in the file that its night wrote. Rows of one star seconds after
+one another differ in their time.
 """
 
 from pathlib import PurePath
@@ -11,11 +12,15 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
+#: how the reason begins for which a copy is left out
+SAME = 'the same as '
 #: what angles (degrees; arcseconds; seconds of time) and times (s) may be rounded to, coarse first
 _ANGLES = sorted([*(10.0**-k for k in range(3, 10)), *(10.0**-k / 3600.0 for k in range(4)),
                   *(15.0 * 10.0**-k / 3600.0 for k in range(1, 4))], reverse=True)
-_TIMES = (1.0, 0.1, 0.01, 1e-3, 1e-6)
+_TIMES = (1.0, 0.1, 0.01, 1e-3, 4e-6)
 _MINUTE = 60.0
+_CLOCK = 1e8  # s: times below are of a clock of one's own
+_OF_ANGLES, _OF_TIMES = 1e-11, 5e-7  # deg, s: of numbers in memory
 _SAME_FIELD = 0.1  # deg: places of one observation, by whatever refraction
 _BESIDE = 64  # rows nearby in the order of their readings that each is compared with
 
@@ -39,59 +44,72 @@ def copies(columns, source=None):
     place = np.array([columns['az'], columns['el']], float) / DEG
     n = place.shape[1]
     time = np.asarray(columns.get('time', np.full(n, np.nan)), float)
-    units = [_unit(reading, _ANGLES), _unit(place, _ANGLES), _time_unit(time, source)]
-    # neighbours in readings are neighbours in this, over north too
-    along = reading[1] + np.degrees(np.e * np.cos(np.radians(reading[0]) - 1.0))
-    rows = np.flatnonzero(np.isfinite(along) & np.isfinite(place).all(axis=0))
-    order = rows[np.argsort(along[rows], kind='stable')]
+    units = [_unit(reading, _ANGLES, _OF_ANGLES), _unit(place, _ANGLES, _OF_ANGLES),
+             _time_unit(time, source)]
     out = np.arange(n)
-    for k in range(1, min(_BESIDE, len(order))):
-        near = along[order[k:]] - along[order[:-k]] < 4.0 * _ANGLES[0]
-        if not near.any():
-            break
-        i, j = order[:-k][near], order[k:][near]
-        i, j = np.minimum(i, j), np.maximum(i, j)
-        same = _same(i, j, reading, place, time, units)
+    for i, j in _beside(reading, place, units[0]):
+        of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)
+        timed = np.isfinite(time[i]) & np.isfinite(time[j])
+        same = (_apart(reading, i, j) < of_reading) & np.where(
+            timed, (np.abs(time[i] - time[j]) < of_time) & (_apart(place, i, j) < _SAME_FIELD),
+            _apart(place, i, j) < of_place)
         np.minimum.at(out, j[same], i[same])
+    if source is not None:
+        utc = np.where(np.abs(time) > _CLOCK, time, np.nan)
+        for i, j in _beside(place, reading, units[1]):
+            same = (source[i] != source[j]) & (np.abs(utc[i] - utc[j]) < _within(units[2], i, j)) \
+                & (_apart(place, i, j) < _within(units[1], i, j))
+            np.minimum.at(out, j[same], i[same])
     while (out[out] != out).any():  # a copy of a copy is one of the first
         out = out[out]
     return np.where(out < np.arange(n), out, -1)
 
 
-def _same(i, j, reading, place, time, units):
-    of_reading, of_place, of_time = (np.maximum(u[i], u[j]) * (1.0 - 1e-3) for u in units)
+def _beside(angles, others, unit):
+    """Pairs of rows, the first before the second, that are neighbours in two angles (degrees)."""
+    # neighbours in angles are neighbours in this, over north too
+    along = angles[1] + np.degrees(np.e * np.cos(np.radians(angles[0]) - 1.0))
+    rows = np.flatnonzero(np.isfinite(along) & np.isfinite(others).all(axis=0))
+    order = rows[np.argsort(along[rows], kind='stable')]
+    reach = 4.0 * unit[rows].max(initial=0.0)
+    for k in range(1, min(_BESIDE, len(order))):
+        near = along[order[k:]] - along[order[:-k]] < reach
+        if not near.any():
+            return
+        i, j = order[:-k][near], order[k:][near]
+        yield np.minimum(i, j), np.maximum(i, j)
 
-    def away(angles):
-        first = wrap((angles[0, i] - angles[0, j]) * DEG) / DEG
-        return np.maximum(np.abs(first), np.abs(angles[1, i] - angles[1, j]))
-    with np.errstate(invalid='ignore'):
-        at_once = np.abs(time[i] - time[j]) < of_time
-    timed = np.isfinite(time[i]) & np.isfinite(time[j])
-    return (away(reading) < of_reading) & np.where(
-        timed, at_once & (away(place) < _SAME_FIELD), away(place) < of_place)
+
+def _within(unit, i, j):
+    """How far values may be apart: of the same digits equal, of fewer one of the last."""
+    return np.where(unit[i] == unit[j], 0.5, 1.0 + 1e-3) * np.maximum(unit[i], unit[j])
 
 
-def _unit(values, units):
-    """What a row is rounded to: the coarsest of `units` that divides both of its angles."""
+def _apart(angles, i, j):
+    first = wrap((angles[0, i] - angles[0, j]) * DEG) / DEG
+    return np.maximum(np.abs(first), np.abs(angles[1, i] - angles[1, j]))
+
+
+def _unit(values, units, error):
+    """What a row is rounded to: the coarsest of `units` that divides all of its values."""
     out = np.full(values.shape[1], units[-1])
     for unit in reversed(units):
-        with np.errstate(invalid='ignore'):
-            out[_divides(unit, values).all(axis=0)] = unit
+        out[_divides(unit, values, error).all(axis=0)] = unit
     return out
 
 
 def _time_unit(time, source):
-    out = _unit(time[np.newaxis], _TIMES)
+    out = _unit(time[np.newaxis], _TIMES, _OF_TIMES)
     source = np.zeros(len(time), int) if source is None else source
     for one in np.unique(source):  # of one row, a whole minute is chance
         rows = source == one
-        if np.isfinite(time[rows]).sum() > 2 and _divides(_MINUTE, time[rows]).all():
+        if np.isfinite(time[rows]).sum() > 2 and _divides(_MINUTE, time[rows], _OF_TIMES).all():
             out[rows] = _MINUTE
     return out
 
 
-def _divides(unit, values):
-    return np.abs(values / unit - np.rint(values / unit)) < 1e-3
+def _divides(unit, values, error):
+    return np.abs(values - unit * np.rint(values / unit)) < error
 
 
 def without_copies(runs, seen=()):
@@ -99,7 +117,7 @@ def without_copies(runs, seen=()):
 
     Parameters
     ----------
-    runs : sequence of PointingRun
+    runs : iterable of PointingRun
         Of one mount.
     seen : sequence of PointingRun
         Whose observations do not count in `runs`.
@@ -110,8 +128,16 @@ def without_copies(runs, seen=()):
         Without the rows that are in an earlier one, and without runs that have no other.
     notes : list of str
         How many rows, of which file.
+
+    Raises
+    ------
+    ValueError
+        All of them are those of `seen`.
     """
+    runs = list(runs)
     every = [*seen, *runs]
+    if len(every) < 2:
+        return runs, []
     source = np.repeat(np.arange(len(every)), [len(run) for run in every])
     columns = {name: np.concatenate([run[name] for run in every])
                for name in ('az', 'el', 'az_enc', 'el_enc')}
@@ -127,15 +153,35 @@ def without_copies(runs, seen=()):
             kept.append(run)
             continue
         others = dict.fromkeys(name_of(every[i]) for i in np.unique(source[original[copied]]))
-        said = f'as {", ".join(list(others)[:3])} has'
+        where = f'in {", ".join(list(others)[:3])}'
         if copied.all():
-            notes.append(f'{name_of(run)}: all {len(run)} rows are those that '
-                         f'{", ".join(list(others)[:3])} has: left out, each counts once')
+            notes.append(f'{name_of(run)} left out: all {len(run)} rows are {where} too')
             continue
-        notes.append(f'{name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, the same '
-                     f'{said}: each counts once')
-        kept.append(left_out(run, copied, f'the same {said}'))
+        notes.append(f'{name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
+                     f'{where} too')
+        kept.append(left_out(run, copied, f'{SAME}a row {where}'))
+    if runs and not kept:
+        raise ValueError(f'{"; ".join(notes)}; give other observations to judge by')
     return kept, notes
+
+
+def once(run):
+    """The run without rows that are an earlier one once more; a note says how many.
+
+    So a log has them that recorded what another played.
+    """
+    copied = copies(run) >= 0
+    if not copied.any():
+        return run
+    out = left_out(run, copied, f'{SAME}one before')
+    out.meta['notes'] = [*run.meta.get('notes', ()), written_twice(copied)]
+    return out
+
+
+def written_twice(copied):
+    """The note on rows that are copies, a mask."""
+    return (f'{int(copied.sum())} of {len(copied)} rows are there twice, by their time and '
+            'readings: each counts once')
 
 
 def left_out(run, rows, reason):

@@ -32,6 +32,7 @@ from calibration.fit_document import fit_document
 from calibration.sky_model import settled, settled_together
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import apply as _apply
+from pointing_model.copies import without_copies
 from pointing_model.run import COLUMNS, PointingRun, column_name
 
 from .commands.options import place_of
@@ -369,9 +370,14 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     Raises
     ------
     ValueError
-        Too few usable rows, unknown terms, or columns that are not what they are named.
+        Too few usable rows, unknown terms, columns that are not what they are named, or a holdout
+        whose rows are all in the runs.
     """
-    runs, held = _several(runs), _several(holdout)
+    runs, notes = without_copies(_several(runs))
+    held, of_held = without_copies(_several(holdout), runs)
+    if notes or of_held:
+        runs[0] = runs[0].select(slice(None))
+        runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *of_held]}
     check_columns([*runs, *held], encoder)
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
     return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,

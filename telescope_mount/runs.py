@@ -10,6 +10,7 @@ from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.night_folder import log_of
 from pointing_model.context import Context
+from pointing_model.copies import once, without_copies
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
@@ -88,12 +89,14 @@ def _drivers(path, run, names):
     return tuple(kept)
 
 
-def load_runs(paths, **options):
-    """Several runs of one mount.
+def load_runs(paths, seen=(), **options):
+    """Several runs of one mount, in which each observation counts once.
 
     Parameters
     ----------
     paths : sequence of Path
+    seen : sequence of PointingRun
+        Whose observations are left out of these, as of a run that others are judged on.
     **options
         As for `load_run`.
 
@@ -102,12 +105,13 @@ def load_runs(paths, **options):
     runs : list of PointingRun
         One a file, in the order given.
     skipped : list of str
-        A line for each file that is no run or holds no observation.
+        A line for each file that is no run or holds no observation, or whose rows others have.
 
     Raises
     ------
     ValueError
-        None of the files is a run with observations; what is said of the first.
+        None of the files is a run with observations; what is said of the first. All of them
+        are those of `seen`.
     OSError
         The only file cannot be opened.
     """
@@ -123,8 +127,10 @@ def load_runs(paths, **options):
         if len(wrong) == 1:
             raise wrong[0][1]
         raise ValueError(f'none of {len(wrong)} files could be read: {_said(*wrong[0])}')
-    return runs, [error_line if isinstance(error, NoObservations) else f'{error_line} (file left '
-                  'out)' for path, error in wrong for error_line in [_said(path, error)]]
+    runs, copied = without_copies(runs, seen)
+    return runs, copied + [
+        said if isinstance(error, NoObservations) else f'{said} (file left out)'
+        for path, error in wrong for said in [_said(path, error)]]
 
 
 def _said(path, error):
@@ -187,7 +193,8 @@ def run_of_log(path):
     told = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get('graduation')
     if told:
         meta['graduation'] = declared_graduation(told)
-    return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+    run = PointingRun({n: v[stars] for n, v in columns.items()}, meta)
+    return _without_judges(once(run))
 
 
 def _log(path):

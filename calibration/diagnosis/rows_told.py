@@ -6,13 +6,13 @@ from pathlib import PurePath
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.copies import SAME
 from pointing_model.rms import rms
 
 from .reading_fits import MOST_LEFT_OUT
 
 #: reasons of rows that whoever wrote the file took back
 _TAKEN_BACK = ('commented out', 'rejected by')
-_COPY = 'the same as '
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
@@ -150,7 +150,7 @@ def _named(star):
 def _lost(excluded):
     """How many rows are left out, but for those taken back; how many of them are copies."""
     reasons = [e['reason'] for e in excluded if not e['reason'].startswith(_TAKEN_BACK)]
-    return len(reasons), sum(reason.startswith(_COPY) for reason in reasons)
+    return len(reasons), sum(reason.startswith(SAME) for reason in reasons)
 
 
 def rows_of_reader(run):

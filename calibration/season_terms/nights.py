@@ -9,6 +9,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.context import is_cause
+from pointing_model.copies import without_copies
 from pointing_model.rms import rms
 
 from ..diagnosis import MistakenColumns, check_columns
@@ -78,7 +79,7 @@ class Nights(NamedTuple):
 
 
 def nights_of(runs, names=None, columns=()):
-    """Fit each night by itself.
+    """Fit each night by itself; observations that two runs have count once.
 
     Parameters
     ----------
@@ -98,7 +99,8 @@ def nights_of(runs, names=None, columns=()):
     ValueError
         Runs of two mounts, a column that no run has, or fewer than three nights.
     """
-    found, notes, mount, seen = [], [], None, set()
+    runs, notes = without_copies(runs)
+    found, mount, seen = [], None, set()
     for run in runs:
         source = str(run.meta.get('source', 'run'))
         if mount is None:

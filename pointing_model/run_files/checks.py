@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.copies import copies
+from pointing_model.copies import SAME, copies, written_twice
 from pointing_model.mounts import ALTAZ
 from pointing_model.run import COLUMNS, REQUIRED, PointingRun
 
@@ -189,10 +189,9 @@ def flag_rows(table, mount):
     few = len(np.unique(first[again])) <= _NAMED
     for i in again:
         where = f'line {table.lines[rows[first[i]]]}' if few else 'one before'
-        table.reasons[rows[i]] = f'the same as {where}'
+        table.reasons[rows[i]] = f'{SAME}{where}'
     if not few:
-        table.meta['notes'].append(f'{len(again)} of {len(rows)} rows are written twice, by their '
-                                   'time and readings: each counts once')
+        table.meta['notes'].append(written_twice(first >= 0))
 
 
 def derive_approach(table):

@@ -72,7 +72,7 @@ def _run(args):
     place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
              'drivers': args.cause, **options.place_of(args)}
     runs, empty = load_runs(args.runs, **place)
-    held, empty_held = load_runs(args.holdout, **place) if args.holdout else (None, [])
+    held, empty_held = load_runs(args.holdout, runs, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
     check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
     base = _base_file(args.base, runs[0].mount)

@@ -275,7 +275,7 @@ def test_fit_refuses_what_it_cannot_read(refused, run_csv, tmp_path):
     assert 'el_enc' in refused('fit', bad)
     lines = text.splitlines()
     number = next(i for i, line in enumerate(lines) if line[:1].isdigit()) + 3
-    lines[number] = 'x' + lines[number]
+    lines[number:] = ['x' + line for line in lines[number:]]
     bad.write_text('\n'.join(lines))
     assert f'row {number + 1}, column az_deg' in refused('fit', bad)
     bad.write_text('')

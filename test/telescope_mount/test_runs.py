@@ -30,10 +30,10 @@ def test_a_file_is_read_with_its_options(tmp_path):
 
 def test_several_runs(tmp_path):
     names = ['a.csv', 'empty.csv', 'b.csv']
-    for name, text in zip(names, (ROWS, HEADER, ROWS.replace('10,', '20,'))):
+    for name, text in zip(names, (ROWS, HEADER, ROWS.replace('\n', '\n2', 3))):
         (tmp_path / name).write_text(text)
     runs, empty = load_runs([tmp_path / name for name in names])
-    assert [run['az'][0] / DEG for run in runs] == pytest.approx([10, 20])
+    assert [run['az'][0] / DEG for run in runs] == pytest.approx([10, 210])
     assert len(empty) == 1 and 'empty.csv' in empty[0] and 'no observations' in empty[0]
     with pytest.raises(ValueError, match='no observations'):
         load_runs([tmp_path / 'empty.csv'])
