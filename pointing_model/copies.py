@@ -6,8 +6,6 @@ which the zeros are taken off, and in the file that its night wrote. Rows of one
 one another differ in their time.
 """
 
-from pathlib import PurePath
-
 import numpy as np
 
 from msg_tools.units import DEG, wrap
@@ -152,12 +150,12 @@ def without_copies(runs, seen=()):
         if not copied.any():
             kept.append(run)
             continue
-        others = dict.fromkeys(name_of(every[i]) for i in np.unique(source[original[copied]]))
+        others = dict.fromkeys(_name_of(every[i]) for i in np.unique(source[original[copied]]))
         where = f'in {", ".join(list(others)[:3])}'
         if copied.all():
-            notes.append(f'{name_of(run)} left out: all {len(run)} rows are {where} too')
+            notes.append(f'{_name_of(run)} left out: all {len(run)} rows are {where} too')
             continue
-        notes.append(f'{name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
+        notes.append(f'{_name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
                      f'{where} too')
         kept.append(left_out(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:
@@ -196,6 +194,5 @@ def left_out(run, rows, reason):
     return out
 
 
-def name_of(run):
-    """Name of the file of a run, for messages."""
-    return PurePath(str(run.meta.get('source', 'a run'))).name
+def _name_of(run):
+    return str(run.meta.get('source', 'a run'))
