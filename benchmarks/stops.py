@@ -285,7 +285,8 @@ def main():
     parser.add_argument('--ways', default=','.join(WAYS))
     parser.add_argument('--signals', default=','.join(SIGNALS))
     parser.add_argument('--kills', type=int, default=2, help='nights killed with SIGKILL')
-    parser.add_argument('--until', type=float, help='the last moment of the command, s; default: of a night')
+    parser.add_argument('--until', type=float,
+                        help='the last moment of the command, s; default: of a night')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
     rng = np.random.default_rng(args.seed)

@@ -29,7 +29,7 @@ from .kept_rows import KEPT_POWER_ONS
 from .observing.allowed_sky import AllowedSky
 from .observing.instrument_health import CLOCK_JUMP
 from .observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from .observing.night_file import NightFile
+from .observing.night_file import NightFile, NoFile
 from .observing.sequencer import Sequencer
 from .observing.table import Table
 from .run_messages import cloud_to_run, run_to_cloud, run_to_quick_cloud
@@ -89,11 +89,11 @@ class StarObserver(MountNode):
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)
-        memory = self.value('state_file') and NightFile(
-            self.value('state_file'), self.value(KIND_OF_MOUNT.name))
+        self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name)) \
+            if self.value('state_file') else NoFile()
         self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table,
-                                    memory or None)
-        over = bool(memory) and self._sequencer.take_up_file(self.value('plan'))
+                                    self._memory)
+        over = self._sequencer.take_up_file(self.value('plan'))
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         if ABSOLUTE in self._instruments.names:
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
@@ -427,7 +427,8 @@ class StarObserver(MountNode):
         found.sort(key=lambda issue: issue[0], reverse=True)
         found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
         told, off = self._sequencer.clocks
-        wrong = told if off else '', self._allowed.elsewhere if self._allowed else ''
+        wrong = (told if off else '', self._allowed.elsewhere if self._allowed else '',
+                 self._memory.error)
         found += [(DiagnosticStatus.WARN, text) for text in wrong if text]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))

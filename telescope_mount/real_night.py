@@ -11,6 +11,7 @@ from pointing_model.observing.plan import parse_plan, real_plan
 from . import domain, night
 from .graph import real_graph
 from .night import STATE
+from .night_files import diagnosing, write_page, write_results
 
 #: wall seconds without any progress after which it is given up: a slew through half a turn of a
 #: slow mount, and some clouds
@@ -67,7 +68,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
     bag = _free(folder / 'bag')
     if 'diagnose' in verbs:
-        graph['calibration'] = night.diagnosing(folder, graph.get('calibration'))
+        graph['calibration'] = diagnosing(folder, graph.get('calibration'))
     specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
                        model_file=str(reference.resolve()) if reference else '', **graph)
     kept, incomplete = {}, []
@@ -76,7 +77,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
             write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
         domain_number, params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say,
         note=note, again=again, incomplete=incomplete)
-    night.write_page(folder, report, kept, bag)
+    write_page(folder, report, kept, bag)
     return report
 
 
@@ -121,7 +122,7 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
             write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
         domain_number, params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again,
         incomplete=incomplete)
-    night.write_page(folder, report, kept, bag)
+    write_page(folder, report, kept, bag)
     return report
 
 
@@ -163,9 +164,9 @@ def _free(path):
 
 
 def write_with_checks(folder, results, bag=None, kept=None, incomplete=None):
-    """As `night.write_results`, with the blind checks in the report; `bag`: another log."""
+    """As `night_files.write_results`, with the blind checks in the report; `bag`: another log."""
     from msg_tools import topics
-    report = night.write_results(folder, results, kept, incomplete)
+    report = write_results(folder, results, kept, incomplete)
     if bag is not None:
         report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:

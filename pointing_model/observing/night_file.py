@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
+from msg_tools.output import reason
 from msg_tools.status import Progress
 
 FORMAT, VERSION = 'telescope_mount plan state', 1
@@ -49,6 +50,9 @@ class NightFile:
     ----------
     kept : Kept
         What was in the file.
+    error : str
+        What the disk has against it, '' for nothing. The night goes on, and what waits is written
+        when there is room again.
 
     Raises
     ------
@@ -60,7 +64,7 @@ class NightFile:
 
     def __init__(self, path, mount):
         self._path, self._mount, self._file = Path(path), mount, None
-        self._last = None
+        self._last, self._whole, self._waiting, self.error = None, 0, b'', ''
         self.kept = self._read()
 
     def _read(self):
@@ -97,7 +101,7 @@ class NightFile:
         self.close()
         if self._path.exists():
             self._path.replace(self._path.with_name(self._path.name + '.before'))
-        self.kept = Kept([], None, 0, 0)
+        self._whole, self._waiting, self.kept = 0, b'', Kept([], None, 0, 0)
 
     def row(self, row):
         """Keep a row, a dict."""
@@ -115,15 +119,21 @@ class NightFile:
 
     def _write(self, told):
         if self._file is None:
-            new = not self._path.exists()
-            self._file = self._path.open('ab')
-            if new:
-                self._write({'format': FORMAT, 'version': VERSION, 'mount': self._mount})
-            else:
-                self._file.truncate(self._whole)
-        self._file.write(json.dumps(told, default=float).encode() + b'\n')
-        self._file.flush()
-        os.fsync(self._file.fileno())
+            self._file = self._path.open('ab', buffering=0)
+        if not self._whole and not self._waiting:
+            self._waiting = _line({'format': FORMAT, 'version': VERSION, 'mount': self._mount})
+        self._waiting += _line(told)
+        try:
+            self._file.truncate(self._whole)  # what was cut short
+            rest = memoryview(self._waiting)
+            while rest:
+                rest = rest[self._file.write(rest):]
+            os.fsync(self._file.fileno())
+        except OSError as err:
+            self.error = f'the state of the plan is not kept: {self._path}: {reason(err)}'
+        else:
+            self._whole += len(self._waiting)
+            self._waiting, self.error = b'', ''
 
     def close(self):
         """Give the file free."""
@@ -132,10 +142,14 @@ class NightFile:
         self._file = None
 
 
+def _line(told):
+    return json.dumps(told, default=float).encode() + b'\n'
+
+
 class NoFile:
     """Nothing is kept."""
 
-    kept = Kept([], None, 0, 0)
+    kept, error = Kept([], None, 0, 0), ''
 
     def forget(self):
         """Nothing to forget."""

@@ -23,7 +23,8 @@ from pointing_model.run_messages import cloud_to_run
 from pointing_model.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
 from telescope_mount.logged_rows import with_rows_before
-from telescope_mount.night import NightFailed, observe, prepare_folder, write_results
+from telescope_mount.night import NightFailed, observe, prepare_folder
+from telescope_mount.night_files import write_results
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 #: nodes that wait for one another share one

@@ -170,3 +170,22 @@ def test_stars_that_clouds_have_taken_are_tried_again():
     bench.miss = lambda number: (1e-6 * ARCSEC * number, 0.0)
     bench.plan.start('stars 4')
     assert bench.run() == ('done', 'plan finished') and len(bench.rows) == 4
+
+
+def test_a_disk_that_is_full_ends_no_night_and_what_waits_is_written_when_there_is_room(
+        tmp_path, monkeypatch):
+    import os
+    path = tmp_path / 'state'
+    kept = NightFile(path, 'altaz')
+    kept.row({'star': 1})
+
+    def full(file):
+        raise OSError(28, 'No space left on device')
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fsync', full)
+        kept.row({'star': 2})
+        kept.row({'star': 3})
+        assert str(path) in kept.error and 'No space left' in kept.error
+    kept.row({'star': 4})
+    assert kept.error == ''
+    assert [row['star'] for row in NightFile(path, 'altaz').kept.rows] == [1, 2, 3, 4]

@@ -1,0 +1,75 @@
+"""What a night writes into its folder beside its log: rows, model, report and page."""
+
+import json
+from functools import partial
+
+from msg_tools.output import reason, tried, write_text
+
+
+def add_truth(bag, report):
+    """Put the simulated change of the zero beside the measured one, for the reader alone."""
+    from msg_tools.bag import BagReader
+    from msg_tools.units import ARCSEC
+    drifts = [message.data.position for message in BagReader(bag).messages(decode=True)
+              if message.topic.endswith('truth/incremental_zero')]
+    runs = [zero['run'] for zero in report['zeros']]
+    if len(drifts) != len(runs):
+        return
+    by_run = dict(zip(runs, drifts))
+    for change in report['changes']:
+        az, el = (after - before for before, after in zip(
+            by_run[change['from']], by_run[change['to']]))
+        change['simulated'] = {'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
+
+
+def diagnosing(folder, calibration=None):
+    """Parameters of a calibration that writes the page of its diagnosis into the folder."""
+    return {**(calibration or {}), 'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+
+
+def write_page(folder, report, kept, log=None):
+    """The page of the night, once its log is whole; `kept` as of `write_results`."""
+    if not kept:  # nothing was written
+        return
+    from calibration.page.night import write_night_page
+    try:
+        path = write_night_page(folder, kept['run'], kept['model'], report, log)
+    except OSError as err:
+        report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
+    except Exception as err:  # whatever it is: a night is not lost for its page
+        report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
+    else:
+        report['files']['page'] = str(path)
+
+
+def write_results(folder, results, kept=None, incomplete=None):
+    """observations.csv, model.json, report.json; `kept` gets ``run`` and ``model``, and the list
+    `incomplete` what cannot be written.
+    """
+    from msg_tools import topics
+    from msg_tools.units import ARCSEC
+    from pointing_model.earth import earth_orientation
+    from pointing_model.model import PointingModel
+    from pointing_model.run_files import write_csv
+    from pointing_model.run_messages import cloud_to_run
+
+    run = cloud_to_run(results[topics.OBSERVATIONS.name])
+    fitted = results.get(topics.CALIBRATION_REPORT.name)
+    report = json.loads(fitted.data) if fitted else {'notes': []}
+    model = PointingModel.from_json(results[topics.MODEL.name].data)
+    if kept is not None:
+        kept.update(run=run, model=model)
+    orientation = earth_orientation(float(run['time'][0]))
+    if orientation.sigma > 0.1 * ARCSEC:
+        report['notes'].append(orientation.statement())
+    if topics.TRACKING.name in results:
+        report['tracking'] = json.loads(results[topics.TRACKING.name].data)
+    incomplete = [] if incomplete is None else incomplete
+    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
+    for name, text in (('model', results[topics.MODEL.name].data),
+                       ('report', json.dumps(report, indent=1))):
+        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
+    report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
+                       'observations': str(folder / 'observations.csv')}
+    report['incomplete'] = incomplete
+    return report
