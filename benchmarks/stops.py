@@ -71,6 +71,13 @@ def executable(name):
         name))
 
 
+def _listens():
+    """A benchmark in the background of a script ignores Ctrl-C, and under nohup SIGHUP, and so
+    would its children."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
 class Started:
     """What was started, whose processes are known by a word in their environment.
 
@@ -99,8 +106,7 @@ class Started:
             return subprocess.Popen(
                 words, env=self.environment, stdin=subprocess.DEVNULL, stdout=out,
                 stderr=subprocess.STDOUT,
-                # a benchmark in the background of a script ignores Ctrl-C, as its children would
-                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+                preexec_fn=_listens)
 
     def command(self):
         return [[executable('telescope-mount'), 'night', *PLAN, '--out',

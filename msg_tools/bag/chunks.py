@@ -83,9 +83,10 @@ class McapFile:
         try:
             while view:  # a full disk takes a part before it refuses
                 view = view[self._stream.write(view):]
-        except OSError:
+        except OSError as error:
             self._stream.truncate(self.size)
             self._stream.seek(self.size)
+            error.filename = str(self._stream.name)
             raise
         self.size += len(data)
 
