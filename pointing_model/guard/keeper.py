@@ -89,12 +89,17 @@ class Keeper:
     def take_reading(self, stamp, angles, rates):
         """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
         known = self.readings.here is not None
-        self.readings.take(stamp, angles, rates)
+        jumped = self.readings.take(stamp, angles, rates)
+        if jumped and self._path is not None and not self._settings.whole:
+            self._goal = self._path = None  # where it was sent is of a place where it is not
+            self._brake(stamp)
+            self._told('aborted', ERROR, 'the readings jumped to another place and stay there: '
+                       'stopped; somebody homed it, or look at its encoder; then call resume')
         if self.readings.here is None:
             self._judge = Judge(self._limits)
             if known:  # another power-on: what was asked for was of this one
                 self._lose(stamp, 'the encoders give no number any more: home the mount')
-        elif not known and not self._settings.turn_known:
+        elif (jumped or not known) and not self._settings.turn_known:
             first, second = self._limits.axes
             low, high = safe_travel(self.readings.here[0], first.low, first.high)
             self._judge = Judge(replace(
@@ -297,7 +302,9 @@ class Keeper:
 
     def _brake(self, now):
         """Stop now."""
-        if self.readings.here is None and (self._path is None or self._settings.whole):
+        if self.readings.here is None and (
+                self._path is None or self._settings.whole or self._hung(now)):
+            self._path = None  # nobody knows from where, and what was sent ends at rest
             return
         state = self._here(now)
         self._send_braked(now, np.zeros(1), np.array([state.angles]), np.array([state.rates]))

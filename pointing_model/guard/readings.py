@@ -6,14 +6,13 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .judging import NO_ANGLE
-
 #: faster than an axis can be by this factor, and farther than this (rad), is a jump
 FASTER, FARTHER = 1.5, 2.0 * DEG
 #: so many readings of a place that was jumped to are believed
 BELIEVED = 5
 #: readings beyond the travel by more cannot be, rad
 BEYOND = 10.0 * DEG
+_TURN = 2.0 * math.pi
 #: periods of an instrument after which it is silent
 PERIODS = 5.0
 
@@ -39,10 +38,18 @@ class Readings:
         self._limits, self._wall = limits, wall
         self.here = self.rate = None
         self.stamp, self._jumped, self._odd = 0, None, 0
+        self._first = self._raw = 0.0  # of the first axis, as read: at first, and last, rad
+        self._moved = False  # since then: it counts turns from where it was
         self._heard = self._period = None
 
     def take(self, stamp, angles, rates):
-        """A reading, rad and rad/s (NaN: not told); ValueError for one that cannot be."""
+        """A reading, rad and rad/s (NaN: not told); ValueError for one that cannot be.
+
+        Returns
+        -------
+        bool
+            Whether it is believed now that the axes are elsewhere than their readings led.
+        """
         now = self._wall()
         if self._heard is not None and now > self._heard:
             passed = now - self._heard
@@ -55,17 +62,19 @@ class Readings:
         if not all(map(math.isfinite, angles)):
             self.here = self.rate = self._jumped = None
             self.stamp = stamp
-            return
+            return False
         self._check(angles)
         seconds = (stamp - self.stamp) * 1e-9
         if self.here is None or seconds <= -1.0:
             self.here, self.stamp, self.rate = np.array(angles), stamp, np.array(rates, float)
-            return
+            self._first, self._raw, self._moved = angles[0], angles[0], False
+            return False
         if seconds <= 0.0:
-            return  # out of order
+            return False  # out of order
         before = self.here.tolist()
         step = [angle - here for angle, here in zip(angles, before)]
-        if self._limits.mount.altaz:  # others stay on their turn, however far they went
+        # others stay on their turn, however far they went
+        if self._limits.mount.altaz and not self._other_turn(angles[0]):
             step[0] = wrap(step[0])
         beyond = [abs(one) - FARTHER - FASTER * seconds * axis.rate
                   for one, axis in zip(step, self._limits.axes)]
@@ -75,11 +84,15 @@ class Readings:
             raise ValueError(
                 f'the reading of {word} jumped by {step[i] / DEG:.1f} deg in {seconds:.2f} s: '
                 'look at the encoder, and that it gives radians')
-        self._jumped = None
+        jumped, self._jumped, self._raw = max(beyond) > 0.0, None, angles[0]
+        self._moved = not jumped and (self._moved or abs(angles[0] - self._first) > FARTHER)
+        if jumped:
+            self._first = angles[0]
         self.here = np.array([here + one for here, one in zip(before, step)])
-        self.rate = np.array([one / seconds if math.isnan(rate) else rate
+        self.rate = np.array([(0.0 if jumped else one / seconds) if math.isnan(rate) else rate
                               for rate, one in zip(map(float, rates), step)])
         self.stamp = stamp
+        return jumped
 
     @property
     def doubtful(self):
@@ -88,7 +101,7 @@ class Readings:
 
     def stand(self, still):
         """Whether both axes are known to be slower than `still`, rad/s."""
-        return self.here is not None and float(np.nanmax(np.abs(self.rate))) < still
+        return self.here is not None and bool(np.all(np.abs(self.rate) < still))
 
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""
@@ -97,16 +110,27 @@ class Readings:
         self._jumped = angles
         return self._odd >= BELIEVED
 
+    def _other_turn(self, angle):
+        """Whether a first axis that has not moved yet is read whole turns from where it was.
+
+        Encoders of one turn begin anew at 0 or at 180 degrees.
+        """
+        low, high = min(angle, self._raw), max(angle, self._raw)
+        return not self._moved and high - low > math.pi and not (
+            low >= -math.pi and high <= math.pi or low >= 0.0 and high <= _TURN)
+
     def _check(self, angles):
-        words = self._limits.mount.names.axes
-        for axis, angle, word in zip(self._limits.axes, angles, words):
-            turned, low, high = wrap(angle), axis.low - BEYOND, axis.high + BEYOND
-            inside = (low <= angle <= high or low <= turned <= high
-                      or low <= turned + 2.0 * math.pi <= high)
-            if abs(angle) > NO_ANGLE or not inside or (
-                    word is words[1] and abs(angle) > 2.0 * np.pi):
-                raise ValueError(f'a reading of {word} of {angle:.6g} rad cannot be: '
-                                 'give radians, within the travel')
+        for i, (axis, angle) in enumerate(zip(self._limits.axes, angles)):
+            low, high = axis.low - BEYOND, axis.high + BEYOND
+            if low <= angle <= high:
+                continue
+            # an azimuth may be read within one turn, whatever turn it is on
+            turned = wrap(angle)
+            if i or not self._limits.mount.altaz or abs(angle) > _TURN or not (
+                    low <= turned <= high or low <= turned + _TURN <= high):
+                raise ValueError(f'a reading of {self._limits.mount.names.axes[i]} of {angle:.6g} '
+                                 f'rad ({angle / DEG:.1f} deg) cannot be: give radians, within '
+                                 'the travel')
 
     def quiet(self, seconds):
         """For how long nothing was read, s, where that is too long; else 0."""

@@ -1,12 +1,13 @@
 """What is sent to a mount, moment by moment, and what is not. The mount obeys."""
 
+import contextlib
 import math
 
 import numpy as np
 import pytest
 
 from msg_tools.units import DEG
-from pointing_model.guard.keeper import Keeper
+from pointing_model.guard.keeper import WARN, Keeper
 from pointing_model.guard.limits import Axis, Limits, travel_of
 from pointing_model.guard.rest import braked, ended
 from pointing_model.guard.settings import Settings
@@ -295,6 +296,83 @@ def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
     assert german.horizon_of(*np.array(mount.path).T)[1].min() > 10.0 * DEG
     back = mount.ask(*here, 0.0).run(120.0)
     assert back.state == 'following' and np.allclose(mount.here / DEG, here, atol=1e-4)
+
+
+@pytest.mark.parametrize('beyond', [(530.0, 50.0), (20.0, 355.0), (-530.0, 50.0)])
+def test_a_first_reading_beyond_the_travel_is_not_believed_and_nothing_is_sent_by_it(beyond):
+    mount = Mount()
+    with pytest.raises(ValueError, match=r'cannot be: give radians, within the travel'):
+        mount.keeper.take_reading(mount.now, np.array(beyond) * DEG, (0.0, 0.0))
+    mount.ask(170.0, 50.0)
+    mount.asked = None
+    mount.keeper.abort(mount.now)
+    assert mount.keeper.step(mount.now) == [] and mount.keeper.readings.here is None
+    mount.keeper.resume(mount.now)
+    mount.run(0.2)
+    assert mount.ask(170.0, 50.0).run(60.0).state == 'following'
+    assert np.abs(off(mount)).max() < 30.0
+
+
+@pytest.mark.parametrize(('first', 'then'), [(275.0, -85.0), (340.0, -20.0), (-200.0, 160.0)])
+def test_a_first_reading_a_turn_off_ends_with_those_that_contradict_it(first, then):
+    mount = Mount(here=(first, 50.0)).run(0.05)
+    mount.ask(first - np.sign(first) * 80.0, 50.0)
+    mount.here, sent = np.array([then, 50.0]) * DEG, len(mount.sent)
+    for _ in range(6):
+        mount.time += 0.05
+        with contextlib.suppress(ValueError):
+            mount.keeper.take_reading(mount.now, mount.here, (np.nan, np.nan))
+    mount.sent += mount.keeper.step(mount.now, False)
+    assert mount.state == 'aborted' and 'jumped to another place' in mount.keeper.reason
+    stop = mount.sent[-1]
+    assert len(mount.sent) > sent and stop.angles[:, 0] / DEG == pytest.approx(then)
+    assert not stop.rates.any()
+    mount.asked = None
+    mount.keeper.resume(mount.now)
+    assert mount.ask(then, 60.0).run(20.0).state == 'following'
+    assert abs(mount.here[0] / DEG - then) < 1.0
+
+
+@pytest.mark.parametrize('readings', [(359.5, 0.5, 1.5), (179.5, -179.5, -178.5),
+                                      (100.0, 103.0, -257.0, -256.0)])
+def test_an_azimuth_that_is_read_within_one_turn_keeps_counting(readings):
+    mount = Mount(here=(readings[0], 50.0))
+    for angle in readings:
+        mount.time += 1.0
+        mount.keeper.take_reading(mount.now, np.array([angle, 50.0]) * DEG, (0.0, 0.0))
+    way = mount.keeper.readings.here[0] / DEG - readings[0]
+    assert way == pytest.approx((readings[-1] - readings[0]) % 360.0)
+
+
+@pytest.mark.parametrize('az', [270.0, -270.0, 275.0])
+def test_a_mount_at_the_end_of_its_travel_may_come_back(az):
+    mount = Mount(here=(az, 50.0)).run(0.2)
+    assert mount.ask(0.9 * az, 50.0).run(30.0).state == 'following'
+    assert np.abs(np.array(mount.path)[:, 0]).max() <= abs(az) * DEG + 1e-9
+
+
+def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mount, recwarn):
+    keeper = mount.ask(150.0, 50.0).keeper
+    mount.run(3.0)
+    mount.time += 2.0  # held up: what was sent has ended at rest
+    mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
+    keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    assert keeper.step(mount.now) == []
+    assert (keeper.state, keeper.level) == ('stopped', WARN) and 'no number' in keeper.reason
+    mount.asked = None
+    keeper.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
+    assert not keeper.readings.stand(1.0)  # nothing is known of its rate yet
+    assert mount.run(0.2).ask(150.0, 50.0).run(60.0).state == 'following'
+    assert not recwarn.list
+
+
+def test_a_first_message_without_a_number_is_waited_after(recwarn):
+    mount = Mount()
+    mount.keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    mount.ask(40.0, 50.0)
+    assert mount.keeper.step(mount.now) == [] and mount.state == 'waiting'
+    assert mount.run(20.0).state == 'following'
+    assert not recwarn.list
 
 
 def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
