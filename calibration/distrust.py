@@ -5,6 +5,7 @@ published because of what is known against them.
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.observing.camera_sense import TURNED_CAMERA, turned_rows
 from pointing_model.observing.instrument_health import FROZEN_CAMERA, SAME_ROWS, frozen_rows
 
 #: so large a part of the observations that is not to be trusted speaks against all of them
@@ -33,19 +34,38 @@ def distrusted(rows):
     Returns
     -------
     ndarray of bool, shape (n,)
+        Of a camera that was frozen, or that was mirrored or turned amid the night.
     """
-    if not all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y')):
+    return _frozen(rows) | _turned(rows)[0]
+
+
+def _are_of_observer(rows):
+    return all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y'))
+
+
+def _frozen(rows):
+    if not _are_of_observer(rows):
         return np.zeros(len(rows), bool)
     return frozen_rows(rows['miss_x'], rows['miss_y'])
 
 
+def _turned(rows):
+    """Which rows are of a camera that was turned, and how."""
+    wrong = np.zeros(len(rows), bool)
+    if not _are_of_observer(rows) or 'run' not in rows:
+        return wrong, ''
+    # a satellite is off by its elements
+    stars = np.flatnonzero((np.asarray(rows.get('star', wrong)) >= 0) & ~_frozen(rows))
+    wrong[stars], sense = turned_rows(rows.select(stars))
+    return wrong, sense
+
+
 def reasons(rows):
     """What `distrusted` says of the rows, sentences; empty where all can be used."""
-    bad = np.flatnonzero(distrusted(rows))
-    if len(bad) == 0:
-        return []
-    return [f'{len(bad)} of {len(rows)} observations left out, rows {bad[0]} to {bad[-1]}: '
-            + FROZEN_CAMERA.format(SAME_ROWS)]
+    turned, sense = _turned(rows)
+    return [f'{len(bad)} of {len(rows)} observations left out, rows {bad[0]} to {bad[-1]}: {why}'
+            for bad, why in ((np.flatnonzero(_frozen(rows)), FROZEN_CAMERA.format(SAME_ROWS)),
+                             (np.flatnonzero(turned), TURNED_CAMERA.format(sense))) if len(bad)]
 
 
 def notes_of(rows):
@@ -66,7 +86,7 @@ def notes_of(rows):
         Sentences; empty where there is nothing to say.
     """
     out, bad = reasons(rows), distrusted(rows)
-    if not all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y')):
+    if not _are_of_observer(rows):
         return out
     miss = np.stack((rows['miss_x'], rows['miss_y']))[:, ~bad]
     miss = miss[:, np.isfinite(miss).all(axis=0)]

@@ -265,7 +265,7 @@ def _words(run, report, split_seed):
     judged = is_kept_out(run)
     words[satellite] = 'satellite: for checks only'
     words[judged] = 'fresh star, pointed at blind: judged by, not fitted'
-    words[lied] = 'excluded: the camera was frozen'
+    words[lied] = 'excluded: the camera was frozen, mirrored or turned'
     used = ~(satellite | judged | lied)
     fitted = used.copy()
     if report.get('last_stamp_ns') and 'time' in run:

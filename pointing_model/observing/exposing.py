@@ -7,6 +7,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from ..run import PointingRun
+from .camera_sense import turned_rows
 from .clocks import Drifting, on_sky, row_of
 from .following_check import FollowingCheck
 from .instrument_health import OFF_TARGET
@@ -21,6 +23,11 @@ BLANKS = 3
 CENTRINGS = 3
 #: one that is so much farther off after it was centred moves the wrong way
 WORSE = 1.2
+#: how a mount is moved to see whether the camera is right, in units of what need not be centred:
+#: as far as can be from the axes and their middles, where one that is mirrored would be right
+BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
+#: rows by which the camera is judged, and their columns
+LAST, JUDGED = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
 #: after so long a commanded axis moves, s
@@ -104,6 +111,9 @@ class Exposer:
         pointing = self.aimed_at(target)
         if blind:
             pointing.aim = np.zeros(2)
+        if self._instruments.health.doubted(CAMERA) and not (
+                yield from self._sees_motion(pointing)):
+            return None
         seen = blank = 0
         first = None
         while True:
@@ -149,7 +159,37 @@ class Exposer:
             self.forget_aim()
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
-        return self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+        row = self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+        self._judge_camera(row)
+        return row
+
+    def _sees_motion(self, pointing):
+        """Steps that move the mount a little beside a star; whether the camera sees by how much."""
+        aim, seen = pointing.aim, []
+        beside = BESIDE * self._out.value('recentre_arcsec') * ARCSEC
+        second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
+        for moved in (np.zeros(2), beside / [np.cos(second), 1.0]):
+            pointing.aim = aim + moved
+            exposed = yield from self.expose(pointing)
+            if exposed is None or not np.isfinite(exposed[1]).all():
+                return False
+            seen.append(np.array(exposed[1]))
+        pointing.aim = aim
+        if self._instruments.health.moves(CAMERA, seen[1] - seen[0], -beside):
+            return True
+        self.forget_aim()
+        self._out.refuse_frame('the camera does not see by how much the mount was moved')
+        return False
+
+    def _judge_camera(self, row):
+        """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
+        rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
+        wrong, sense = turned_rows(PointingRun(
+            {name: np.array([own[name] for own in rows]) for name in JUDGED},
+            {} if self._out.mount().altaz else {'mount': self._out.mount()}))
+        if len(wrong) and wrong[-1]:
+            self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)
+            self.forget_aim()
 
     def drift(self, pointing, rate, place):
         """Steps that make an exposure while the axes drift past a star, see `clocks`.

@@ -30,6 +30,9 @@ SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
 #: an encoder that differs by more from its demand did not follow the command, rad
 OFF_TARGET = 60.0 * ARCSEC
 
+#: of a motion, by which a camera may see it wrongly
+MOST_AMISS = 0.25
+
 #: what to do, by the kind of fault
 REMEDIES = {
     'silent': 'look at its driver, power and cable',
@@ -296,6 +299,31 @@ class InstrumentHealth:
                     f'{before / ARCSEC:.0f} arcsec off was centred, and is '
                     f'{after / ARCSEC:.0f} arcsec off')
         return False
+
+    def moves(self, name, seen, wanted):
+        """Take by how much a star moved in the camera, and by how much it had to, rad, shape (2,).
+
+        Returns
+        -------
+        bool
+            Whether the camera saw it.
+        """
+        if np.hypot(*(seen - wanted)) <= MOST_AMISS * np.hypot(*wanted):
+            self._faults.pop((name, 'sign'), None)
+            return True
+        told, had = (f'{x / ARCSEC:+.0f}, {y / ARCSEC:+.0f}' for x, y in (seen, wanted))
+        self._fault(name, 'sign', f'contradicts the commanded motion: a star had to move by {had} '
+                    f'arcsec (x, y), and it says {told}')
+        return False
+
+    def turned(self, name, count, sense):
+        """Take that the last `count` miss distances fit the pointing with the camera turned."""
+        self._fault(name, 'sign', f'{sense} in the last {count} observations, by where the mount '
+                    'was pointed')
+
+    def doubted(self, name):
+        """Whether a camera has contradicted the motion, and not yet seen the mount move since."""
+        return (name, 'sign') in self._faults
 
     def second(self, name, reading, first):
         """Take readings of the second encoder and of the first at an observation, rad.

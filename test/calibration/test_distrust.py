@@ -105,3 +105,52 @@ def test_a_camera_that_says_about_the_same_is_told_and_no_other(noise, told):
     if noise == 0.1:
         assert notes_of(rows) == []
         assert said[0] in session(lying).fit()[1]['notes']
+
+
+# --- a camera that is turned amid the night ------------------------------------------------------
+
+
+def carried(camera, since, stars=34, seed=0):
+    """Rows of an observer that carries what a star showed to the next; stars not centred fail."""
+    rng, rows, aim, camera = np.random.default_rng(seed), [], np.zeros(2), np.array(camera, float)
+    for _ in range(4 * stars):
+        az, el = rng.uniform(0, 2 * np.pi), np.arcsin(rng.uniform(0.35, 0.98))
+        sky = np.array([np.cos(el), 1.0])
+        place = np.ravel(MOUNT.sky_to_encoder(az, el))  # pointed by a model that knows it
+        off = 2.0 * ARCSEC * rng.normal(size=2) / sky - aim
+        turn = camera if len(rows) >= since else np.eye(2)
+        miss = turn @ (off * sky) + 0.5 * ARCSEC * rng.normal(size=2)
+        if np.hypot(*miss) > 60.0 * ARCSEC:
+            aim = np.zeros(2)  # it is centred, and farther off than before
+            continue
+        rows.append([az, el, *(place + aim + miss / sky), *miss, 1e9 + 30.0 * len(rows)])
+        aim = aim + miss / sky
+        if len(rows) == stars:
+            break
+    columns = dict(zip(('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'time'),
+                       np.array(rows).T))
+    n = len(rows)
+    return PointingRun(columns | {'run': np.ones(n), 'encoder_start': np.full(n, 1e9),
+                                  'star': np.arange(n) + 1.0})
+
+
+@pytest.mark.parametrize('camera, sense', [
+    ([[-1, 0], [0, 1]], 'x mirrored'), ([[1, 0], [0, -1]], 'y mirrored'),
+    ([[-1, 0], [0, -1]], 'x and y mirrored'), ([[0, 1], [1, 0]], 'x and y exchanged')])
+def test_rows_of_a_camera_that_was_turned_are_in_no_fit_and_those_before_are(camera, sense):
+    since, kept, taken, named, worst = 24, 0, 0, 0, []
+    for seed in range(8):
+        rows = carried(camera, since, stars=30, seed=seed)
+        bad = distrusted(rows)
+        taken += bad[:since].sum()
+        kept += bad[since:].sum()
+        named += any(sense in text for text in reasons(rows))
+        lies = (np.eye(2) - np.linalg.inv(camera)) @ np.stack((rows['miss_x'], rows['miss_y']))
+        worst += list(np.hypot(*lies)[since:][~bad[since:]] / ARCSEC)
+    assert named >= 7 and taken <= 8 and kept >= 0.75 * 8 * 6
+    assert max(worst) < 15.0  # 5 sigma of the stars, which a robust fit weighs down
+
+
+def test_no_row_of_a_sound_camera_is_distrusted():
+    for seed in range(20):
+        assert not distrusted(carried(np.eye(2), 0, stars=40, seed=seed)).any()

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.observing.camera_sense import turned_rows
 from pointing_model.observing.instruments import ABSOLUTE, CAMERA, MOUNT
+from pointing_model.run import PointingRun
 from pointing_model.sky import observed_place
 from pointing_model.star_catalogue import load_catalogue
 
@@ -246,6 +248,32 @@ def test_a_camera_with_a_wrong_sign_is_named_and_ends_the_plan(flip):
     assert bench.plan.progress.state == 'failed' and not bench.rows
     assert 'instrument camera: contradicts the commanded motion' in bench.plan.text
     assert 'check-drivers --nudge' in bench.plan.text
+
+
+def test_a_camera_mirrored_amid_the_night_is_named_dated_and_its_rows_are_known():
+    """Of a mount that is 2 arcsec off from star to star; and no row comes until it is right."""
+    bench = Live('stars 60', give_up_s=60.0)
+    jitter, frame = pairs(np.random.default_rng(5)), bench.frame
+
+    def jittered(track, send=bench.send_command):
+        bench.off = 2.0 * ARCSEC * next(jitter)
+        send(track)
+    bench.send_command = jittered
+    bench.until(lambda: len(bench.rows) == 14, 20000)
+    bench.frame, since = (lambda miss: miss * (-1.0, 1.0)), len(bench.rows)
+    bench.until(lambda: bench.plan.faults, 4000)
+    assert any('instrument camera:' in text and 'check-drivers --nudge' in text
+               for text in bench.plan.faults)
+    named = len(bench.rows)
+    bench.lasts(15.0)
+    assert len(bench.rows) == named <= since + 5
+    rows = PointingRun.concatenate(bench.rows)
+    wrong, sense = turned_rows(rows)
+    assert sense == 'x mirrored' and not wrong[:since].any()
+    assert wrong[since + 2:named].all()
+    bench.frame = frame
+    bench.until(lambda: len(bench.rows) > named, 2000)
+    assert bench.plan.faults == []
 
 
 def test_a_slow_camera_is_waited_for_and_named():
