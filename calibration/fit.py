@@ -19,7 +19,7 @@ from .fit_result import make_result
 from .gauss_newton import Linear, gauss_newton
 from .least_squares import need_rows, uncertainty_of, weighted_solve
 from .rotating import Rotating
-from .rows import UNREACHABLE, usable
+from .rows import UNREACHABLE, mild_sigmas, usable
 from .run_columns import MANY, RunColumns
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
@@ -162,6 +162,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     trig = Trig(used.az, el, mount)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     terms, names = names, names + _names_of_zeros(runs, mount)
+    zeros_of_axes = [i for i, name in enumerate(names) if name.split('[')[0] in mount.names.index]
     observed = np.empty(2 * n)
     np.subtract(used.az_enc, used.az, out=observed[:n])
     np.multiply(in_turn(observed[:n]), trig.cos_el, out=observed[:n])
@@ -174,7 +175,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     solved = gauss_newton(
         Linear(observed, first_order) if linear
         else Rotating(trig, terms, turned, observed, first_order, mount),
-        used.sigmas, robust, rcond)
+        used.sigmas, robust, rcond, mild_sigmas(used), zeros_of_axes)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -326,7 +327,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
         rows = _with_zeros(rows, run['run'][used.rows], runs, el)
-    solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond)
+    solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond, mild_sigmas(used))
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]

@@ -10,6 +10,7 @@ from pointing_model.rms import rms_arcsec
 
 from .diagnosis.rows_told import RMS_KEYS, excluded_of_fit, far_text, rows_of_fit
 from .few_rows import few_lines
+from .undetermined import raised_lines, undetermined_lines
 
 _NAMED = 5  # rejected rows that a report names in words, at most
 
@@ -30,7 +31,8 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
     -------
     dict
         ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``, ``within95_arcsec`` by Student's t
-        with ``degrees_of_freedom``, null where the noise is given); the ``degrees_of_freedom`` of
+        with ``degrees_of_freedom``, null where the noise is given; of those with ``undetermined``
+        null as well, and their value is what they have in the model); the ``degrees_of_freedom`` of
         the fit; ``before`` (as the encoders read) and ``after``; ``condition``, ``rank``,
         ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
         stars do not determine, in words); rows, notes, and places for what else a fit may give:
@@ -49,13 +51,14 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         'rank': int(result.rank),
         'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
                          for i, a in enumerate(result.names)
-                         for j, b in enumerate(result.names[:i])],
+                         for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
         'undetermined': [one['text'] for one in result.dropped], **told.to_dict(),
         'columns_alike': checked.alike if checked else [], 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],
         'notes': [*run.meta.get('notes', ()),
                   *(checked.warnings(run.mount.names) if checked else ()),
+                  *undetermined_lines(result), *raised_lines(result, run),
                   *notes_of_terms(result.term_rows())],
         'harmonics': None, 'predicted': None, 'base_model': None, 'origin_of_errors': None}
 

@@ -1,16 +1,20 @@
 """What a fit gives: the model, how good it is, and what the stars did not determine."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
 from .few_rows import FEW, interval_factor
 from .least_squares import spectrum_of, uncertainty_of
+from .undetermined import Undetermined
+
+_NOTHING = 1e-9  # of the largest number of a direction: rounding
 
 
 @dataclass(frozen=True)
@@ -26,8 +30,9 @@ class FitResult:
     coefficients : ndarray, shape (k,)
         Radians; of a term that was held too, what was added to it.
     covariance : ndarray, shape (k, k)
-        Radians^2. Directions in `dropped` are not in it: there the coefficients are those of the
-        smallest norm, and only predictions among the observed stars have a meaning.
+        Radians^2. Directions in `dropped` are not in it: those of `undetermined` are what they
+        are beside the ones that are held at zero, and only predictions among the observed stars
+        have a meaning.
     covariance_from : {'given sigmas', 'measured scatter'}
         What the covariance is scaled by.
     scatter : tuple of float
@@ -51,6 +56,10 @@ class FitResult:
     iterations : int
     freedom : ndarray, shape (k,)
         Degrees of freedom of each standard error; infinite from given sigmas.
+    undetermined : tuple of str
+        Coefficients with a share in `dropped`: see `undetermined.Undetermined`.
+    raised : list of dict
+        Sigmas that were taken larger than they are given, see `rows.Usable`.
     run_zeros : Zeros, optional
         By how much the zero of each run lies above that of the first, with its covariance.
     """
@@ -71,12 +80,16 @@ class FitResult:
     robust: bool
     iterations: int
     freedom: np.ndarray
+    undetermined: tuple = ()
+    raised: list = ()
     run_zeros: Zeros | None = None
 
     @property
     def sigma(self):
-        """Standard errors of the coefficients, radians, shape (k,)."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        """Standard errors of the coefficients, radians, shape (k,); NaN of undetermined ones."""
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        sigma[[self.names.index(name) for name in self.undetermined]] = np.nan
+        return sigma
 
     @property
     def degrees_of_freedom(self):
@@ -106,19 +119,23 @@ class FitResult:
             known); by default where the rows are `few`.
         """
         rows = [{'name': name, 'value_arcsec': float(value) / ARCSEC,
-                 'sigma_arcsec': float(sigma) / ARCSEC}
+                 'sigma_arcsec': float(sigma) / ARCSEC if np.isfinite(sigma) else None}
                 for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
         if self.few if interval is None else interval:
             for row, wide, dof in zip(rows, self.within95, self.freedom):
-                row['within95_arcsec'] = float(wide) / ARCSEC
-                row['degrees_of_freedom'] = float(dof) if np.isfinite(dof) else None
+                known = row['sigma_arcsec'] is not None
+                row['within95_arcsec'] = float(wide) / ARCSEC if known else None
+                row['degrees_of_freedom'] = float(dof) if known and np.isfinite(dof) else None
+        for row in rows:
+            if row['name'] in self.undetermined:
+                row['undetermined'] = True
         return rows
 
     @property
     def correlations(self):
-        """Correlation matrix of the coefficients, shape (k, k)."""
+        """Correlation matrix of the coefficients, shape (k, k); NaN of undetermined ones."""
         sigma = self.sigma
-        sigma = np.where(sigma > 0.0, sigma, 1.0)
+        sigma = np.where(sigma <= 0.0, 1.0, sigma)
         return self.covariance / np.outer(sigma, sigma)
 
     @property
@@ -213,12 +230,15 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     if sigmas is not None:
         x_unit, y_unit = (rms(s) for s in (sigmas[:n], sigmas[n:]))
         scatter = scatter[0] * x_unit, scatter[1] * y_unit
-    dropped = _dropped(solved.spectrum, len(solution.p), names)
+    dropped, left_open = _dropped(solved.spectrum, len(solution.p), names), solved.undetermined
     if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
         both = np.concatenate((row_weights, row_weights))
         both = both if solved.base is None else both * solved.base
-        dropped += _dropped(
-            spectrum_of(solved.rows, both, solution.normal), solution.rank, names, basis)
+        inner = spectrum_of(solved.rows, both, solution.normal)
+        dropped += _dropped(inner, solution.rank, names, basis)
+        if len(inner.s) == len(left_open.fitted):
+            left_open = left_open.more(Undetermined.of(inner, solution.rank))
+    undetermined = tuple(names[i] for i in left_open.terms)
     fitted = rms_arcsec(residual_x, residual_y)
     covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
     facts = {
@@ -232,10 +252,16 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
         **(provenance or {}),
     }
+    model = make_model(solved.p, covariance, facts)
+    of_terms = [{name: value for name, value in zip(names, one.tolist())
+                 if abs(value) > _NOTHING and name in model.terms} for one in left_open.directions]
+    model = replace(model, directions=(*model.directions, *filter(None, of_terms)), undetermined=[
+        name for name in model.terms if name in {*model.undetermined, *undetermined}],
+        sides=rows_by_side(run.mount, run['el'][w > 0.0]))
     return FitResult(
-        model=make_model(solved.p, covariance, facts), names=tuple(names),
+        model=model, names=tuple(names),
         coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
         scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
         dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
         excluded=excluded, robust=row_weights is not None, iterations=solved.iterations,
-        freedom=freedom)
+        freedom=freedom, undetermined=undetermined, raised=used.raised)

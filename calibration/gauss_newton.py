@@ -1,5 +1,9 @@
 """The iteration of a fit: linearised, weighed, solved, until it is the exact (robust) minimum.
 
+What the stars do not determine is held at zero (`undetermined`), and so is what they determine so
+badly that the noise takes it beyond the range in which anything is linear: there the iteration runs
+along a curved valley, and a standard error means nothing.
+
 The expensive parts are done once where they hardly change: the columns about a point so near that
 their change is below `NEAR`, the normal matrix for many rounds of the weights, of which each costs
 two products of the design with a vector. Many rows begin at the fit of a small part of them. What
@@ -26,6 +30,7 @@ from .least_squares import (
 from .robust_rounds import Rounds
 from .robust_weights import TOLERANCE, Room
 from .rounds_of_many import RoundsOfMany, Sight, are_many
+from .undetermined import Undetermined
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
@@ -41,6 +46,10 @@ _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 #: of the smallest singular value that is kept, relative: a change of the columns that leaves what
 #: the stars say of that direction as it is; and an iteration from which on that is not asked
 _ALIKE, _LATE = 0.1, 25
+#: of the noise of all residuals, what one standard error along the worst direction bends them by,
+#: in ways that no coefficient follows (Bates and Watts 1980, J. R. Stat. Soc. B 42, 1: half the
+#: intrinsic curvature); and of the largest singular value, that of a direction which may be so
+_BENT, _WEAK = 0.3, 0.01
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
@@ -52,7 +61,8 @@ class Solved(NamedTuple):
     p: np.ndarray
     solution: Solution  # in the coordinates of `basis`
     rows: np.ndarray  # or RunColumns
-    basis: np.ndarray | None  # directions kept, (k, r); None if all are
+    basis: np.ndarray | None  # of the coefficients that are not held, (k, r); None if none is
+    undetermined: Undetermined
     spectrum: Spectrum  # of the first-order design
     base: np.ndarray | None
     row_weights: np.ndarray | None  # 0 or 1 where the rows are few
@@ -101,11 +111,11 @@ def part_of(v, rows):
     return np.concatenate([v[..., :n][..., rows], v[..., n:][..., rows]], axis=-1)
 
 
-def gauss_newton(start, sigmas, robust, rcond):
+def gauss_newton(start, sigmas, robust, rcond, mild=None, last=None):
     """Iterate to the (robust) least-squares solution.
 
-    What the stars determine is decided once, by the first-order design: in the second order
-    aliases differ a little, and the iteration would run away along them.
+    What the stars determine is decided by the first-order design: in the second order aliases
+    differ a little, and the iteration would run away along them.
 
     Parameters
     ----------
@@ -113,6 +123,11 @@ def gauss_newton(start, sigmas, robust, rcond):
     sigmas : ndarray, shape (2n,), or None
     robust : bool
     rcond : float
+    mild : ndarray, shape (2n,), optional
+        The sigmas to decide by what is determined; by default `sigmas`.
+    last : sequence of int, optional
+        Coefficients that are held only where no others can be. Without it none is held: of a
+        series, whose coefficients mean nothing one by one, the smallest solution is taken.
 
     Returns
     -------
@@ -126,20 +141,42 @@ def gauss_newton(start, sigmas, robust, rcond):
     first_order = start.first_order
     k, n = len(first_order), first_order.shape[1] // 2
     need_rows(n, k, sigmas is not None)
-    base = None if sigmas is None else 1.0 / np.square(sigmas)
-    robust = robust and 4 * n >= 3 * k
+    base, by = (None if of is None else 1.0 / np.square(of)
+                for of in (sigmas, sigmas if mild is None else mild))
     normals = normal_matrices(first_order, base)
-    spectrum = spectrum_of(first_order, base, normals[1])
-    rank = spectrum.rank(rcond)
+    spectrum = spectrum_of(first_order, by, normals[1] if mild is None else
+                           normal_matrices(first_order, by)[1])
     if not spectrum.s[-1] > 0.0:
         raise ValueError('the rows tell nothing of what is to be fitted: its columns are zero in '
                          'all of them; fit other terms')
+    rank = spectrum.rank(rcond)
+    while True:
+        weak = rank > 1 and spectrum.s[len(spectrum.s) - rank] < _WEAK * spectrum.s[-1]
+        try:
+            solved = _iterate(start, sigmas, base, robust, rcond, normals, spectrum, rank, last)
+            if not weak or start.linear or not _is_bent(start, solved, by, rank):
+                return solved
+        except ValueError:
+            if not weak:
+                raise
+        rank -= 1
+
+
+def _iterate(start, sigmas, base, robust, rcond, normals, spectrum, rank, last):
+    """`gauss_newton` of the best determined directions, `rank` of them."""
+    first_order = start.first_order
+    k, n = len(first_order), first_order.shape[1] // 2
+    robust = robust and 4 * n >= 3 * k
     firm = _ALIKE * spectrum.s[k - rank] / spectrum.s[-1]
     few = are_few(2 * n - rank, rank)
-    basis = None if rank == k else spectrum.vectors[:, k - rank:] / spectrum.scale[:, None]
+    left_out = Undetermined.of(spectrum, k if last is None else rank, last or ())
+    basis = None
+    if rank < k:
+        basis = (spectrum.vectors[:, k - rank:] / spectrum.scale[:, None] if last is None
+                 else np.eye(k)[:, left_out.fitted])
     p, begun = np.zeros(k), None
     if n >= _MANY and basis is None and (robust or not start.linear):
-        begun = _of_some(start, sigmas, robust, rcond)
+        begun = _of_some(start, sigmas, robust, rcond, last)
         p = p if begun is None else begun.p
     weighing = _Weighing(start, basis, rank, rcond, normals, begun) if robust and not few else None
     solution = row_weights = rows = known = moved = None
@@ -198,9 +235,50 @@ def gauss_newton(start, sigmas, robust, rcond):
     else:
         raise ValueError(
             'the fit does not converge; look for rows with degrees of error or fit fewer terms')
-    return Solved(p, solution, rows, basis, spectrum, weights, row_weights, few,
+    return Solved(p, solution, rows, basis, left_out, spectrum, weights, row_weights, few,
                   np.ones(n, bool) if known is None else known, iteration,
                   *(None, None) if weighing is None else (weighing.huber, weighing.scales))
+
+
+def _is_bent(start, solved, by, rank):
+    """Whether noise alone moves the coefficients to where the columns are others.
+
+    One standard error to either side along the direction that is determined worst, from where
+    nothing of it is in the coefficients: what has gone along it has other columns, and may have
+    come to where these seem to tell more. What the columns follow of the bend is taken off.
+
+    Parameters
+    ----------
+    start, by
+        As of `gauss_newton`; weights of that spectrum.
+    solved : Solved
+        With this direction.
+    rank : int
+    """
+    spectrum, weights = solved.spectrum, solved.row_weights
+    way, noise = spectrum.vectors[:, -rank], 1.0
+    if by is None:
+        squares = np.square(solved.solution.residual)
+        if weights is not None:
+            squares *= np.concatenate((weights, weights))
+        count = 2.0 * (len(solved.feasible) if weights is None else weights.sum())
+        noise = float(squares.sum() / max(count - rank, 1.0)) ** 0.5
+    step = noise / spectrum.s[-rank] * way / spectrum.scale
+    most = _BENT * max(noise, TOLERANCE)
+    root = 1.0 if by is None else np.sqrt(by)
+    if start.steep * float(np.abs(step).sum())**2 * float(np.linalg.norm(
+            np.broadcast_to(root, solved.solution.residual.shape))) < most:
+        return False
+    p = solved.p - way @ (solved.p * spectrum.scale) * way / spectrum.scale
+    start.residual(p, True)
+    columns = np.asarray(start.columns()) * root
+    at = [np.array(start.residual(p + side * step, False)[0]) for side in (0.0, 1.0, -1.0)]
+    start.residual(solved.p, True)  # as it was: the result has these
+    start.columns()
+    bend = (0.5 * (at[1] + at[2]) - at[0]) * root
+    bend -= weighted_solve(columns, bend, None, _INNER * spectrum.s[-rank]
+                           / spectrum.s[-1]).p @ columns
+    return not float(np.dot(bend, bend)) ** 0.5 < most
 
 
 class _Weighing:
@@ -297,7 +375,7 @@ class _Weighing:
         return rounds.solution, True
 
 
-def _of_some(start, sigmas, robust, rcond):
+def _of_some(start, sigmas, robust, rcond, last):
     """The fit of a part of many rows, where to begin; None: there is none.
 
     One row of every so many, each time another of them, so that nothing which comes again and again
@@ -309,7 +387,7 @@ def _of_some(start, sigmas, robust, rcond):
     rows = step * at + (step * (_GOLDEN * at % 1.0)).astype(int)
     try:
         return gauss_newton(start.part(rows), None if sigmas is None else part_of(sigmas, rows),
-                            robust, rcond)
+                            robust, rcond, last=last)
     except ValueError:
         return None
 

@@ -338,6 +338,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
 
 def rows_of_terms(model):
     """As `FitResult.term_rows`, of a PointingModel."""
-    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    return [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s) / ARCSEC}
-            for (name, value), s in zip(model.terms.items(), sigma)]
+    return [{'name': name, 'value_arcsec': value / ARCSEC,
+             **({'sigma_arcsec': float(s) / ARCSEC} if np.isfinite(s) else
+                {'sigma_arcsec': None, 'undetermined': True})}
+            for (name, value), s in zip(model.terms.items(), model.sigmas)]

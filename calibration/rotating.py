@@ -57,7 +57,7 @@ class Rotating:
         `each(residual, part)` is called for a part of the rows as soon as it is there.
         """
         self.at, self.filled = None, True
-        if each is None and not self.turned and not p.any():
+        if each is None and not self.turned and not p.any() and not self.moved:
             return self.observed, None
         self.at = list(self._held)
         for i, at, sign, held in self._rotations:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import all_finite, wrap
+from msg_tools.units import ARCSEC, all_finite, wrap
 from pointing_model.mounts import told
 from pointing_model.run import PointingRun
 from pointing_model.zero import NO_ZERO
@@ -14,6 +14,11 @@ from .distrust import distrusted
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
+#: rad: a sigma below was not measured, and its weight is no number
+LEAST_SIGMA = 1e-12 * ARCSEC
+#: of the median sigma of an axis, that of a row which claims to be far better; part of the rows
+#: that may do so and are no instrument of their own
+_FLOOR, _LONE = 0.2, 0.1
 
 
 def is_kept_out(rows):
@@ -88,6 +93,9 @@ class Usable(NamedTuple):
         1-sigma noise of x, then y, radians.
     excluded : list of dict
         ``row`` and ``reason`` of the others.
+    raised : list of dict
+        ``row``, ``axis`` (x or y), ``given`` and ``taken`` of sigmas that are far below the
+        others', radians.
     """
 
     rows: np.ndarray
@@ -97,6 +105,7 @@ class Usable(NamedTuple):
     el_enc: np.ndarray
     sigmas: np.ndarray | None
     excluded: list
+    raised: list = ()
 
     def only(self, good, reason):
         """Those where `good`, shape (m,), holds; the others are excluded with the reason."""
@@ -105,7 +114,7 @@ class Usable(NamedTuple):
         lost = [{'row': int(i), 'reason': reason} for i in self.rows[~good]]
         sigmas = None if self.sigmas is None else self.sigmas[np.concatenate((good, good))]
         return Usable(*(v[good] for v in self[:5]), sigmas,
-                      sorted(self.excluded + lost, key=lambda e: e['row']))
+                      sorted(self.excluded + lost, key=lambda e: e['row']), self.raised)
 
 
 def usable(run, encoder='enc', zero=NO_ZERO):
@@ -150,17 +159,58 @@ def usable(run, encoder='enc', zero=NO_ZERO):
         if not all_finite(value):
             good &= np.isfinite(value)
     for value in sigmas or ():
-        good &= np.isfinite(value) & (value > 0.0)
+        good &= np.isfinite(value) & (value > LEAST_SIGMA)
     excluded = []
     kept = np.flatnonzero(good)
     for row in np.flatnonzero(~good) if len(kept) < len(good) else ():
         bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
         reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
         excluded.append({'row': int(row), 'reason': reason})
-    keep = good if excluded else slice(None)
+    keep, raised = good if excluded else slice(None), []
     if sigmas is not None:
-        sigmas = np.concatenate([s[keep] for s in sigmas])
-    return Usable(kept, *(v[keep] for v in columns.values()), sigmas, excluded)
+        each = []
+        for axis, values in zip('xy', sigmas):
+            taken = floored(values[keep])
+            raised += [{'row': int(kept[i]), 'axis': axis, 'given': float(values[keep][i]),
+                        'taken': float(taken[i])} for i in np.flatnonzero(taken != values[keep])]
+            each.append(taken)
+        sigmas = np.concatenate(each)
+    return Usable(kept, *(v[keep] for v in columns.values()), sigmas, excluded, raised)
+
+
+def floored(sigmas, lone=True):
+    """Sigmas of an axis, those far below the others at a fifth of the median.
+
+    A row that claims to be so much better than the others decides alone what it says, and what is
+    wrong with it is in the result in full.
+
+    Parameters
+    ----------
+    sigmas : ndarray, shape (n,)
+    lone : bool
+        Only where they are one row, or one of so many (`_LONE`): more are another instrument.
+    """
+    least = _FLOOR * float(np.median(sigmas)) if len(sigmas) else 0.0
+    below = sigmas < least
+    count = int(np.count_nonzero(below))
+    if not count or lone and count > max(1, _LONE * len(sigmas)):
+        return sigmas
+    return np.where(below, least, sigmas)
+
+
+def mild_sigmas(used):
+    """The sigmas by which is decided what rows determine; None where none were given.
+
+    None of them is far below the others, however many are: a few rows do not make columns equal in
+    which all others differ.
+
+    Parameters
+    ----------
+    used : Usable
+    """
+    if used.sigmas is None:
+        return None
+    return np.concatenate([floored(values, False) for values in used.sigmas.reshape(2, -1)])
 
 
 def check_mount(mount, others):

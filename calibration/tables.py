@@ -17,6 +17,8 @@ from .few_rows import few_lines
 from .harmonic_fit import READ_AS
 from .held_out import RAW
 from .term_notes import notes_of_terms
+from .undetermined import WORD as UNDETERMINED
+from .undetermined import raised_lines, undetermined_lines
 
 
 def new_table(title, *columns):
@@ -134,8 +136,10 @@ def terms_table(terms):
     out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma',
                     *(['95 % within'] * wide))
     for term in terms:
-        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}', f'{term["sigma_arcsec"]:.2f}',
-                    *([f'± {term["within95_arcsec"]:.2f}'] if wide else ()))
+        sigma, within = term['sigma_arcsec'], term.get('within95_arcsec')
+        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}',
+                    UNDETERMINED if sigma is None else f'{sigma:.2f}',
+                    *(['–' if within is None else f'± {within:.2f}'] if wide else ()))
     return out
 
 
@@ -165,10 +169,12 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     if held_out is not None:
         steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
                       *_rms_cells(held_out._asdict()))
-    lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
+    lines = [*undetermined_lines(result),
+             f'sigma from the {result.covariance_from.removeprefix("measured ")}'
              f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
-             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}',
-             *few_lines(result)]
+             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
+             f'{result.degrees_of_freedom} degrees of freedom',
+             *raised_lines(result, run), *few_lines(result)]
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')

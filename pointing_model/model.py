@@ -10,9 +10,13 @@ from . import geometry as rotation
 from .context import Context
 from .fitted_effects import as_context, total
 from .harmonics import Harmonics
-from .mounts import ALTAZ, Mount
+from .mounts import ALTAZ, Mount, is_beyond
 from .terms import Trig, design, known_terms
 from .zero import NO_ZERO
+
+#: of a change of terms that the stars do not see, its largest 1: what of it moves a prediction that
+#: is said to rest on it (0.1" of terms of 100")
+OPEN = 1e-3
 
 
 def _as_written(value, unit):
@@ -44,6 +48,13 @@ class PointingModel:
         as exact rotations or as their first-order columns. All others, the harmonics and the
         effects add their columns at the catalogue place.
     effects : sequence of FittedEffect, optional
+    undetermined : sequence of str, optional
+        Terms that the stars did not determine: those that are not zero carry what is known of all
+        of them together. They have no standard error of their own.
+    directions : sequence of dict of str to float, optional
+        In which nothing of the terms is known: changes of terms that the stars do not see.
+    sides : tuple of int, optional
+        Rows of the fit on this side and on the other side of the pier, of a German mount.
     mount : Mount, optional
         Whose axes these are. All angles of the methods are of them: `Mount.axes_of` gives them
         for a place of the horizon, on either side of the pier.
@@ -61,10 +72,19 @@ class PointingModel:
     geometry: str = 'rotation'
     effects: tuple = ()
     mount: Mount = ALTAZ
+    undetermined: tuple = ()
+    directions: tuple = ()
+    sides: tuple | None = None
 
     def __post_init__(self):
         known_terms(self.terms, self.mount)
         object.__setattr__(self, 'effects', tuple(self.effects))
+        # of a model with some of the terms of another: what is said of those
+        object.__setattr__(self, 'undetermined', tuple(
+            name for name in self.undetermined if name in self.terms))
+        of_terms = ({name: value for name, value in one.items() if name in self.terms}
+                    for one in self.directions)
+        object.__setattr__(self, 'directions', tuple(filter(None, of_terms)))
         if self.geometry not in ('rotation', 'first_order'):
             raise ValueError(
                 f'unknown geometry {self.geometry!r} of a model; take rotation or first_order')
@@ -116,6 +136,13 @@ class PointingModel:
             x, y = total(self.effects, context.at(
                 az, el, az_enc=az_enc + x / np.cos(el), el_enc=el_enc + y))
         return x.reshape(shape[1:]), y.reshape(shape[1:])
+
+    @property
+    def sigmas(self):
+        """Standard errors of the terms, radians, shape (k,); NaN of undetermined ones."""
+        out = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        out[[name in self.undetermined for name in self.terms]] = np.nan
+        return out
 
     @property
     def by_reading(self):
@@ -239,7 +266,7 @@ class PointingModel:
         Returns
         -------
         sx, sy : ndarray
-            On the sky, radians.
+            On the sky, radians; NaN where nobody knows how far it is off, see `is_open`.
         """
         shape = np.broadcast_shapes(np.shape(az), np.shape(el))
         az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
@@ -252,7 +279,35 @@ class PointingModel:
         for fitted in self.effects:
             ex, ey = fitted.variance(as_context(context, az, el, self.mount))
             x, y = x + ex, y + ey
-        return tuple(np.sqrt(np.maximum(v, 0.0)).reshape(shape) for v in (x, y))
+        unknown = self.is_open(az, el)
+        return tuple(np.where(unknown, np.nan, np.sqrt(np.maximum(v, 0.0))).reshape(shape)
+                     for v in (x, y))
+
+    def is_open(self, az, el):
+        """Where a prediction rests on what the stars of the fit did not determine.
+
+        A term in a direction that they did not see moves it, or it is on the side of the pier that
+        none of them is on: whether errors turn with the mount there nobody has seen.
+
+        Parameters
+        ----------
+        az, el : float or ndarray
+            Catalogue place, radians.
+
+        Returns
+        -------
+        ndarray of bool
+        """
+        az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+        out = np.zeros(az.shape, bool)
+        if self.directions:
+            names = tuple(self.terms)
+            along = np.array([[one.get(name, 0.0) for name in names] for one in self.directions])
+            columns = np.array(design(names, az.ravel(), el.ravel(), self.mount))  # (2, n, k)
+            out |= (np.abs(columns @ along.T) > OPEN).any(axis=(0, 2)).reshape(out.shape)
+        if self.sides is not None and 0 in self.sides:
+            out |= is_beyond(el) == (self.sides[1] == 0)
+        return out
 
     def residuals(self, run, encoder='enc', zero=NO_ZERO):
         """What the model leaves of a run, on the sky.

@@ -53,7 +53,7 @@ def to_json(model):
     str
         Angles in arcsec. `from_json` gives the same model back, to the last bit.
     """
-    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
+    sigma = model.sigmas / ARCSEC
     h = model.harmonics
     document = {
         'format': FORMAT,
@@ -63,6 +63,9 @@ def to_json(model):
         'geometry': model.geometry,
         'terms': [
             {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
+            if name not in model.undetermined else
+            {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': None,
+             'undetermined': True}
             for (name, value), s in zip(model.terms.items(), sigma)
         ],
         'covariance_arcsec2': (model.covariance / ARCSEC**2).tolist(),
@@ -78,6 +81,10 @@ def to_json(model):
         },
         'provenance': model.provenance,
     }
+    if model.directions:
+        document['undetermined'] = [dict(one) for one in model.directions]
+    if model.sides is not None:
+        document['rows_by_side'] = list(model.sides)
     if model.effects:
         document['effects'] = [e.document() for e in model.effects]
     return json.dumps(document, indent=1)
@@ -182,11 +189,17 @@ def from_document(document):
         mount = ALTAZ if told is None else Mount(told['kind'], told['frame'],
                                                   told.get('errors', OF_MOUNT))
         effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
+        undetermined = [row['name'] for row in rows if row.get('undetermined')]
+        directions = [{name: float(value) for name, value in one.items()}
+                      for one in document.get('undetermined') or ()]
+        sides = document.get('rows_by_side')
+        sides = None if sides is None else (int(sides[0]), int(sides[1]))
     except KeyError as error:
         raise ValueError(f'pointing model document without {error}') from None
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, IndexError) as error:
         raise ValueError(f'pointing model document is damaged: {error}') from None
-    return PointingModel(terms, covariance, harmonics, provenance, geometry, effects, mount)
+    return PointingModel(terms, covariance, harmonics, provenance, geometry, effects, mount,
+                         undetermined, directions, sides)
 
 
 def _check_named(rows, harmonics):

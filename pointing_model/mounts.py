@@ -327,6 +327,26 @@ def is_beyond(second):
     return np.cos(second) < 0.0
 
 
+def rows_by_side(mount, second):
+    """How many places are on this side of the pier, and how many through the pole.
+
+    Parameters
+    ----------
+    mount : Mount
+    second : ndarray, shape (n,)
+        Second angles, radians.
+
+    Returns
+    -------
+    tuple of int, or None
+        None of a mount that is no German one.
+    """
+    if mount.kind != 'german':
+        return None
+    beyond = int(np.count_nonzero(is_beyond(second)))
+    return len(second) - beyond, beyond
+
+
 def parse_mount(text, latitude=None):
     """A mount by its kind, and what else it takes.
 

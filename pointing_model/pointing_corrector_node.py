@@ -29,7 +29,7 @@ class PointingCorrector(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('pointing_corrector', PARAMS, hardware_id='pointing model', **kwargs)
-        self._lacking, self._apart = (), None
+        self._lacking, self._apart, self._open = (), None, False
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
         self._in_force_pub, self._pair_told = self.publisher(topics.IN_FORCE), ''
@@ -38,7 +38,7 @@ class PointingCorrector(MountNode):
 
     def _changed(self, topic):
         if topic is topics.MODEL:
-            self._lacking = ()
+            self._lacking, self._open = (), False
             self._follow()
         if self._in_force.bound:
             text = pair_to_text(self._in_force.model_text, self._in_force.zero_stamp,
@@ -96,6 +96,8 @@ class PointingCorrector(MountNode):
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
             joint_track(stamp, times, demand, turn / (2.0 * STEP), names))
+        model = self._in_force.model
+        self._open = model is not None and bool(model.is_open(sky[:, 0], sky[:, 1]).any())
         self._sigma_pub.publish(convert.vector(
             stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
 
@@ -112,7 +114,8 @@ class PointingCorrector(MountNode):
 
         Where the zero wanders, with what it may have moved since the model's rows.
 
-        NaN where the zero is of another power-on: by how much it has moved nobody knows.
+        NaN where the zero is of another power-on, by how much it has moved nobody knows; and where
+        the model rests on terms that the stars of its fit did not determine.
         """
         if self._in_force.zero_is_unknown:
             return np.full(2, np.nan)
@@ -132,6 +135,13 @@ class PointingCorrector(MountNode):
             return [*found, (DiagnosticStatus.WARN, 'no model yet: demands are the wanted '
                              'directions' + (' plus the zero' if self._in_force.zero.angles.any()
                                              else ''))]
+        if self._open:
+            found.append((DiagnosticStatus.WARN, 'the last demand rests on what the stars of the '
+                          'fit did not determine'
+                          + (f' ({", ".join(self._in_force.model.undetermined)})'
+                             if self._in_force.model.undetermined else
+                             ' (no row on this side of the pier)') + ': how far it is off is not '
+                          'known, demand_sigma is NaN'))
         if self._lacking:
             found.append((DiagnosticStatus.WARN, 'what drives these effects is not known here, '
                           f'they count as zero: {", ".join(self._lacking)}'))

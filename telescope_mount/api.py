@@ -130,8 +130,16 @@ class Fit:
 
     @property
     def sigmas_arcsec(self):
-        """Term -> standard error, arcsec; dict of str to float."""
+        """Term -> standard error, arcsec; dict of str to float, None of `undetermined` ones."""
         return {row['name']: row['sigma_arcsec'] for row in self.document['terms']}
+
+    @property
+    def undetermined(self):
+        """Terms that the stars do not determine, tuple of str.
+
+        Those that are not held at zero stand for the sum of all of them on these stars.
+        """
+        return self.result.undetermined
 
     @property
     def rms_before_arcsec(self):
@@ -164,8 +172,9 @@ class Fit:
 
     def __repr__(self):
         sigmas = self.sigmas_arcsec
-        terms = ''.join(f'{name:>8} {value:+10.2f} ± {sigmas[name]:.2f}"\n'
-                        for name, value in self.terms_arcsec.items())
+        terms = ''.join(f'{name:>8} {value:+10.2f} ' + (
+            'undetermined' if sigmas[name] is None else f'± {sigmas[name]:.2f}"') + '\n'
+            for name, value in self.terms_arcsec.items())
         return (f'{terms}{self.document["observations"]} of {len(self.run)} rows, RMS on the sky '
                 f'{self.rms_before_arcsec:.2f}" -> {self.rms_arcsec:.2f}"')
 

@@ -136,8 +136,7 @@ class BaseModel:
         import numpy as np
 
         from msg_tools.units import ARCSEC
-        sigma = dict(zip(model.terms, np.sqrt(np.maximum(np.diag(model.covariance), 0.0))))
-        errors = dict(zip(self.terms, np.sqrt(np.maximum(np.diag(self.model.covariance), 0.0))))
+        sigma, errors = (dict(zip(one.terms, one.sigmas)) for one in (model, self.model))
         rows = []
         for name, there in self.model.terms.items():
             row = {'name': name, 'there_arcsec': there / ARCSEC, 'here_arcsec': None,
@@ -145,7 +144,8 @@ class BaseModel:
             if name in model.terms:
                 error = float(np.hypot(sigma[name], errors[name]))
                 row |= {'here_arcsec': model.terms[name] / ARCSEC,
-                        'sigma_arcsec': float(sigma[name]) / ARCSEC,
+                        'sigma_arcsec': (float(sigma[name]) / ARCSEC
+                                         if np.isfinite(sigma[name]) else None),
                         'in_sigma': (model.terms[name] - there) / error if error > 0.0 else None}
             rows.append(row)
         return {'file': str(self.path), 'terms': rows, 'held': self._held()}
@@ -153,12 +153,14 @@ class BaseModel:
     def table(self, model):
         """`compared` for the console."""
         from calibration.tables import new_table
+        from calibration.undetermined import WORD as UNDETERMINED
         out = new_table(f'Terms of {self.path.name} and of this run, arcsec', 'term', 'there',
                         'here', 'sigma', 'here - there', 'in sigma')
         for row in self.compared(model)['terms']:
             there, here, sigma, many = (row[k] for k in (
                 'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
             out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
-                f'{here:+.2f}', f'{sigma:.2f}', f'{here - there:+.2f}',
+                f'{here:+.2f}', UNDETERMINED if sigma is None else f'{sigma:.2f}',
+                f'{here - there:+.2f}',
                 '-' if many is None else f'{many:+.1f}']))
         return out

@@ -85,7 +85,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
                          f'{MODEL}), and that of no other program')
     loaded = read_model(source, mount or ALTAZ)
     model, said = _with_zero(loaded.model, zero)
-    notes = [*loaded.notes, *said]
+    notes = [*loaded.notes, *said, *_said_of_open(model)]
     if to == MODEL:
         model.save(path)
         return Written(path, to, None, notes)
@@ -103,6 +103,16 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     exported = export(model, PROGRAMS[to], context, told, facts)
     write_text(path, exported.text)
     return Written(path, to, exported, [*notes, *exported.notes])
+
+
+def _said_of_open(model):
+    """What no file of another program tells: which terms nobody knows."""
+    from calibration.undetermined import said_of_open
+    said = said_of_open(model.undetermined, model.terms)
+    if model.sides is not None and 0 in model.sides:
+        said.append('all rows of the fit are on one side of the pier: on the other nobody has '
+                    'seen this model')
+    return said
 
 
 def _with_zero(model, wanted):

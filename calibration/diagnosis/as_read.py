@@ -68,8 +68,7 @@ def _moved(diagnosis):
     model, base = diagnosis.model, diagnosis.base_model
     if not diagnosis.effects:
         return {}
-    sigma = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
-    moved = [name for (name, value), s in zip(base.terms.items(), sigma)
+    moved = [name for (name, value), s in zip(base.terms.items(), base.sigmas)
              if name not in diagnosis.base.own and name in model.terms
              and abs(model.terms[name] - value) > _MOVED * s]
     names, matrix = correlations(diagnosis) if moved else ([], None)

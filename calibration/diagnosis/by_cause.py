@@ -44,14 +44,14 @@ def fit_causes(work, found, i, standing, causes, fit):
 def _fitted(work, chosen, fit):
     model, _ = work.model(fit(chosen), chosen)
     one = model.effects[0]
-    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     return {
         'coefficients': [
             {'name': name, 'word': coefficient_word(one.effect, name), 'unit': one.effect.unit,
              'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
             for name, value, s in zip(one.effect.coefficient_names, one.coefficients, one.sigma)],
         'terms': {name: {'value_arcsec': float(value / ARCSEC), 'sigma_arcsec': float(s / ARCSEC)}
-                  for (name, value), s in zip(model.terms.items(), sigma)}}
+                  for (name, value), s in zip(model.terms.items(), model.sigmas)
+                  if np.isfinite(s)}}
 
 
 def sound_with(effects, name):

@@ -17,6 +17,7 @@ from .detectable import detectable
 from .expected import expected_error
 from .input_check import check_columns
 from .next_observations import propose
+from .open_terms import determined, said
 from .rechosen import choose_with_rivals, with_rivals
 from .repeats import repeats_sentence
 from .resampling import radial_arcsec
@@ -103,12 +104,15 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     obs = observations(runs, encoder)
     if obs.context.left_out():
         obs.notes.append(not_taken(obs.context))
+    base, left_open = determined(obs, base)
     rng = np.random.default_rng(seed)
     if len(obs) > streamed_from:
         result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
     else:
         result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
                             partitions, progress or _silent, jobs)
+    if left_open is not None:
+        result = said(result, left_open)
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike

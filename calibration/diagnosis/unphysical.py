@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.harmonic_fit import rows_of_terms
 from calibration.term_notes import suspicious
 from msg_tools.units import ARCSEC
 
@@ -29,9 +30,7 @@ def unphysical(result):
         that a term has without the effects, and that they only leave in doubt, the value is the
         one without, and ``beside_effects_arcsec`` the other.
     """
-    sigma = np.sqrt(np.maximum(np.diag(result.model.covariance), 0.0)) / ARCSEC
-    rows = [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
-            for (name, value), s in zip(result.model.terms.items(), sigma)]
+    rows = rows_of_terms(result.model)
     rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
               'sigma_arcsec': float(one.fitted.sigma[0]) / ARCSEC} for one in result.effects
              if one.fitted.effect.coefficient_names == ('TX',)]
@@ -52,13 +51,10 @@ def _in_doubt(result, rows):
     """Terms of a wrong sign without the effects, which have it beside them too, if less surely."""
     if not result.effects:
         return []
-    alone, covariance = result.base_model.terms, result.base_model.covariance
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / ARCSEC
     known = {row['name'] for row in suspicious(rows)}
     beside = {row['name']: row['value_arcsec'] for row in rows}
     return [{**one, 'beside_effects_arcsec': beside[one['name']]} for one in suspicious(
-        {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
-        for (name, value), s in zip(alone.items(), sigma))
+        rows_of_terms(result.base_model))
         if one['what'] == 'sign' and one['name'] not in known
         and beside.get(one['name'], 0.0) * one['value_arcsec'] > 0.0]
 

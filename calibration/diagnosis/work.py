@@ -9,6 +9,7 @@ from pointing_model.effects import dictionary, effect, smooths, steps
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.mounts import rows_by_side
 
 from .base import after_rotation, decode_slips, linearised
 from .problem import Changes, Problem
@@ -160,4 +161,5 @@ def made_model(obs, base, fitted, effects):
     texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
                                 for t, v in terms.items()} for r, terms in run_terms.items()}
     return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
-                         harmonics, facts, 'rotation', found, obs.run.mount), texts
+                         harmonics, facts, 'rotation', found, obs.run.mount,
+                         sides=rows_by_side(obs.run.mount, obs.run['el'])), texts

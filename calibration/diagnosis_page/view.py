@@ -357,13 +357,13 @@ def _effect_driver(context, e):
 
 def _terms(diagnosis):
     model = diagnosis.model
-    sigma = np.sqrt(np.maximum(np.diag(model.covariance), 0.0)) / ARCSEC
     own, said = set(diagnosis.base.own), diagnosis.observations.context.said
     out = [{'name': name + (' (median of the runs)' if name in own else ''),
-            'value': value / ARCSEC, 'sigma': None if name in own else float(s), 'unit': 'arcsec',
+            'value': value / ARCSEC, 'sigma': None if name in own else float(s) / ARCSEC,
+            'unit': 'arcsec', 'undetermined': name in model.undetermined,
             'alone': diagnosis.base_model.terms[name] / ARCSEC
             if diagnosis.effects and name in diagnosis.base_model.terms else None}
-           for (name, value), s in zip(model.terms.items(), sigma)]
+           for (name, value), s in zip(model.terms.items(), model.sigmas)]
     for found in diagnosis.effects:
         e, f = found.fitted.effect, found.fitted
         out += [{'name': f'{readable(e.name)}: {said(coefficient_word(e, name))}',

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.diagnosis.rows_told import outlier_sentence
 from calibration.few_rows import few_lines
+from calibration.undetermined import raised_lines, undetermined_lines
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
@@ -66,7 +67,8 @@ def render_fit(run, result, document, encoder='enc', model=None):
         f'{clean(Path(str(source)).name)} · terms {clean(", ".join(result.names))} · mount '
         f'{clean(run.mount.kind)}</p>',
         controls(data),
-        verdict('', headline, [outliers, *document['undetermined'], *few_lines(result)],
+        verdict('', headline, [outliers, *undetermined_lines(result),
+                               *raised_lines(result, run), *few_lines(result)],
                 cards([(before['rms_arcsec'], 'as the encoders read'),
                        (after['rms_arcsec'], 'after, rows fitted'),
                        (after.get('cv_rms_arcsec'), 'after, halves not seen'),

@@ -23,7 +23,9 @@ def terms_table(terms):
         HTML.
     """
     alone = any(t.get('alone') is not None for t in terms)
-    rows = [[t['name'], *value_and_error(t['value'], t['sigma']),
+    rows = [[t['name'], value_and_error(t['value'], t['sigma'])[0],
+             'undetermined' if t.get('undetermined')
+             else value_and_error(t['value'], t['sigma'])[1],
              number(abs(t['value'] / t['sigma']), 1) if t['sigma'] else '–',
              *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
                if alone else []), t['unit']] for t in terms]
@@ -72,7 +74,8 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         HTML at the end.
     """
     terms = [{'name': row['name'], 'value': row['value_arcsec'], 'sigma': row.get('sigma_arcsec'),
-              'unit': 'arcsec'} for row in rows or ()]
+              'undetermined': row.get('undetermined', False), 'unit': 'arcsec'}
+             for row in rows or ()]
     names = names or [t['name'] for t in terms]
     shape = np.shape(correlations)
     if len(shape) != 2 or shape[0] != shape[1] or shape[0] > len(names):

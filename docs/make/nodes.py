@@ -52,7 +52,7 @@ TOPICS = {
     'apart': 'how causes that a diagnosis leaves open stand, and the star that tells most, JSON',
     'target': 'a wanted direction over time, observed place, rad',
     'demand': 'the same as encoder angles and rates, rad and rad/s',
-    'demand_sigma': 'how far it is expected to be off, on the sky, rad',
+    'demand_sigma': 'how far it is expected to be off, on the sky, rad; NaN: not known',
     'in_force': 'zero and model that are applied, as one JSON text',
     '/diagnostics': 'health of each node, once a second',
     'robot_description': 'the mount as URDF, for RViz and Foxglove',

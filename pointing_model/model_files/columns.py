@@ -196,16 +196,14 @@ def of_model(model):
 
     def take(key, value):
         values[key] = values.get(key, 0.0) + value
-    errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    for (name, value), error in zip(model.terms.items(), errors):
-        if not model.mount.altaz:
-            take((name, ()), value)
-            sigma[name, ()] = float(error)
-        elif name in OF_TERM:
-            take(OF_TERM[name], value)
-            sigma[OF_TERM[name]] = float(error)
-        else:
+    for (name, value), error in zip(model.terms.items(), model.sigmas):
+        if model.mount.altaz and name not in OF_TERM:
             left.append(name)
+            continue
+        key = OF_TERM[name] if model.mount.altaz else (name, ())
+        take(key, value)
+        if np.isfinite(error):
+            sigma[key] = float(error)
     for fitted in model.effects:
         parts = _of_effect(fitted.effect) if model.mount.altaz else _terms_of_effect(
             fitted.effect, model.mount)

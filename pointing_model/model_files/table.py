@@ -35,9 +35,9 @@ def write(model, caption):
         out.write(f'# errors: {model.mount.errors}\n# of a German mount: A and E are folded back '
                   'to the sky, before the side of the pier is worked out\n')
     rows = [_HEADER]
-    errors = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
-    for (name, value), error in zip(model.terms.items(), errors):
-        rows.append(['term', name, repr(value / ARCSEC), repr(float(error) / ARCSEC),
+    for (name, value), error in zip(model.terms.items(), model.sigmas):
+        rows.append(['term', name, repr(value / ARCSEC),
+                     repr(float(error) / ARCSEC) if np.isfinite(error) else '',
                      terms_of(model.mount)[name].formula, '', ''])
     h = model.harmonics
     if h is not None:

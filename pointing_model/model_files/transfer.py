@@ -207,6 +207,10 @@ def export(model, program, sky=None, told='', facts=None):
                 errors[name] = abs(share) * sigma[key]
     if refitted:
         errors = _errors(program, still, list(taken), sky)
+    nobody = {name for key in taken if key in values and key not in sigma
+              for name, _ in program.own(key)}
+    errors = {name: error for name, error in errors.items()
+              if not (model.undetermined and name in nobody)}
     text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
     # what counts is what stands in the file, with its digits
     found = program.read('the exported file', text)

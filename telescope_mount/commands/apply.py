@@ -103,6 +103,9 @@ def _apply(model, args):
         notes.append(f'the mount cannot look there, nearer to its zenith than its axes allow: '
                      f'cells left empty in row{"s" * int(bad.sum() > 1)} '
                      + _listed(lines[bad]))
+    seen = used & ~bad
+    at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
+    notes += _open(model, at * DEG, lines[seen])
     # the first axis, of what is catalogue place and of the reading alike
     up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.kind == 'german')
     if up.any():
@@ -256,6 +259,19 @@ def _unknown(model, context, out, reverse):
         reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
         notes.append(f'{readable(effect)} counts as zero in {where}: {"; ".join(reasons)}')
     return notes
+
+
+def _open(model, places, lines):
+    """Rows whose prediction rests on what the stars of the fit did not determine."""
+    rows = model.is_open(*places)
+    if not rows.any():
+        return []
+    where = f'row{"s" * int(rows.sum() > 1)} {_listed(lines[rows])}'
+    if model.undetermined:
+        return [f'the prediction is of unknown error in {where}: it rests on terms that the stars '
+                f'of the fit did not determine ({", ".join(model.undetermined)})']
+    return [f'the prediction is of unknown error in {where}: no row of the fit is on this side of '
+            'the pier']
 
 
 def _listed(lines, limit=20):
