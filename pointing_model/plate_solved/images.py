@@ -6,16 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .contradictions import WCS, NotThere, readings, refuse_twice, without
 from .frames import Frame, parse_frame
 
 _SEXAGESIMAL = re.compile(r'([+-]?)(\d+)[: ](\d+)[: ](\d+(?:\.\d*)?)')
 _DAY = 86400.0
 _MJD_1970, _JD_1970 = 40587.0, 2440587.5
+_SAME_PIXEL = 0.1  # of two descriptions that a header may hold
 _TEXT = ('star', 'telescope', 'pier_side', 'block', 'run')
-
-
-class NotThere(ValueError):
-    """An image lacks what a row needs; the text says what."""
 
 
 class Solution(NamedTuple):
@@ -85,7 +83,9 @@ def read_header(path):
             for hdu in hdus:
                 if hdu.header.get('NAXIS', 0) >= 2 or 'CTYPE1' in hdu.header:
                     header = hdu.header.copy()
-                    header.extend(first, unique=True, strip=True)
+                    # of one solution, not a part of each
+                    header.extend(without(first, WCS) if 'CTYPE1' in header else first,
+                                  unique=True, strip=True)
                     return header
             return first
     except (OSError, TypeError, ValueError, IndexError) as error:
@@ -108,10 +108,9 @@ def solution_of(header, boresight=None):
     Raises
     ------
     NotThere
-        No WCS, one that cannot be read or is not in right ascension and declination, or an
-        equinox that is none.
+        No WCS, one that cannot be read, contradicts itself or is not in right ascension and
+        declination, or an equinox that is none.
     """
-    _, wcs = astropy_fits()
     kinds = [str(header.get(f'CTYPE{i}', '')).upper() for i in (1, 2)]
     if not all(kinds):
         raise NotThere('no WCS: it is not solved')
@@ -124,19 +123,34 @@ def solution_of(header, boresight=None):
         raise NotThere('no size of the image')
     pixel = boresight or (0.5 * (width + 1), 0.5 * (height + 1))
     frame = frame_of(header)
+    headers, said = readings(header)
+    place, matrix = _solved(headers[0], pixel)
+    area = np.linalg.det(matrix) if np.isfinite(matrix).all() else 0.0
+    if not np.isfinite(place).all() or area == 0.0:
+        raise NotThere('its WCS gives no place')
+    for other in headers[1:]:
+        away = _solved(other, pixel)[0] - place
+        away[0] = (away[0] + 180.0) % 360.0 - 180.0
+        away[0] *= np.cos(np.radians(place[1]))
+        if not np.hypot(*away) <= _SAME_PIXEL * np.sqrt(abs(area)):
+            raise NotThere(f'its WCS has {said}: which counts is not known')
+    return Solution(float(place[0]) % 360.0, float(place[1]), 3600.0 * float(np.sqrt(abs(area))),
+                    int(np.sign(area)), frame)
+
+
+def _solved(header, pixel):
+    """Right ascension and declination of a pixel (degrees), and the matrix of pixel to sky."""
+    _, wcs = astropy_fits()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
             found = wcs.WCS(header, naxis=2)
-            place = found.celestial.all_pix2world([pixel], 1)[0]
-            matrix = np.asarray(found.celestial.pixel_scale_matrix, float)
+            axes = [found.wcs.lng, found.wcs.lat]
+            place = found.all_pix2world([pixel], 1)[0][axes]
+            matrix = np.asarray(found.pixel_scale_matrix, float)[axes]
     except Exception as error:  # wcslib has errors of its own kinds
         raise NotThere(f'its WCS cannot be read ({" ".join(str(error).split())[:60]})') from None
-    area = np.linalg.det(matrix) if np.isfinite(matrix).all() else 0.0
-    if not np.isfinite(place).all() or area == 0.0:
-        raise NotThere('its WCS gives no place')
-    return Solution(float(place[0]) % 360.0, float(place[1]), 3600.0 * float(np.sqrt(abs(area))),
-                    int(np.sign(area)), frame)
+    return place, matrix
 
 
 def frame_of(header):
@@ -198,6 +212,7 @@ def row_of(header, mapping):
         if lacking:
             missing += lacking
             continue
+        refuse_twice(header, keyword.names)
         row[name] = _value(header, name, keyword)
     if mapping.shift and 'time' in row and 'exposure_s' in row:
         row['time'] += mapping.shift * row['exposure_s']
@@ -216,6 +231,7 @@ def site_of(header, mapping):
     for name, keyword in mapping.site.items():
         if any(header.get(k) is None for k in keyword.names):
             raise NotThere(f'no keyword {", ".join(keyword.names)} for the {name} of the site')
+        refuse_twice(header, keyword.names)
         out[name] = _value(header, name, keyword)
     return out
 

@@ -324,8 +324,9 @@ def finish(path, table):
     table.meta['excluded'] = [{'row': row, 'reason': reason} for row, reason in sorted(excluded)]
     if not keep.any():
         row, reason = excluded[0]
+        where = table.meta.get('row_names', {}).get(row, f'row {row}')
         raise NoUsableRow(
-            f'{path}: none of {len(keep)} rows can be used (row {row}: {reason})',
+            f'{path}: none of {len(keep)} rows can be used ({where}: {reason})',
             PointingRun({name: np.zeros(0) for name in REQUIRED}, table.meta))
     table.meta['lines'] = table.lines[keep]
     columns = {}

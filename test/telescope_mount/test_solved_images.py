@@ -20,6 +20,7 @@ from telescope_mount.runs import load_run
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)
 
+CASES = Path(__file__).resolve().parents[2].parent / 'shared' / 'cases'
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START = 1_795_000_000.0
@@ -130,6 +131,87 @@ def test_what_an_image_lacks_is_named(folder):
     assert not told
 
 
+ONE = {'CTYPE1': 'RA---TAN', 'CTYPE2': 'DEC--TAN', 'NAXIS1': 1000, 'NAXIS2': 800, 'CRPIX1': 100.0,
+       'CRPIX2': 300.0, 'CRVAL1': 80.0, 'CRVAL2': 40.0, 'RADESYS': 'ICRS'}
+COS, SIN = 2.78e-4 * np.cos(0.5), 2.78e-4 * np.sin(0.5)
+CD = {'CD1_1': -COS, 'CD1_2': SIN, 'CD2_1': SIN, 'CD2_2': COS}
+OLD = {'CDELT1': -5e-4, 'CDELT2': 5e-4}
+PC = {'PC1_1': np.cos(0.5), 'PC1_2': -np.sin(0.5), 'PC2_1': np.sin(0.5), 'PC2_2': np.cos(0.5),
+      'CDELT1': -2.78e-4, 'CDELT2': 2.78e-4}
+SIP = {'A_ORDER': 2, 'B_ORDER': 2, 'A_2_0': 1e-5, 'B_0_2': 1e-5}
+FAINT = {'A_ORDER': 2, 'B_ORDER': 2, 'A_2_0': 1e-8, 'B_0_2': 1e-8}
+PV = {'PV1_0': 0.001, 'PV1_1': 1.0, 'PV2_0': 0.0, 'PV2_1': 1.0}
+TPV = {'CTYPE1': 'RA---TPV', 'CTYPE2': 'DEC--TPV'}
+WITH_SIP = {'CTYPE1': 'RA---TAN-SIP', 'CTYPE2': 'DEC--TAN-SIP'}
+#: right ascension, declination of the middle: plain, with SIP, with TPV (wcslib)
+PLAIN, BENT, OF_TPV = (79.889810, 40.077845), (79.889315, 40.078083), (79.891117, 40.077847)
+
+
+def header_with(*parts, twice=None):
+    from astropy.io import fits
+    header = fits.Header({k: v for part in (ONE, *parts) for k, v in part.items()})
+    for card in (twice or {}).items():
+        header.append(card)
+    return header
+
+
+@pytest.mark.parametrize('parts, place', [
+    ([CD], PLAIN), ([CD, OLD], PLAIN), ([CD, OLD, {'CROTA2': 10.0}], PLAIN), ([PC], PLAIN),
+    ([PC, {'CROTA2': -np.degrees(0.5)}], PLAIN), ([CD, FAINT], PLAIN), ([CD, SIP, WITH_SIP], BENT),
+    ([CD, WITH_SIP], PLAIN), ([CD, PV], OF_TPV), ([CD, PV, TPV], OF_TPV),
+    ([CD, {'CTYPE1A': 'RA---TAN', 'CTYPE2A': 'DEC--TAN', 'CRVAL1A': 9.0, 'PC1_1A': 2.0}], PLAIN),
+    ([{'CTYPE1': 'DEC--TAN', 'CTYPE2': 'RA---TAN', 'CRVAL1': 40.0, 'CRVAL2': 80.0, 'CD1_1': SIN,
+       'CD1_2': COS, 'CD2_1': -COS, 'CD2_2': SIN}], PLAIN)],
+    ids=['CD', 'old CDELT', 'old CROTA', 'PC', 'CROTA as PC', 'faint SIP without suffix', 'SIP',
+         'suffix alone', 'TAN of SCAMP', 'TPV', 'another version', 'declination first'])
+def test_what_the_standard_says_of_a_header_counts(parts, place):
+    found = solution_of(header_with(*parts))
+    assert (found.ra_deg, found.dec_deg) == pytest.approx(place, abs=2e-6)
+    assert found.parity == -1 and found.scale_arcsec_px == pytest.approx(1.0008)
+
+
+@pytest.mark.parametrize('parts, twice, said', [
+    ([CD, OLD, PC], None, 'PC beside CD, which the FITS standard forbids'),
+    ([CD, {'PC001001': 1.0, 'PC002002': 1.0}], None, 'PC beside CD'),
+    ([PC, {'CROTA2': 10.0}], None, 'CROTA beside PC'),
+    ([CD, SIP], None, 'coefficients of SIP, and no -SIP in CTYPE'),
+    ([CD, SIP, PV, WITH_SIP], None, 'coefficients of SIP and of TPV'),
+    ([CD], {'CRVAL1': 81.0}, 'CRVAL1 is there 2 times, with different values'),
+    ([CD, {'CTYPE1': 'RA---TNX', 'CTYPE2': 'DEC--TNX'}], None, 'projection TNX'),
+    ([CD, {'CTYPE2': 'DEC--SIN'}], None, 'cannot be read')])
+def test_a_header_that_contradicts_itself_has_no_place(parts, twice, said, capsys):
+    with pytest.raises(NotThere, match=said):
+        solution_of(header_with(*parts, twice=twice))
+    assert capsys.readouterr() == ('', '')
+
+
+def test_images_whose_header_contradicts_itself_are_left_out_by_name(folder):
+    from astropy.io import fits
+    whole = load_run(folder / 'mount.yaml')
+    for number in (3, 4):
+        change(folder, number, PC1_1=1.0, PC2_2=1.0, CDELT1=-1e-3, CDELT2=1e-3)
+    change(folder, 5, CDELT1=-1e-3, CDELT2=1e-3, CROTA2=70.0)
+    path = folder / 'img_06.fits'
+    data, header = fits.getdata(path, header=True)
+    header.append(('ENC_AZ', 1.0))
+    fits.writeto(path, data, header, overwrite=True)
+    # a solution in the extension does not get parts of an old one before it
+    data, header = fits.getdata(folder / 'img_07.fits', header=True)
+    fits.HDUList([fits.PrimaryHDU(header=fits.Header({'PC1_1': 1.0, 'PC2_2': 1.0, 'CRVAL1': 3.0})),
+                  fits.ImageHDU(data, header)]).writeto(folder / 'img_07.fits', overwrite=True)
+    run = load_run(folder / 'mount.yaml')
+    told = reasons(run)
+    assert sorted(told) == [4, 5, 7] and told[4].startswith('img_03.fits: its WCS has PC beside CD')
+    assert told[7] == 'img_06.fits: ENC_AZ is there 2 times, with different values'
+    np.testing.assert_array_equal(run['az'], np.delete(whole['az'], [3, 4, 6]))
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason='the small inputs are not there')
+def test_the_small_input_with_an_old_pc_is_refused_by_the_name_of_an_image():
+    with pytest.raises(ValueError, match='none of 30 rows .*i00.fits: its WCS has PC beside CD'):
+        load_run(CASES / 'both' / 'mount.yaml')
+
+
 def test_false_images_are_named_by_file(folder):
     from astropy.io import fits
     data, header = fits.getdata(folder / 'img_03.fits', header=True)
@@ -178,7 +260,8 @@ def test_images_of_two_mounts_or_sites_are_refused(folder, refused):
 def test_images_that_are_not_solved_are_refused(folder, refused):
     for i in range(24):
         change(folder, i, ('CTYPE1', 'CTYPE2'))
-    assert 'none of 24 rows can be used (row 1: no WCS' in refused('fit', folder / 'mount.yaml')
+    line = refused('fit', folder / 'mount.yaml')
+    assert 'none of 24 rows can be used (img_00.fits: no WCS' in line
 
 
 def test_images_that_cannot_be_read_are_refused(folder, refused):
