@@ -257,11 +257,14 @@ class MountGuard(ManagedNode):
     def _reason(self):
         """That of the keeper; of axes that do not move, whether there is a driver at all."""
         reason = self._keeper.reason
-        if ASTRAY not in reason or any(drives(info.node_name) for info in
-                                       self.get_subscriptions_info_by_topic(
-                                           self.resolve_topic_name(topics.COMMAND.name))):
+        if ASTRAY not in reason or self._is_driven():
             return reason
         return reason.replace(ASTRAY, 'no driver follows command: start it')
+
+    def _is_driven(self):
+        """Whether somebody follows `command`, and not only listens to it."""
+        return any(drives(info.node_name) for info in self.get_subscriptions_info_by_topic(
+            self.resolve_topic_name(topics.COMMAND.name)))
 
     def _look_at_commanders(self):
         full = self.resolve_topic_name(topics.REQUEST.name)
@@ -342,7 +345,11 @@ class MountGuard(ManagedNode):
 
     def waiting_for(self):
         """As all managed nodes; but not at once at each start for its activation."""
-        return [text for text in super().waiting_for() if text != ACTIVATION or self._is_told]
+        missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_told]
+        command = self.resolve_topic_name(topics.COMMAND.name)
+        if self.count_subscribers(command) and not self._is_driven():
+            missing.append(f'a driver of the mount: of the subscribers of {command} none is one')
+        return missing
 
     def required(self):
         """Readings, and a mount."""

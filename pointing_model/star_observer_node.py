@@ -53,6 +53,7 @@ LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
           'cancelled': DiagnosticStatus.WARN}
 #: services that move the mount, or take its zero
 MOVING = ('home', 'power_cycle')
+NO_GUARD = 'no guard is there: start mount_guard, nothing else moves the mount'
 #: states of the guard that end a plan
 ENDING = ('aborted', 'parking', 'parked')
 
@@ -73,6 +74,7 @@ class StarObserver(MountNode):
         self._request_pub, self._request = self.publisher(topics.REQUEST), None
         self._guard, self._refused, self._allowed = '', (0, ''), None
         self._guard_spoke, self._guard_ends, self._command = False, '', None
+        self._guarded = False  # a guard is there: it publishes its status
         self._own_way, self._live = False, not self.value('use_sim_time')
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
@@ -196,6 +198,7 @@ class StarObserver(MountNode):
 
     def _look(self):
         self._look_at_publishers()
+        self._guarded = self._guard_is_there()
         if self._sequencer.look(time.monotonic()):
             self.announce()
 
@@ -343,7 +346,11 @@ class StarObserver(MountNode):
 
     def held(self):
         """Why the mount may not be moved now."""
-        return self._guard
+        self._guarded = self._guarded or self._guard_is_there()
+        return self._guard if self._guarded else NO_GUARD
+
+    def _guard_is_there(self):
+        return self.count_publishers(self.resolve_topic_name(topics.GUARD_STATUS.name)) > 0
 
     def allowed(self):
         """Where the guard lets the tube look, an `AllowedSky`; None where it does not tell."""
@@ -377,14 +384,17 @@ class StarObserver(MountNode):
     # --- diagnostics --------------------------------------------------------------------------
 
     def required(self):
-        """The plan needs a mount and the instruments."""
+        """The plan needs the instruments, and a guard; its requests others hear too."""
+        instruments = map(INSTRUMENT_TOPICS.get, self._instruments.names)
         return {self.resolve_topic_name(topic.name) for topic in (
-            topics.REQUEST, *map(INSTRUMENT_TOPICS.get, self._instruments.names))}
+            topics.REQUEST, topics.GUARD_STATUS, *instruments)}
 
     def waiting_for(self):
         """Instruments that are not there yet, and nodes that are not fully connected."""
-        missing = [text + ' (the mount has none: absolute_encoder: false)'
-                   if text.endswith(topics.ABSOLUTE.name) else text
+        remedies = {topics.ABSOLUTE.name: ' (the mount has none: absolute_encoder: false)',
+                    topics.GUARD_STATUS.name: f' ({NO_GUARD})'}
+        missing = [text + next((remedy for name, remedy in remedies.items()
+                                if text.endswith(f'/{name}')), '')
                    for text in super().waiting_for()]
         if missing or self._sequencer.begun:
             return missing
@@ -396,8 +406,7 @@ class StarObserver(MountNode):
                 missing = ['the calibration to say what it knows']
         elif self._calibration_is_silent():
             missing = ['the calibration to say what it knows']
-        if not (missing or self._guard_spoke) and self.count_publishers(
-                self.resolve_topic_name(topics.GUARD_STATUS.name)):
+        if not (missing or self._guard_spoke):
             missing = ['the guard to say whether the mount may move']
         if not missing and self._has_rows and not len(self._table):
             missing = ['the calibration to give back the rows of the night so far']

@@ -1,6 +1,7 @@
 """A star observer under test, and instruments that answer it."""
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from rosgraph_msgs.msg import Clock
 
 from msg_tools import convert, topics
@@ -28,10 +29,12 @@ class Instruments:
     ----------
     miss : callable
         ``miss(number, stamp, reading)`` in rad, or None: the camera says nothing.
+    guard : bool
+        Whether they answer as a guard does, too.
     """
 
     def __init__(self, graph, miss=lambda number, *_: (1e-6 * ARCSEC * number, 0.0), homed=True,
-                 absolute=True, error=(0.0, 0.0)):
+                 absolute=True, error=(0.0, 0.0), guard=True):
         self.graph, self.miss, self.absolute = graph, miss, absolute
         self.error = np.array(error)
         self.now = START
@@ -40,6 +43,10 @@ class Instruments:
         self.readings = {}  # stamp of an exposure -> both encoders' reading
         self.pubs = {topic.name: graph.publisher(topic) for topic in (
             topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE, topics.CLOCK)}
+        if guard:
+            self.guard = graph.publisher(topics.GUARD_STATUS)
+            self.guard.publish(convert.status(DiagnosticStatus.OK, '/mount/mount_guard',
+                                              'no request', state='idle'))
         graph.listen(topics.REQUEST, call=self._on_command)
         self.ticks = graph.tester.create_timer(0.05, self._tick)
         self.homed = homed

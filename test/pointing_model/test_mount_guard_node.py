@@ -5,6 +5,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
+from msg_tools.node import MountNode
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
 from pointing_model.mount_guard_node import MountGuard
@@ -152,3 +153,20 @@ def test_the_site_of_a_guard_stays(graph):
     done, reason = graph.set_parameter(graph.add(MountGuard, **PLACE, renew_s=0.1),
                                        latitude_deg=10.0)
     assert not done and 'latitude_deg' in reason
+
+
+def test_a_missing_driver_is_named_though_a_logger_hears_the_commands(graph):
+    guard = graph.add(MountGuard, **PLACE)
+    graph.publisher(topics.INCREMENTAL)
+
+    def hears(name):
+        class Hears(MountNode):
+            def __init__(self, **kwargs):
+                super().__init__(name, **kwargs)
+                self.subscribe(topics.COMMAND, print)
+        return graph.add(Hears)
+    hears('mcap_logger')
+    graph.report('mount_guard', 'waiting for a driver of the mount: of the subscribers of '
+                 '/mount/command none is one')
+    hears('mount_driver')
+    graph.wait_for(lambda: not guard.waiting_for())

@@ -317,8 +317,20 @@ def test_another_site_at_runtime_is_used(graph):
     assert sky.commands[0][1][0, 1] / DEG == pytest.approx(50.0, abs=1.0)
 
 
+def test_a_guard_that_is_missing_is_named_though_others_hear_the_requests(graph):
+    Instruments(graph, guard=False)  # it hears requests, as a logger does
+    night = Night(graph, 'stars 1')
+    graph.report('star_observer', 'waiting for a publisher of /mount/guard/status (no guard is '
+                 'there: start mount_guard, nothing else moves the mount)')
+    night.until('waiting', 'start mount_guard')
+    assert not any('no axis has moved' in status.message for status in night.status)
+    graph.publisher(topics.GUARD_STATUS).publish(convert.status(
+        DiagnosticStatus.OK, '/mount/mount_guard', 'no request', state='idle'))
+    assert len(night.run()) == 1
+
+
 def test_no_plan_begins_while_the_guard_takes_no_request(graph):
-    Instruments(graph)
+    Instruments(graph, guard=False)
     night = Night(graph, 'stars 1', autostart=False)
     publisher = graph.publisher(topics.GUARD_STATUS)
 

@@ -271,7 +271,7 @@ def test_it_waits_for_the_nodes_that_it_was_told_of(graph):
 
 @pytest.mark.parametrize('wanted', [[''], ['/mount/star_observer']])
 def test_nothing_begins_before_a_guard_has_said_whether_the_mount_may_move(graph, wanted):
-    Instruments(graph)
+    Instruments(graph, guard=False)
     guard = graph.publisher(topics.GUARD_STATUS)
     node = Night(graph, 'stars 1', wait_for_nodes=wanted, autostart=False).node
     reason = 'the guard to say whether the mount may move'
