@@ -322,7 +322,7 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
-    waits, said, refused, hinted = ('', since), '', 0, note is None
+    waits, said, refused, hinted, log = ('', since), '', 0, note is None, ''
     while True:
         watcher.spin(0.2)
         nodes.check()
@@ -333,6 +333,10 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
         if now != last:
             last, since = now, time.monotonic()
         quiet = _without_answer(watcher, nodes)
+        stopped = watcher.reports.errors_of('mcap_logger')
+        if note is not None and stopped not in ('', log):
+            note(f'the log is incomplete: {stopped}')
+        log = stopped
         if status is not None:
             if note is not None and at.refused > refused:
                 note(_refusal(status, at.refused - refused))

@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools import convert, topics
+from msg_tools.readiness import GraphReports
 from msg_tools.status import Progress
 from telescope_mount import night
 
@@ -17,7 +18,7 @@ class Watched:
     """A graph that says one status after the other."""
 
     def __init__(self, statuses, nodes=(('night', '/mount'), ('star_observer', '/mount'))):
-        self._left, self.latest, self.reports = list(statuses), {}, {}
+        self._left, self.latest, self.reports = list(statuses), {}, GraphReports('/mount')
         self.node = SimpleNamespace(
             get_name=lambda: 'night', get_node_names_and_namespaces=lambda: list(nodes),
             context=SimpleNamespace(get_domain_id=lambda: 7))
@@ -29,15 +30,24 @@ class Watched:
                 level, 'observer', text, **progress.rows(), **more)
 
 
-def says(statuses, monkeypatch, **graph):
+def says(statuses, monkeypatch, log='', **graph):
     """What is printed, in order."""
     monkeypatch.setattr(night, 'SAID_AFTER', -1.0)
     out = []
     watched = Watched([(level, text, Progress(**progress), more)
                        for level, text, progress, more in statuses], **graph)
-    night._watch(watched, SimpleNamespace(check=lambda: None), 'stars 4', lambda *_: None,
-                 stall=night.STALL, say=lambda text: out.append(text or 'goes on'), note=out.append)
+    watched.reports.take(SimpleNamespace(status=[SimpleNamespace(
+        name='/mount/mcap_logger', level=b'\2' if log else b'\0', message=log, values=[])]))
+    night._watch(watched, SimpleNamespace(check=lambda: None, stopped=dict), 'stars 4',
+                 lambda *_: None, stall=night.STALL, say=lambda text: out.append(text or 'goes on'),
+                 note=out.append)
     return out
+
+
+def test_a_log_that_is_not_written_any_more_is_a_line_at_once(monkeypatch):
+    assert says([(OK, 'done', {'state': 'done'}, {})], monkeypatch,
+                log='bag: recording stopped: full') == [
+        'the log is incomplete: bag: recording stopped: full']
 
 
 def test_each_star_that_the_guard_refuses_is_a_line(monkeypatch):
