@@ -8,7 +8,7 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, KINDS, Mount, sides
 from pointing_model.plate_solved.frames import ICRS, OF_DATE, to_icrs
 
-from .table import Table, floats, is_number, same_width
+from .table import Table, cost_rows, floats, is_number, same_width, usual_width
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
 PLACES = 14
@@ -53,8 +53,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
     if 'date' not in meta:
         raise ValueError(f'{path}: no date in the line with the latitude; the places of the stars '
                          'need it')
-    width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]
-                     ).lstrip('# ').split())
+    width = usual_width(body)
     body = [(number, line) for number, line in body
             if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
     numbers = np.array([number for number, _ in body])
@@ -63,20 +62,22 @@ def read_exported(path, body, meta, options=(), altaz=False):
         raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; {PLACES} are read '
                          '(right ascension and declination of catalogue and telescope, sidereal '
                          'time)')
-    same_width(path, numbers, cells, width, 'numbers', f'{width} in the first row')
-    moving = width >= PLACES + _MOTION and is_number(cells[0][8]) and float(cells[0][8]) >= 60.0
+    reasons = np.zeros(len(cells), dtype=object)
+    same_width(path, numbers, cells, width, 'numbers', f'{width} in most rows', reasons)
+    first = next(row for row in cells if row[0])
+    moving = width >= PLACES + _MOTION and is_number(first[8]) and float(first[8]) >= 60.0
     after = 6 + _MOTION * moving
     angles = {}
-    for name, first, count, unit in (
+    for name, at, count, unit in (
             ('ra', 0, 3, 15.0), ('dec', 3, 3, 1.0), ('ra of the telescope', after, 3, 15.0),
             ('dec of the telescope', after + 3, 3, 1.0), ('sidereal time', after + 6, 2, 15.0)):
-        angles[name] = unit * _sexagesimal(path, numbers, name,
-                                           [row[first:first + count] for row in cells])
+        angles[name] = unit * _sexagesimal(
+            path, numbers, name, [row[at:at + count] for row in cells], reasons)
     day = (np.datetime64(meta['date'], 's') - _EPOCH).astype(float)
     lst = angles['sidereal time']
     meta.update(equinox=None, clock_tells=True)
     if moving:
-        _move(path, numbers, cells, angles, day, options, meta)
+        _move(path, numbers, cells, angles, day, options, meta, reasons)
     meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
     columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
                'time': np.full(len(lst), day + 43200.0)}
@@ -95,31 +96,29 @@ def read_exported(path, body, meta, options=(), altaz=False):
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
     _auxiliary(path, numbers, [row[after + 8:] for row in cells], options, columns, meta)
-    table = Table(columns, numbers, meta,
+    table = Table(columns, numbers, meta, reasons,
                   names=ALTAZ.names if altaz else KINDS['equatorial'])
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
     return table
 
 
-def _move(path, numbers, cells, angles, day, options, meta):
+def _move(path, numbers, cells, angles, day, options, meta, reasons):
     """Apply proper motions from the epoch of the catalogue to the day of the run, in place."""
-    across, up, year = (floats(path, numbers, name, [row[6 + i] for row in cells])
+    across, up, year = (floats(path, numbers, name, [row[6 + i] for row in cells], reasons)
                         for i, name in enumerate(('proper motion in ra', 'proper motion in dec',
                                                   'year of the catalogue')))
     bad = (year != 2000.0) if 'J2000' not in options else ~((year > 1800.0) & (year < 2200.0))
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f'{path}, row {numbers[i]}: the year {year[i]:g} after the proper motions '
-                         'is not 2000, and only with the option ": J2000" it is that of the epoch '
-                         'alone; give places of J2000')
+    cost_rows(path, numbers, 'year after the proper motions', [row[8] for row in cells], {
+        int(i): 'is not 2000, and only with the option ": J2000" it is that of the epoch alone; '
+        'give places of J2000' for i in np.flatnonzero(bad & ~np.isnan(year))}, reasons)
     if 'J2000' in options:
         _refuse_j2000(path, angles, day)
     years = 2000.0 + (day + 43200.0 - _J2000) / _YEAR - year
     angles['ra'] = angles['ra'] + 15.0 * across * years / 3600.0
     angles['dec'] = angles['dec'] + up * years / 3600.0
     meta['sky_frame'] = ICRS
-    meta['notes'].append(f'proper motion applied, from {year.min():g} to the date of the file')
+    meta['notes'].append(f'proper motion applied, from {np.nanmin(year):g} to the date of the file')
 
 
 def _refuse_j2000(path, angles, day):
@@ -141,61 +140,45 @@ def _auxiliary(path, numbers, cells, options, columns, meta):
     rotator = any(option.startswith('ROT') for option in options)
     words = []
     for i, column in enumerate(zip(*cells), 1):
-        if all(map(is_number, column)):
+        if all(is_number(cell or 0) for cell in column):
             name = 'rotator_deg' if rotator and i == 1 else f'auxiliary_{i}'
             columns[name] = floats(path, numbers, name, column)
         else:
-            words.append(column[0][:40])
+            words.append(next(filter(None, column))[:40])
     if words:
         meta['notes'].append(f'after the sidereal time left out, no numbers: {", ".join(words)} '
                              '...')
 
 
-def _sexagesimal(path, numbers, name, cells):
+def _sexagesimal(path, numbers, name, cells, reasons):
     """Degrees, or hours, of cells with degrees (hours), minutes and seconds."""
-    out = np.empty(len(cells))
+    out, bad = np.full(len(cells), np.nan), {}
     for i, parts in enumerate(cells):
+        if not any(parts):
+            continue  # of a row that is left out
         if not all(map(is_number, parts)):
-            raise ValueError(f'{path}, row {numbers[i]}, {name}: {" ".join(parts)[:40]!r} is no '
-                             'angle')
+            bad[i] = 'is no angle'
+            continue
         values = [abs(float(part)) for part in parts]
         if any(not v < 60.0 for v in values[1:]):
-            raise ValueError(f'{path}, row {numbers[i]}, {name}: {" ".join(parts)[:40]!r} has '
-                             'minutes or seconds beyond 60')
+            bad[i] = 'has minutes or seconds beyond 60'
+            continue
         out[i] = sum(v / 60.0**k for k, v in enumerate(values))
         if parts[0].startswith('-'):
             out[i] = -out[i]
+    cost_rows(path, numbers, name, [' '.join(parts).strip() for parts in cells], bad, reasons)
     return out
 
 
-def four_angles(path, body):
-    """Cells of rows with four angles in fixed columns, which may touch.
-
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    body : list of (int, str)
-
-    Returns
-    -------
-    numbers : ndarray of int, shape (n,)
-    cells : list of list of str
-
-    Raises
-    ------
-    ValueError
-        A row that does not hold four numbers.
-    """
+def _four_angles(body):
+    """Lines and cells of rows with four angles in fixed columns, which may touch."""
     numbers, cells = np.array([number for number, _ in body]), []
     places = next((len(match.group(1)) for _, line in body
                    for match in [re.match(r'[-+]?\d+\.(\d+)', line.strip())] if match), 6)
-    for number, line in body:
+    for _, line in body:
         row = line.split()
         if len(row) < 4:
             row = re.findall(rf'[-+]?\d+\.\d{{{places}}}', line)
-        if len(row) < 4:
-            raise ValueError(f'{path}, row {number}: {line[:60]!r} does not hold four angles')
         cells.append(row)
     return numbers, cells
 
@@ -214,19 +197,16 @@ def read_short(path, body, meta):
     -------
     Table
     """
-    numbers, cells = four_angles(path, body)
+    numbers, cells = _four_angles(body)
+    reasons = np.zeros(len(cells), dtype=object)
     same_width(path, numbers, cells, 4, 'numbers', 'four are read (hour angle and declination, '
-               'true and of the mount)')
+               'true and of the mount)', reasons)
     names = ('az', 'el', 'az_enc', 'el_enc')
     columns = {}
     for i, name in enumerate(names):
-        bad = [k for k, row in enumerate(cells) if not is_number(row[i])]
-        if bad:
-            raise ValueError(f'{path}, row {numbers[bad[0]]}: {cells[bad[0]][i]!r} is not a number')
-        columns[name] = np.array([float(row[i]) for row in cells])
+        columns[name] = floats(path, numbers, name, [row[i] for row in cells], reasons)
     meta['mount_told'] = 'german' if (np.abs(columns['el_enc']) > 90.0 + 5.0).any() \
         else 'equatorial'
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')
-    return Table(columns, numbers, meta,
-                 names=KINDS['equatorial'])
+    return Table(columns, numbers, meta, reasons, names=KINDS['equatorial'])

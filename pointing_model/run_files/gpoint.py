@@ -8,7 +8,16 @@ from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, KINDS
 
 from .declared import declarations
-from .table import YEAR_1900, YEAR_2100, NoObservations, Table, floats, is_number, same_width
+from .table import (
+    YEAR_1900,
+    YEAR_2100,
+    NoObservations,
+    Table,
+    cost_rows,
+    floats,
+    is_number,
+    same_width,
+)
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is
@@ -52,8 +61,9 @@ def read_gpoint(path, lines):
     Raises
     ------
     ValueError
-        ``altaz-manual`` (which way its offsets count is told nowhere), two sites, another number
-        of columns, a cell that is no number, a date outside 1900 to 2100.
+        ``altaz-manual`` (which way its offsets count is told nowhere), two sites; most rows have
+        another number of columns, or most cells of one are no numbers, or no dates from 1900 to
+        2100.
     """
     heads = [(number, found) for number, line in enumerate(lines, 1) for found in [_site(line)]
              if found]
@@ -80,11 +90,12 @@ def read_gpoint(path, lines):
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
     numbers, cells = np.array([number for number, _ in body]), [row for _, row in body]
-    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} are read')
-    values = {name: floats(path, numbers, name, column)
+    reasons = np.zeros(len(body), dtype=object)
+    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} are read', reasons)
+    values = {name: floats(path, numbers, name, column, reasons)
               for name, column in zip(names[1:], list(zip(*cells))[1:])}
     columns = {'star': np.array([row[0] for row in cells]),
-               'time': _time(path, numbers, values['JD'])}
+               'time': _time(path, numbers, cells, values['JD'], reasons)}
     meta['notes'].append(f'{names[5]}, {names[6]} left out: counts of an unknown size')
     if altaz:
         for name, given in zip(('az', 'el', 'az_enc', 'el_enc'),
@@ -103,7 +114,7 @@ def read_gpoint(path, lines):
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
         meta |= {'clock_tells': True, 'mount_told': 'german'}
         meta['notes'].append('time: of the sidereal clock')
-    return Table(columns, numbers, meta,
+    return Table(columns, numbers, meta, reasons,
                  commented=_unsolved(lines, len(names)),
                  names=ALTAZ.names if altaz else KINDS['equatorial'])
 
@@ -118,11 +129,10 @@ def _unsolved(lines, width):
     return out
 
 
-def _time(path, numbers, dates):
+def _time(path, numbers, cells, dates, reasons):
     seconds = (dates - np.where(dates > _JD, _JD_1970, _MJD_1970)) * _DAY
-    bad = (seconds < YEAR_1900) | (seconds > YEAR_2100)
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(f'{path}, row {numbers[i]}, column JD: {dates[i]:g} is outside 1900 to '
-                         '2100 as Julian date and as modified one')
+    bad = np.flatnonzero((seconds < YEAR_1900) | (seconds > YEAR_2100))
+    cost_rows(path, numbers, 'JD', [row[1] for row in cells], {
+        int(i): 'is outside 1900 to 2100 as Julian date and as modified one' for i in bad}, reasons)
+    seconds[bad] = np.nan
     return seconds

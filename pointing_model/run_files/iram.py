@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from .table import Table, content, floats, is_number, own_name, parse_iso, same_width
+from .table import Table, cost_rows, floats, is_number, own_name, parse_iso, same_width
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
@@ -41,7 +41,8 @@ def read_iram(path, lines):
     Raises
     ------
     ValueError
-        A column is missing, a row does not fit the header, a cell is no number.
+        A column is missing, most rows do not fit the header, or most cells of a column are none of
+        its.
     """
     begin, head = next((i, line) for i, line in enumerate(lines) if line.strip())
     names = [re.sub(r'\(\w*\)$', '', word) for word in head.lstrip('#').split()]
@@ -49,21 +50,22 @@ def read_iram(path, lines):
     if missing:
         raise ValueError(f'{path}: no column {", ".join(missing)} in the header "# id ..."')
     rows = [(number, line) for number, line in enumerate(lines[begin + 1:], begin + 2)
-            if _ROW.match(line)]
-    strange = [number for number, line in content(lines) if not _ROW.match(line)]
-    if strange:
-        raise ValueError(f'{path}, row {strange[0]}: does not begin with an id such as '
-                         '2012-04-16.3')
+            if line.strip() and (_ROW.match(line) or not line.lstrip().startswith('#'))]
     if not rows:
         raise ValueError(f'{path} has a header but no observations')
+    numbers, reasons = np.array([number for number, _ in rows]), np.zeros(len(rows), dtype=object)
     cells = [line.lstrip('# ').split() for _, line in rows]
-    same_width(path, [number for number, _ in rows], cells, len(names), 'values',
-               f'the header names {len(names)} columns')
-    return _table(path, rows, dict(zip(names, zip(*cells))))
+    strange = {i: 'does not begin with an id such as 2012-04-16.3'
+               for i, (_, line) in enumerate(rows) if not _ROW.match(line)}
+    cost_rows(path, numbers, 'id', [row[0] for row in cells], strange, reasons)
+    same_width(path, numbers, cells, len(names), 'values',
+               f'the header names {len(names)} columns', reasons)
+    for i in strange:
+        cells[i] = [''] * len(names)
+    return _table(path, rows, dict(zip(names, zip(*cells))), numbers, reasons)
 
 
-def _table(path, rows, cells):
-    numbers = np.array([number for number, _ in rows])
+def _table(path, rows, cells, numbers, reasons):
     columns, text, renamed = {}, [], []
     for name, column in cells.items():
         column = ['' if set(cell) == {'-'} else cell for cell in column]
@@ -73,9 +75,9 @@ def _table(path, rows, cells):
             text.append(name)
             continue
         own = _NAMES.get(name) or own_name(name, cells, renamed)
-        columns[own] = floats(path, numbers, name, column)
+        columns[own] = floats(path, numbers, name, column, reasons)
     days = [ident.split('.')[0] for ident in cells['id']]
-    columns['time'] = parse_iso(path, numbers, 'id', days) + 3600.0 * columns['UTh']
+    columns['time'] = parse_iso(path, numbers, 'id', days, reasons) + 3600.0 * columns['UTh']
     if 'object' in cells:
         columns['star'] = np.array(cells['object'])
     notes = ['x, y are pnt.X, pnt.Y: applied correction plus measured offset, added to the place '
@@ -85,7 +87,7 @@ def _table(path, rows, cells):
     notes += renamed
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
-    table = Table(columns, numbers, {'format': 'iram', 'notes': notes})
+    table = Table(columns, numbers, {'format': 'iram', 'notes': notes}, reasons)
     rejected = np.array([line.startswith('#') for _, line in rows])
     table.exclude(rejected, 'rejected by the observers (#)')
     for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):

@@ -70,8 +70,9 @@ def read_mountwizzard(path, lines):
     if not np.isfinite(values['scaleS']).any():
         del values['scaleS']
     times = [str(point.get('julianDate') or '').strip() for point in points]
+    reasons = np.zeros(len(points), dtype=object)
     columns = {
-        'star': np.array(names), 'time': parse_iso(path, numbers, 'julianDate', times),
+        'star': np.array(names), 'time': parse_iso(path, numbers, 'julianDate', times, reasons),
         'ra_deg': 15.0 * values['raJ2000S'], 'dec_deg': _declination(values),
         'lst_told': 15.0 * values['siderealTime'], 'az_enc': values['angularPosRA'],
         'el_enc': values['angularPosDEC'] + 90.0}
@@ -79,7 +80,7 @@ def read_mountwizzard(path, lines):
         columns['scale_arcsec_px'] = values['scaleS']
     if all(isinstance(point.get('mirroredS'), bool) for point in points):
         columns['parity'] = np.array([1.0 if point['mirroredS'] else -1.0 for point in points])
-    table = Table(columns, numbers, meta,
+    table = Table(columns, numbers, meta, reasons,
                   names=KINDS['equatorial'])
     for i, point in enumerate(points):
         missing = [name for name in _NUMBERS if not np.isfinite(values[name][i])]

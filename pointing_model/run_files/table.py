@@ -1,6 +1,7 @@
 """What the readers of pointing runs hand over, and how they take numbers from text."""
 
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -217,6 +218,13 @@ def same_width(path, numbers, rows, width, what, against, reasons=None):
     for i in bad:
         reasons[i] = f'{len(rows[i])} {what}, but {against}'
         rows[i] = [''] * width
+
+
+def usual_width(body):
+    """Words of most lines of (line number, text), but for those that begin with ``#``."""
+    lines = [line for _, line in body if not line.startswith('#')] or [line.lstrip('# ')
+                                                                       for _, line in body]
+    return Counter(len(line.split()) for line in lines).most_common(1)[0][0]
 
 
 def cost_rows(path, lines, label, cells, bad, reasons=None):

@@ -8,7 +8,7 @@ from msg_tools.units import DEG
 from pointing_model.run import REQUIRED
 
 from .equatorial import PLACES, read_exported, read_short
-from .table import NoObservations, Table, content, floats, is_number, same_width
+from .table import NoObservations, Table, content, floats, is_number, same_width, usual_width
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
@@ -83,19 +83,19 @@ def read_tpoint(path, lines):
     if exported or len(body[0][1].lstrip('# ').split()) >= PLACES:
         return read_exported(path, body, meta, words, altaz=not exported)
     rotator = any(option.startswith('ROT') for option in options)
-    width = len(next((line for _, line in body if not line.startswith('#')), body[0][1]).split())
+    width = usual_width(body)
     body = [(number, line) for number, line in body
             if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
     rejected = np.array([line.startswith('#') for _, line in body])
-    numbers, cells = _rows(path, [(number, line.lstrip('# ')) for number, line in body])
+    numbers, cells, reasons = _rows(path, [(n, line.lstrip('# ')) for n, line in body], width)
     names = [*_ANGLES, *('rotator_deg' if rotator and i == 0 else f'auxiliary_{i + 1}'
                          for i in range(len(cells[0]) - 4))]
-    columns = {key: floats(path, numbers, name, column)
+    columns = {key: floats(path, numbers, name, column, reasons)
                for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
     commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
-    table = Table(columns, numbers, meta, commented=commented)
+    table = Table(columns, numbers, meta, reasons, commented=commented)
     table.exclude(rejected, 'rejected by the observers (#)')
     return table
 
@@ -140,15 +140,14 @@ def _body(lines, meta):
     return body, commented
 
 
-def _rows(path, body):
-    numbers = np.array([number for number, _ in body])
+def _rows(path, body, width):
+    numbers, reasons = np.array([number for number, _ in body]), np.zeros(len(body), dtype=object)
     cells = [line.split() for _, line in body]
-    width = len(cells[0])
     if not 4 <= width <= 8:
         raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; only format 4 (observed '
                          'azimuth and elevation, mount azimuth and elevation) is read')
-    same_width(path, numbers, cells, width, 'numbers', f'{width} in the first row')
-    return numbers, cells
+    same_width(path, numbers, cells, width, 'numbers', f'{width} in most rows', reasons)
+    return numbers, cells, reasons
 
 
 def _run_parameters(path, number, line, meta):

@@ -7,7 +7,16 @@ import numpy as np
 from pointing_model.mounts import KINDS
 from pointing_model.plate_solved.frames import ICRS
 
-from .table import Table, content, floats, is_number, parse_iso, same_width
+from .table import (
+    Table,
+    content,
+    cost_rows,
+    floats,
+    is_number,
+    parse_iso,
+    same_width,
+    usual_width,
+)
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
@@ -51,20 +60,19 @@ def read_unam(path, lines):
     body = content(lines)
     numbers = np.array([number for number, _ in body])
     cells = [line.split() for _, line in body]
-    names = _COLUMNS[:len(cells[0])]
-    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} in the first row')
+    names, reasons = _COLUMNS[:usual_width(body)], np.zeros(len(body), dtype=object)
+    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} in most rows', reasons)
     stamps = [_NAME.fullmatch(row[0]) for row in cells]
-    if None in stamps:
-        i = stamps.index(None)
-        raise ValueError(f'{path}, row {numbers[i]}: {cells[i][0][:40]!r} does not hold a '
-                         'time stamp such as 20211103T044721')
-    value = {name: floats(path, numbers, name, [row[i] for row in cells])
+    cost_rows(path, numbers, 'name', [row[0] for row in cells], {
+        i: 'does not hold a time stamp such as 20211103T044721'
+        for i, (stamp, row) in enumerate(zip(stamps, cells)) if not stamp and row[0]}, reasons)
+    value = {name: floats(path, numbers, name, [row[i] for row in cells], reasons)
              for i, name in enumerate(names) if i >= 5}
-    times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) for match in stamps]
+    times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) if match else '' for match in stamps]
     beyond = value['rotation'] == 180.0
     columns = {
         'ra_deg': value['solved ra'], 'dec_deg': value['solved dec'],
-        'time': parse_iso(path, numbers, 'name', times),
+        'time': parse_iso(path, numbers, 'name', times, reasons),
         'lst_told': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
         'pier_side': np.where(beyond, -1, 1)}
@@ -73,7 +81,7 @@ def read_unam(path, lines):
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
-    table = Table(columns, numbers, meta,
+    table = Table(columns, numbers, meta, reasons,
                   commented=_commented(lines), names=KINDS['equatorial'])
     for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
                                  ('equinox', (2000.0,), '2000')):

@@ -86,7 +86,6 @@ def test_images_that_were_not_solved_are_listed(german, read):
     (('observatory', 'altaz-manual'), ['row 2', 'altaz-manual is not read']),
     (('-35.5 1430', '-135.5 1430'), ['row 2', 'out of range']),
     (('# observatory', '# gem 1 2 3\n# observatory'), ['row 3', 'another mount or site']),
-    (('01x\t', '01x\tzero\t'), ['row 4', '10 columns, but 9']),
     (('# observatory', '# frame: galactic\n# observatory'), ["'galactic' is unknown"]),
 ])
 def test_other_files_are_refused(german, refuse, change, words):
@@ -97,7 +96,11 @@ def test_other_files_are_refused(german, refuse, change, words):
 def test_cells_and_dates_that_are_none_are_told(german, refuse, read):
     lines = german.splitlines()
     cells = lines[4].split('\t')
-    refuse('\n'.join([*lines[:4], '\t'.join([*cells[:3], 'far', *cells[4:]])]), 'row 5', "'far'")
-    refuse('\n'.join([*lines[:4], '\t'.join([cells[0], '5.0', *cells[2:]])]), 'row 5', 'JD: 5')
+    for row, reason in (([*cells[:3], 'far', *cells[4:]], "RA-MNT 'far' is not a number"),
+                        ([cells[0], '5.0', *cells[2:]], "JD '5.0' is outside 1900 to 2100 as"),
+                        ([*cells, '1'], '10 columns, but 9 are read')):
+        run = read('\n'.join([*lines[:4], '\t'.join(row), *lines[5:]]))
+        (left,) = run.meta['excluded']
+        assert left['row'] == 5 and left['reason'].startswith(reason)
     with pytest.raises(NoObservations):
         read('\n'.join(lines[:2]))

@@ -81,7 +81,7 @@ def test_a_point_solved_twice_is_named(points, read):
 
 
 @pytest.mark.parametrize('change, words', [
-    (lambda p: p[2].update(julianDate='yesterday'), ['julianDate', "'yesterday'"]),
+    (lambda p: [q.update(julianDate='yesterday') for q in p[2:]], ['julianDate', "'yesterday'"]),
     (lambda p: p[2].update(latitude=-20.0), ['several sites']),
     (lambda p: [point.pop('latitude') for point in p], ['no point has the latitude']),
     (lambda p: [point.update(success=False) for point in p], ['none of 40 rows', 'not solved']),

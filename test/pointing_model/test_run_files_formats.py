@@ -93,8 +93,6 @@ def test_tpoint_azimuth_origin_from_a_comment(read, comment, origin):
 
 
 @pytest.mark.parametrize('text, words', [
-    (TPOINT.replace('20.2', 'x'), ['row 7', 'mount elevation', "'x'"]),
-    (TPOINT.replace(' -6.0', ''), ['row 8', '4 numbers', '5 in the first']),
     (TPOINT.replace(': ALTAZ\n', ''), ['ALTAZ', 'EQUAT']),
     (TPOINT.replace('-30 14', 'latitude 14'), ['row 5', 'latitude']),
     (TPOINT.replace('-30 14', '-95 14'), ['row 5', '90 degrees']),
@@ -106,6 +104,15 @@ def test_tpoint_azimuth_origin_from_a_comment(read, comment, origin):
 ])
 def test_tpoint_refused(read, text, words, refuse):
     refuse(text, *words)
+
+
+@pytest.mark.parametrize('text, line, reason', [
+    (TPOINT.replace('20.2', 'x'), 7, "mount elevation 'x' is not a number"),
+    (TPOINT.replace(' -6.0', ''), 8, '4 numbers, but 5 in most rows')])
+def test_a_bad_row_of_tpoint_is_left_out(read, text, line, reason):
+    whole, run = read(TPOINT), read(text)
+    assert len(run) == len(whole) - 1
+    assert {'row': line, 'reason': reason} in run.meta['excluded']
 
 
 def test_site_is_kept_and_compared(read):
@@ -154,14 +161,22 @@ def test_iram(read):
 
 @pytest.mark.parametrize('text, words', [
     (IRAM.replace('pnt.X(f1) ', '').replace('pnt.dAZ', 'pnt.Z'), ['no column pnt.X']),
-    (IRAM.replace('\t11.0', ''), ['row 2', '11 values', '12 columns']),
-    (IRAM.replace('23.50', 'x'), ['row 2', 'UTh', "'x'"]),
-    (IRAM.replace('2012-04-17.3', '2012-13-17.3'), ['row 7', 'id', '2012-13-17']),
-    (IRAM.replace('2012-04-17.3', 'scan'), ['row 7', 'id such as']),
     (IRAM[:IRAM.index('2012')], ['no observations']),
 ])
 def test_iram_refused(read, text, words, refuse):
     refuse(text, *words)
+
+
+@pytest.mark.parametrize('text, line, reason', [
+    (IRAM.replace('\t11.0', ''), 2, '11 values, but the header names 12 columns'),
+    (IRAM.replace('23.50', 'x'), 2, "UTh 'x' is not a number"),
+    (IRAM.replace('2012-04-17.3', '2012-13-17.3'), 7, "id '2012-13-17' is neither ISO 8601"),
+    (IRAM.replace('2012-04-17.3', 'scan'), 7, "id 'scan' does not begin with an id such as")])
+def test_a_bad_row_of_iram_is_left_out(read, text, line, reason):
+    whole, run = read(IRAM), read(text)
+    assert len(run) == len(whole) - 1
+    (told,) = (one['reason'] for one in run.meta['excluded'] if one['row'] == line)
+    assert told.startswith(reason)
 
 
 def observers_model(path, run):

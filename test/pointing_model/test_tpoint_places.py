@@ -121,7 +121,7 @@ def test_proper_motion_of_an_alt_azimuth_mount_and_rejected_rows(read):
 def test_the_epoch_is_of_the_place_alone_only_with_the_option(read):
     rows = observatory(EQUATORIAL, LATITUDE, TERMS, moved=True)
     text = written(rows, ['EQUAT'], LATITUDE, 'j2000', motion=True).replace(' 2000.0 ', ' 1991.25 ')
-    with pytest.raises(ValueError, match='the year 1991.25 after the proper motions is not 2000'):
+    with pytest.raises(ValueError, match="year after the proper motions: '1991.25' is not 2000"):
         read(text)
     assert len(read(text.replace(': EQUAT', ': EQUAT\n: J2000'))) == 40
 
