@@ -157,23 +157,10 @@ def without_copies(runs, seen=()):
             continue
         notes.append(f'{_name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
                      f'{where} too')
-        kept.append(left_out(run, copied, f'{SAME}a row {where}'))
+        kept.append(_left_out(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:
         raise ValueError(f'{"; ".join(notes)}; give other observations to judge by')
     return kept, notes
-
-
-def once(run):
-    """The run without rows that are an earlier one once more; a note says how many.
-
-    So a log has them that recorded what another played.
-    """
-    copied = copies(run) >= 0
-    if not copied.any():
-        return run
-    out = left_out(run, copied, f'{SAME}one before')
-    out.meta['notes'] = [*run.meta.get('notes', ()), written_twice(copied)]
-    return out
 
 
 def written_twice(copied):
@@ -182,7 +169,7 @@ def written_twice(copied):
             'readings: each counts once')
 
 
-def left_out(run, rows, reason):
+def _left_out(run, rows, reason):
     """A run without `rows` (a mask), which ``meta['excluded']`` then has with the reason."""
     out = run.select(~rows)
     out.meta = dict(run.meta)
@@ -190,7 +177,8 @@ def left_out(run, rows, reason):
         [*run.meta.get('excluded', ()),
          *({'row': int(line), 'reason': reason} for line in run.lines[rows])],
         key=lambda one: one['row'])
-    out.meta['lines'] = run.lines[~rows]
+    if 'lines' in run.meta:
+        out.meta['lines'] = run.lines[~rows]
     return out
 
 

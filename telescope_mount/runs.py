@@ -10,7 +10,7 @@ from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.night_folder import log_of
 from pointing_model.context import Context
-from pointing_model.copies import once, without_copies
+from pointing_model.copies import copies, without_copies, written_twice
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
@@ -174,8 +174,11 @@ def run_of_log(path):
             zeros[zero.run] = zero
     if not parts:
         raise NoObservations(f'{path} has no observation in it')
-    run = PointingRun.concatenate(parts)
-    notes = []
+    run, notes = PointingRun.concatenate(parts), []
+    copied = copies(run) >= 0  # of a log that recorded what another played
+    if copied.any():
+        notes.append(written_twice(copied))
+        run = run.select(~copied)
     columns = dict(run.columns)
     columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.altaz
                                                      and is_beyond(run['el']))
@@ -193,8 +196,7 @@ def run_of_log(path):
     told = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get('graduation')
     if told:
         meta['graduation'] = declared_graduation(told)
-    run = PointingRun({n: v[stars] for n, v in columns.items()}, meta)
-    return _without_judges(once(run))
+    return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
 
 
 def _log(path):

@@ -204,3 +204,29 @@ def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
     assert len(run) == 12
     assert any(note.startswith('8 of 20 observations left out, rows 12 to 19')
                for note in run.meta['notes'])
+
+
+def test_a_log_that_recorded_what_another_played_has_each_observation_once(tmp_path):
+    serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
+    from msg_tools.topics import OBSERVATION
+    from pointing_model.run_messages import run_to_cloud
+    rng = np.random.default_rng(8)
+    az, el = rng.uniform(0.0, 6.0, 60), rng.uniform(0.3, 1.4, 60)
+    rows = [PointingRun({name: np.array([value]) for name, value in {
+        'az': az[i], 'el': el[i], 'az_enc': az[i] + 1e-4, 'el_enc': el[i] - 1e-4, 'run': 1.0,
+        'star': 100.0 + i, 'time': 1e9 + 60.0 * i}.items()}) for i in range(60)]
+    for name, times in (('log', 1), ('recorded', 2)):
+        with BagWriter(tmp_path / name) as writer:
+            writer.add_topic('/mount/observation', OBSERVATION.type, [{'depth': 100}])
+            for i, row in enumerate(row for row in rows for _ in range(times)):
+                writer.write('/mount/observation', serialization.serialize_message(
+                    run_to_cloud(row, 10**18 + i)), 10**18 + i, 10**18 + i, i + 1)
+    whole, run = load_run(tmp_path / 'log'), load_run(tmp_path / 'recorded')
+    assert len(run) == len(whole) == 60
+    assert any(note.startswith('60 of 120 rows are there twice') for note in run.meta['notes'])
+    np.testing.assert_array_equal(run['az_enc'], whole['az_enc'])
+    write_csv(whole, tmp_path / 'whole.csv', plain=True)
+    runs, notes = load_runs([tmp_path / 'whole.csv', tmp_path / 'log', tmp_path / 'recorded'])
+    assert [len(run) for run in runs] == [60] and len(notes) == 2
+    with pytest.raises(ValueError, match='give other observations to judge by'):
+        load_runs([tmp_path / 'recorded'], runs)
