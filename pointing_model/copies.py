@@ -42,8 +42,10 @@ def copies(columns, source=None):
     place = np.array([columns['az'], columns['el']], float) / DEG
     n = place.shape[1]
     time = np.asarray(columns.get('time', np.full(n, np.nan)), float)
-    units = [_unit(reading, _ANGLES, _OF_ANGLES), _unit(place, _ANGLES, _OF_ANGLES),
-             _time_unit(time, source)]
+    of_one = source is None
+    source = np.zeros(n, int) if of_one else source
+    units = [_unit(reading, _ANGLES, _OF_ANGLES, source, 0.05),
+             _unit(place, _ANGLES, _OF_ANGLES, source, 0.05), _time_unit(time, source)]
     out = np.arange(n)
     for i, j in _beside(reading, place, units[0]):
         of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)
@@ -52,7 +54,7 @@ def copies(columns, source=None):
             timed, (np.abs(time[i] - time[j]) < of_time) & (_apart(place, i, j) < _SAME_FIELD),
             _apart(place, i, j) < of_place)
         np.minimum.at(out, j[same], i[same])
-    if source is not None:
+    if not of_one:
         utc = np.where(np.abs(time) > _CLOCK, time, np.nan)
         for i, j in _beside(place, reading, units[1]):
             same = (source[i] != source[j]) & (np.abs(utc[i] - utc[j]) < _within(units[2], i, j)) \
@@ -88,18 +90,26 @@ def _apart(angles, i, j):
     return np.maximum(np.abs(first), np.abs(angles[1, i] - angles[1, j]))
 
 
-def _unit(values, units, error):
-    """What a row is rounded to: the coarsest of `units` that divides all of its values."""
-    out = np.full(values.shape[1], units[-1])
-    for unit in reversed(units):
-        out[_divides(unit, values, error).all(axis=0)] = unit
-    return out
+def _unit(values, units, error, source, chance):
+    """What a row is rounded to: the coarsest of `units` that divides all of its values.
+
+    Last digits may be zeros by chance: of a file those count that more than `chance` of its rows
+    have, else the next finer.
+    """
+    level = np.full(values.shape[1], len(units) - 1)
+    for k in reversed(range(len(units))):
+        level[_divides(units[k], values, error).all(axis=0)] = k
+    for one in np.unique(source):
+        rows = source == one
+        counts = np.bincount(level[rows], minlength=len(units))
+        usual = np.append(np.flatnonzero(counts > chance * counts.sum()), len(units) - 1)
+        level[rows] = usual[np.searchsorted(usual, level[rows])]
+    return np.array(units)[level]
 
 
 def _time_unit(time, source):
-    out = _unit(time[np.newaxis], _TIMES, _OF_TIMES)
-    source = np.zeros(len(time), int) if source is None else source
-    for one in np.unique(source):  # of one row, a whole minute is chance
+    out = _unit(time[np.newaxis], _TIMES, _OF_TIMES, source, 0.2)
+    for one in np.unique(source):
         rows = source == one
         if np.isfinite(time[rows]).sum() > 2 and _divides(_MINUTE, time[rows], _OF_TIMES).all():
             out[rows] = _MINUTE

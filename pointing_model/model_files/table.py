@@ -15,7 +15,7 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
-from pointing_model.run_files.cells import Cells, delimiter_of, split_row, write_rows
+from pointing_model.run_files.cells import Cells, delimiter_of, safe_text, split_row, write_rows
 from pointing_model.run_files.table import decimal_points, lines_of
 from pointing_model.terms import terms_of
 
@@ -28,7 +28,7 @@ _HEADER = ('part', 'name', 'value_arcsec', 'sigma_arcsec', 'formula', 'follows',
 def write(model, caption):
     """The table of a model, as text."""
     out = io.StringIO()
-    out.write(f'# {caption}\n# geometry: {model.geometry}\n'
+    out.write(f'# {safe_text(" ".join(caption.split()))}\n# geometry: {model.geometry}\n'
               '# encoder - catalogue; (x, y): x = dA cos E and y = dE on the sky; A from north '
               'through east\n')
     if model.mount.on_sky:
