@@ -20,7 +20,7 @@ from calibration.diagnosis import diagnose
 from calibration.diagnosis.apart import CANNOT, MOST_STARS, ONE_CAUSE, Apart
 from msg_tools.units import ARCSEC, DEG, wrap
 
-START, EACH = 1.7e9, 80.0  # s
+START, EACH = 1.7e9 - 9.0 * 3600.0, 80.0  # s: night for hours
 U = ARCSEC
 FIRST = 20
 ALL = 20.0, 85.0

@@ -11,6 +11,7 @@ from scipy.special import ndtr
 from msg_tools.units import DEG
 from pointing_model.context import Context
 
+from .dark_hours import dark_hours, next_night
 from .next_observations import MIN_GAP, SHORT, forecast, place_of, places_under, views_of
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
@@ -45,7 +46,7 @@ class Points:
     any_magnitude : bool
         Not only those of the rows.
     only_later : bool
-        Not now.
+        Not now; where it is not dark then, when the next night begins.
 
     Attributes
     ----------
@@ -69,7 +70,11 @@ class Points:
         later = [h for h in _LATER if h < hours] + [hours] * (hours > 0.0)
         if not {'time', 'order', 'run_hours', 'lst', 'temperature'} & drivers:
             later = []
-        later = later if only_later and later else [_NOW, *later]
+        dark = dark_hours(known, later)
+        if later and only_later:
+            later = dark or next_night(known, later)[:1]
+        else:
+            later = [_NOW, *dark]
         moves = [False, True] if {'travel_az', 'travel_el'} & drivers else [False]
         magnitude = known.get('magnitude')
         bright = [np.nan] if magnitude is None else [np.nanmedian(magnitude)]
@@ -162,9 +167,14 @@ class Pair:
     def __init__(self, problem, obs, base, state, pair, others, points, behind):
         self._views = views_of(problem, obs, base, state, [[e] for e in pair], others,
                                points.context)
-        self.behind = behind
+        self.behind, self._hours = behind, float(points.later.max())
         right = 1.0 / (1.0 + np.exp(-0.5 * behind))
         self._right = right, 1.0 - right
+
+    def later(self, hours):
+        """When its points can be observed, of those that shall be so many hours later: words."""
+        return (f'stars {self._hours:g} h later' if self._hours <= hours else
+                f'stars of the next night, {self._hours:g} h later')
 
     def differ(self):
         """By how much the two differ at each point, squared, in units of its noise, shape (m,).
@@ -209,13 +219,13 @@ def needed(make, stars):
     for words, options in (
             ('stars from 10 deg of elevation on', {'low_deg': 10.0}),
             ('brighter and fainter stars', {'any_magnitude': True}),
-            ('stars 2 h later', {'hours': 2.0, 'only_later': True}),
-            ('stars 8 h later', {'hours': 8.0, 'only_later': True}),
+            ('', {'hours': 2.0, 'only_later': True}), ('', {'hours': 8.0, 'only_later': True}),
             (f'stars {_KELVIN:g} K warmer', {'warmer': _KELVIN}),
             (f'stars {_KELVIN:g} K colder', {'warmer': -_KELVIN}),
             ('something fast, as a satellite', {'faster': _FAST})):
-        if make(**options).chance(stars) >= ENOUGH:
-            return words
+        pair = make(**options)
+        if pair.chance(stars) >= ENOUGH:
+            return words or pair.later(options['hours'])
     pair = make()
     for more in (2, 4):
         if pair.chance(more * stars) >= ENOUGH:

@@ -16,6 +16,7 @@ from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 
+from .dark_hours import dark_hours, next_night, utc_of
 from .linear import solve
 
 _COUNT = 6  # for each ambiguous effect
@@ -47,7 +48,9 @@ def propose(problem, obs, base, found, stands, contenders=None):
         ``az_deg``, ``el_deg`` (of the horizon; of another mount than an alt-azimuth one its own
         angles too, such as ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``,
         ``approach_el`` (0: either), ``last_move_deg`` (of both axes, against the move before;
-        None: any), ``after_hours`` (since the last row; None: at any time), ``separates`` (two
+        None: any), ``after_hours`` (since the last row; None: at any time), ``utc`` (then; None:
+        at any time, or not known), ``next_night`` (none of these hours is dark tonight),
+        ``separates`` (two
         names), and ``separation_before``: delta BIC between them by the rows there are;
         ``separation_after``: the same to be expected with all proposals so far.
     none : list of list of str
@@ -106,12 +109,16 @@ def _grid(obs):
         Hours after the last row.
     short : ndarray of bool
         Reached by a move of `SHORT` back on the one before.
+    tomorrow : bool
+        Whether tonight no dark hour is left.
     """
     mount, above = obs.context.mount, obs.context.on_horizon()[1]
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
+    tonight = dark_hours(obs.context, _LATER)
     az, el, s_az, s_el, later, short = places_under(
-        obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0], _LATER, [False, True])
+        obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0],
+        tonight or next_night(obs.context, _LATER), [False, True])
     columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
     known = obs.context.columns
     time = obs.context.get('time')
@@ -132,7 +139,7 @@ def _grid(obs):
         columns[f'before_{axis}'] = -columns[f'approach_{axis}']
     context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
     context.raw_reading = obs.context.raw_reading
-    return context, later, short
+    return context, later, short, not tonight
 
 
 def places_under(known, low, high, *conditions):
@@ -202,7 +209,7 @@ def forecast(time, temperature, then, n):
 
 
 def _separate(problem, obs, base, found, pair, others, grid, before):
-    context, later, short = grid
+    context, later, short, tomorrow = grid
     m = len(context)
     views = views_of(problem, obs, base, found.state, pair, others, context)
     start = min(v.separation() for v in views)
@@ -210,19 +217,22 @@ def _separate(problem, obs, base, found, pair, others, grid, before):
     for _ in range(_COUNT):
         gain = np.min([v.disagreement() for v in views], axis=0)
         j = int(np.argmax(np.where(used, -1.0, gain)))
-        by_az, by_el, by_time, by_move = _matters(gain, j)
+        by_az, by_el, by_time, by_move = _matters(gain, j, len(np.unique(later)))
         near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
                         context.el - context.el[j]) < MIN_GAP
         used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
         for v in views:
             v.add(j)
+        timed = by_time and 'time' in context.columns
         after = before + min(v.separation() for v in views) - start
         proposals.append({
             **place_of(context, j),
             'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
             'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
             'last_move_deg': float(SHORT / DEG) if by_move and short[j] else None,
-            'after_hours': float(later[j]) if by_time and 'time' in context.columns else None,
+            'after_hours': float(later[j]) if timed else None,
+            'utc': utc_of(obs.context, later[j]) if timed else None,
+            'next_night': timed and tomorrow,
             'separates': [member[0].name for member in pair],
             'separation_before': float(before), 'separation_after': float(after)})
     return proposals
@@ -292,11 +302,13 @@ def _side(context, j):
             'through_pole': bool(is_beyond(context.el[j]))}
 
 
-def _matters(gain, j):
-    """Whether the approaches, the time and the last move change what point `j` tells."""
-    shape = (2, 2, len(_LATER), 2)
+def _matters(gain, j, hours):
+    """Whether the approaches, the time (of so many) and the last move change what `j` tells."""
+    shape = (2, 2, hours, 2)
     here = gain.reshape(-1, *shape)[j // np.prod(shape)]
-    return [bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4)]
+    by_az, by_el, by_time, by_move = (
+        bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4))
+    return by_az, by_el, by_time or hours == 1, by_move  # one hour has nothing beside it
 
 
 def _beyond_other_runs(shared, rows, white, last):

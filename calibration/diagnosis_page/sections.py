@@ -334,7 +334,7 @@ def _next_group(names, group, kind):
             sides.insert(0, 'counterweight up')
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
-        hours = [number(row.get('after_hours'), 1)] if timed else []
+        hours = [f'{number(row.get("after_hours"), 1)} {row.get("utc") or ""}'] if timed else []
         cells.append([str(i), *(number(row[key], 0) for key in places),
                       ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
     text = enough([row for _, row in group]) \
@@ -342,12 +342,14 @@ def _next_group(names, group, kind):
                         group[-1][1].get('separation_after')) else ''
     if text and any(row.get('after_hours') for _, row in group):
         text += f'. Hours count{WHY_LATER}'
+    if group[0][1].get('next_night'):
+        text += '. It is not dark any more tonight: observe in the next night'
     text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
             + table(['', *(f'{word} [°]' for word in places.values()),
                      'side, last motion' if kind == 'german' or any(
                          row.get('through_pole') for _, row in group) else 'last motion',
-                     *(['hours from the last row [h]'] if timed else []),
+                     *(['hours from the last row [h], UTC'] if timed else []),
                      'ΔBIC expected with it and those above'], cells))
 
 

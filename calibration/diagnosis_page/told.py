@@ -338,6 +338,8 @@ def place_words(item, kind='altaz'):
         place += f' by a last move back of {item["last_move_deg"]:g}°'
     if item.get('after_hours'):
         place += f', {item["after_hours"]:g} h after the last row'
+        if item.get('utc'):
+            place += f' ({"next night, " * item["next_night"]}{item["utc"]} UTC)'
     return place
 
 

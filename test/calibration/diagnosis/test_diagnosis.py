@@ -219,6 +219,7 @@ def test_aliases_of_terms_are_never_effects():
 
 def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     def drift(c):
+        c['time'] -= 8.0 * 3600.0  # it stays dark for some hours
         c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.6
         return 0.0, -3.0 * ARCSEC * c['temperature']
     result = diagnose(night(11, effect=drift), **FAST)
@@ -229,6 +230,7 @@ def test_time_and_temperature_alike_are_ambiguous_and_it_says_what_to_observe():
     assert result.next_observations
     for row in result.next_observations:
         assert 15.0 <= row['el_deg'] <= 88.0 and row['after_hours'] > 0.0
+        assert row['utc'].startswith('2023-11-14 ') and row['next_night'] is False
         assert row['approach_az'] == row['approach_el'] == 0  # either: it makes no difference
         assert row['separation_after'] > row['separation_before'] >= 0.0
     json.dumps(result.to_dict())
