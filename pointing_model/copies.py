@@ -44,8 +44,8 @@ def copies(columns, source=None):
     time = np.asarray(columns.get('time', np.full(n, np.nan)), float)
     of_one = source is None
     source = np.zeros(n, int) if of_one else source
-    units = [_unit(reading, _ANGLES, _OF_ANGLES, source, 0.05),
-             _unit(place, _ANGLES, _OF_ANGLES, source, 0.05), _time_unit(time, source)]
+    units = [_unit(reading, _ANGLES, _OF_ANGLES, source, 0.15),
+             _unit(place, _ANGLES, _OF_ANGLES, source, 0.15), _time_unit(time, source)]
     out = np.arange(n)
     for i, j in _beside(reading, place, units[0]):
         of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)

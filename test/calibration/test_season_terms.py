@@ -230,6 +230,15 @@ def test_nights_have_their_dates_and_say_what_is_left_out():
         nights_of([runs[0], other], tuple(terms))
 
 
+def test_a_night_that_two_files_have_counts_once():
+    rng, terms = np.random.default_rng(20), {'IA': 30.0, 'IE': -20.0, 'TF': 40.0}
+    runs = [run_of(rng, terms, 1.7e9 + 86400.0 * i, source=f'{i}.csv') for i in range(4)]
+    again = PointingRun(dict(runs[1].columns), {'notes': [], 'source': 'copy.csv'})
+    found = nights_of([*runs, again], tuple(terms))
+    assert [night.source for night in found.nights] == [f'{i}.csv' for i in range(4)]
+    assert found.notes == ['copy.csv left out: all 30 rows are in 1.csv too']
+
+
 def test_all_steps_at_once_gain_what_each_gains_by_itself():
     found = season(np.random.default_rng(3), moved=lambda v, _: v.__setitem__(
         (slice(11, None), 1), v[11:, 1] + 12.0))
