@@ -29,6 +29,7 @@ _DRIVERS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': '
             'side': 'side{}'}
 _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
+_LARGEST = 1e50  # of what was measured; squares and their sums stay finite
 _NEEDED = 'zero_az_arcsec and zero_el_arcsec'
 _WANTED = (f'give a header row with {_NEEDED} and what may have moved them (temperature_c, '
            'supply_v, since_h, side), and a row for each power-on')
@@ -134,6 +135,7 @@ def _column(path, cells, name, words=None):
     texts = [str((words or {}).get(cell.lower(), cell)) for cell in cells[name]]
     values = floats(path, cells.lines, name, texts, cells.reasons)
     cells.leave_out(np.isinf(values), f'{name} is infinite')
+    cells.leave_out(np.abs(values) > _LARGEST, f'{name} is beyond {_LARGEST:g}')
     return values
 
 

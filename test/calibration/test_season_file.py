@@ -111,6 +111,7 @@ WITH_SIGMA = HEADER.strip() + ',sigma_az_arcsec,sigma_el_arcsec'
     (lambda r: [*r[:5], '0', '1.5'], 'sigma_az_arcsec is not positive'),
     (lambda r: [*r[:6], '-1'], 'sigma_el_arcsec is not positive'),
     (lambda r: [*r[:3], 'inf', *r[4:]], 'temperature_c is infinite'),
+    (lambda r: [*r[:4], '1e308', *r[5:]], 'supply_v is beyond 1e+50'),
     (lambda r: [r[0], '1.2.3', *r[2:]], "zero_az_arcsec '1.2.3' is not a number"),
     (lambda r: ['2026-01-01T18:00:00Z', *rows_of_nights()[0][1:4], '7', *r[5:]],
      'the same as line 2')])

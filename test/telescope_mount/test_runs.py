@@ -1,5 +1,7 @@
 """Loading and exporting runs: files, logs, several of them."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from telescope_mount.commands.export import export_run
 from telescope_mount.runs import _readings, load_run, load_runs
 from telescope_mount.verify import verify_log
 
+CASES = Path(__file__).resolve().parents[2].parent / 'shared' / 'cases'
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
 
@@ -230,3 +233,10 @@ def test_a_log_that_recorded_what_another_played_has_each_observation_once(tmp_p
     assert [len(run) for run in runs] == [60] and len(notes) == 2
     with pytest.raises(ValueError, match='give other observations to judge by'):
         load_runs([tmp_path / 'recorded'], runs)
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason='the small inputs are not there')
+def test_a_row_in_a_leap_second_of_another_year_is_left_out_by_name():
+    run = load_run(CASES / 'time_leap60.csv')
+    (left,) = run.meta['excluded']
+    assert len(run) == 59 and left['row'] == 8 and 'deg from where the encoders' in left['reason']
