@@ -299,13 +299,18 @@ def _noises(solution, base, row_weights, lost):
         total = float(row_weights.sum())
         squares = [sum(float(row_weights[part] @ np.square(of[part])) for part in parts(n))
                    for of in (rx, ry)]
-    used = float(np.vdot(inverse, solution.x_normal))  # trace of the product
+    hat = inverse @ solution.x_normal
+    used, squared = float(np.trace(hat)), float(np.vdot(hat.T, hat))  # traces of H and of H H
     pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
     free = total - used, total - rank + used
     if min(free) <= 0.5:  # an axis that tells nothing of its noise has that of both
         return inflation, [pooled / consistency] * 2, (max(2 * total - rank, 1.0),)
     variances = [square / dof / consistency for square, dof in zip(squares, free)]
-    return inflation, variances, free
+    # the squares of an axis are a sum of chi-squares with factors from 0 to 1, those of I - H:
+    # it scatters as one with that many degrees of freedom (Satterthwaite 1946)
+    factors = total - 2.0 * used + squared, total - rank + squared
+    return inflation, variances, [dof**2 / max(of, 1e-9) if of < dof else dof
+                                  for dof, of in zip(free, factors)]
 
 
 def need_rows(n, k, given):

@@ -46,7 +46,8 @@ def as_read_terms(diagnosis):
         ``name``, ``value_arcsec`` (of a term that each run has for itself the median) and
         ``rms_arcsec``, what it is on the sky over the rows with weight. Of one that effects have
         moved by more than two of its standard errors: ``beside_effects_arcsec``, and
-        ``resembles`` (the effect that it is most correlated with) with ``correlation``.
+        ``resembles`` (the effect that it is most correlated with) with ``correlation``. Of one
+        that the stars do not determine: ``undetermined``.
     """
     # beside effects that are nearly the same curve a term is a difference of large numbers
     obs, terms = diagnosis.observations, diagnosis.base_model.terms
@@ -58,7 +59,8 @@ def as_read_terms(diagnosis):
                              obs.run.mount).reshape(len(terms), 2, -1)
     moved = _moved(diagnosis)
     out = [{'name': name, 'value_arcsec': value / ARCSEC,
-            'rms_arcsec': _radial(value * column), **moved.get(name, {})}
+            'rms_arcsec': _radial(value * column), **moved.get(name, {}),
+            **({'undetermined': True} if name in diagnosis.base_model.undetermined else {})}
            for (name, value), column in zip(terms.items(), columns)]
     return sorted(out, key=lambda row: -row['rms_arcsec'])
 
@@ -105,7 +107,8 @@ def as_read_sentence(document):
     others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
     said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
     more = _beyond_zeros(values, others, left)
-    lean = _lean(values, names, document.get('south', False))
+    lean = '' if any(values[own].get('undetermined') for own in ('AN', 'AW') if own in values) \
+        else _lean(values, names, document.get('south', False))
     if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
         said.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
     if lean:
@@ -118,6 +121,7 @@ def as_read_sentence(document):
 def _named(rows, names, sizes=False):
     told = [f'{row["name"]} {_signed(row["value_arcsec"])} '
             f'({_what(row["name"], names)}'
+            + ', undetermined: the sum of several terms' * row.get('undetermined', False)
             + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
     return ' and '.join(filter(None, [', '.join(told[:-1]), told[-1]]))
 
