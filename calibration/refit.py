@@ -56,7 +56,7 @@ def refitted(model, rows, effects, seen=None):
     if seen is not None:
         use &= seen
     context = Context.of_run(rows)
-    names = tuple(model.terms)
+    names = tuple(name for name in model.terms if name not in model.held)
     series, of_series = model.harmonics, np.empty((0, 2, len(rows)))
     if series is not None:
         of_series = series.columns(rows['az'], rows['el'])
@@ -65,7 +65,11 @@ def refitted(model, rows, effects, seen=None):
     table = np.concatenate(columns)[:, :, use]
     fit = robust_fit(table.reshape(len(table), -1).T, left[:, use].ravel())
     k, values = len(names), fit.value
-    terms = {name: value + change for (name, value), change in zip(model.terms.items(), values)}
+    terms = model.terms | {name: model.terms[name] + change
+                           for name, change in zip(names, values)}
+    places = [list(terms).index(name) for name in names]
+    covariance = np.zeros((len(terms), len(terms)))
+    covariance[np.ix_(places, places)] = fit.covariance[:k, :k]
     sigma, out, at = np.sqrt(np.diag(fit.covariance)), [], k + len(of_series)
     if series is not None:
         series = series.moved(values[k:at], fit.covariance[k:at, k:at])
@@ -74,7 +78,7 @@ def refitted(model, rows, effects, seen=None):
         out.append(FittedEffect(e.effect, values[part], sigma[part]))
         at = part.stop
     shifts = dict(zip(_older(rows), values[at:].reshape(-1, 2)))
-    return replace(model, terms=terms, covariance=fit.covariance[:k, :k], harmonics=series,
+    return replace(model, terms=terms, covariance=covariance, harmonics=series,
                    effects=(*known, *out)), shifts
 
 

@@ -145,6 +145,11 @@ class PointingModel:
         return out
 
     @property
+    def held(self):
+        """Undetermined terms that are held at zero, tuple of str: others stand for them."""
+        return tuple(name for name in self.undetermined if self.terms[name] == 0.0)
+
+    @property
     def by_reading(self):
         """Whether an effect depends on what the encoders read."""
         return any(e.effect.driver.startswith('reading') for e in self.effects)

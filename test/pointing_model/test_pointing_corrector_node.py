@@ -85,6 +85,16 @@ def test_demand_is_model_plus_zero_applied_once(graph):
     assert 'NPAE' in next(row.value for row in status.values if row.key == 'model')
 
 
+def test_what_rests_on_undetermined_terms_has_no_sigma_and_is_told(graph):
+    model = PointingModel({'IE': 1e-4, 'TF': 0.0}, undetermined=('IE', 'TF'),
+                          directions=[{'TF': 1.0, 'IE': -np.cos(SKY[0, 1])}])
+    desk = Desk(graph, model, ZERO)
+    near, away = (desk(TIMES[:1], sky, RATES[:1])[2]
+                  for sky in (SKY[:1], SKY[:1] + [0.0, 0.3]))
+    assert np.isfinite(near).all() and np.isnan(away).all()
+    graph.report('pointing_corrector', 'did not determine (IE, TF)')
+
+
 @pytest.mark.parametrize('terms', [{}, MODEL.terms])
 def test_harmonics_are_in_the_demand_and_in_its_sigma(graph, terms):
     rng = np.random.default_rng(1)

@@ -56,6 +56,18 @@ def test_there_and_back_with_the_columns_of_the_file(ended, model, tmp_path):
         assert float(one['el_model_deg']) == pytest.approx(float(row['el_deg']), abs=1e-9 / 3600)
 
 
+def test_rows_where_the_model_rests_on_what_its_stars_did_not_determine_are_named(ended, tmp_path):
+    PointingModel({'IE': -134.0 * ARCSEC, 'TF': 0.0}, undetermined=('IE', 'TF'),
+                  directions=[{'TF': 1.0, 'IE': -np.cos(50 * DEG)}]).save(tmp_path / 'model.json')
+    given = tmp_path / 'in.csv'
+    given.write_text('az_deg,el_deg\n10,20\n10,50\n10,80\n')
+    code, _, err = ended('apply', tmp_path / 'model.json', given)
+    assert code == 0
+    assert ' '.join(err.split()) == (
+        'note: the prediction is of unknown error in rows 2, 4: it rests on terms that the stars '
+        'of the fit did not determine (IE, TF)')
+
+
 def test_what_is_not_known_is_said_once(ended, model, tmp_path):
     given = tmp_path / 'in.csv'
     given.write_text('az_deg;el_deg;run;temperature_c\n10;45;1;\n20;50;2;5\n30;60;2;\n')

@@ -39,6 +39,17 @@ def run(tmp_path):
     return tmp_path / 'run.csv'
 
 
+@pytest.mark.parametrize('to', ['tpoint', 'table'])
+def test_a_file_of_another_program_is_written_with_a_word_on_undetermined_terms(ended, tmp_path,
+                                                                                to):
+    PointingModel({**TERMS, 'TF': 0.0}, np.eye(6) * ARCSEC**2, undetermined=('IE', 'TF'),
+                  directions=[{'TF': 1.0, 'IE': -0.6}]).save(tmp_path / 'model.json')
+    code, said, _ = ended('export', tmp_path / 'model.json', tmp_path / 'out.dat', '--to', to)
+    assert code == 0
+    assert ('undetermined by these stars: IE, TF. TF is held at zero, and IE stands for the sum of '
+            'all of them here') in ' '.join(said.split())
+
+
 @pytest.mark.parametrize('to', ['tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table',
                                 'model'])
 def test_a_file_that_reads_back(ended, model, tmp_path, to):
