@@ -100,12 +100,12 @@ ELSEWHERE = {
     'exchanged': (0.0, Site(64.3 * DEG, 34.3 * DEG, 500.0), 'latitude and longitude exchanged')}
 
 
-def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False):
+def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False, seed=4):
     """A file with right ascensions, of `TERMS`; written with another clock or site.
 
     `ascension`: with that of the mount in place of its hour angle.
     """
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     mount = ALTAZ if kind == 'altaz' else Mount.equatorial(SITE.latitude, kind)
     az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.98, n))
     moment = 1772539200.0 + np.sort(rng.uniform(0.0, 6.0, n)) * 3600.0
@@ -184,7 +184,7 @@ def test_whatever_reads_a_run_judges_its_columns_first(tmp_path, monkeypatch):
     run = load_run(wrong)
     with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
         track_run(run)
-    right = [load_run(of_stars(tmp_path / f'{i}.csv', 'altaz')) for i in range(3)]
+    right = [load_run(of_stars(tmp_path / f'{i}.csv', 'altaz', seed=5 + i)) for i in range(3)]
     (note,) = [note for note in nights_of([*right, run]).notes if 'wrong.csv' in note]
     assert 'a clock 8 hours ahead of UTC' in note and note.endswith('(left out)')
 
