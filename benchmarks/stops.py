@@ -9,7 +9,7 @@ longer as they take (`LONGER`), where some moments find the plan done and the no
 - command: `telescope-mount night`, as installed; it alone gets the signal;
 - executables: the nodes of a night, each the installed executable that `ros2 run` starts, all of
   which get the signal, as from `systemctl stop` or a terminal;
-- run: the same under `ros2 run`, which alone get the signal and may pass it on;
+- run: the same under `ros2 run`, which alone get the signal; of Ctrl-C see `Started.send`;
 - launch: `ros2 launch telescope_mount night.launch.py`, which alone gets the signal.
 
 The last two need `ros2` on the PATH and the package in AMENT_PREFIX_PATH, else they are left out;
@@ -90,7 +90,7 @@ class Started:
     """
 
     def __init__(self, way, folder):
-        self.word, self.folder = uuid.uuid4().hex, folder
+        self.way, self.word, self.folder = way, uuid.uuid4().hex, folder
         self.lock = None if way == 'command' else claim()
         self.environment = os.environ | {TOKEN: self.word}
         if self.lock:
@@ -146,16 +146,22 @@ class Started:
             self.children[0].wait(max(0.0, self.began + seconds - time.monotonic()))
 
     def send(self, number):
-        """A signal to what was started, and to nothing that that has started."""
+        """A signal to what was started alone; but Ctrl-C, which a terminal gives to all of a group
+        and `ros2 run` does not pass on, to its nodes, too."""
+        if number == signal.SIGINT and self.way == 'run':
+            for pid in self.processes():
+                with suppress(ProcessLookupError):
+                    os.kill(pid, number)
+            return
         for child in self.children:
             child.send_signal(number)
 
     def end(self):
         """Exit codes, and what each said."""
-        codes = []
+        codes, last = [], time.monotonic() + END
         for child in self.children:
             try:
-                codes.append(child.wait(END))
+                codes.append(child.wait(max(0.1, last - time.monotonic())))
             except subprocess.TimeoutExpired:
                 child.kill()
                 codes.append('killed')
