@@ -17,7 +17,7 @@ from msg_tools.running import run_node
 from msg_tools.units import DEG
 
 from .guard.goto import GotoKeeper
-from .guard.keeper import ERROR, STILL, WARN, Keeper
+from .guard.keeper import ERROR, LATE, STILL, WARN, Keeper
 from .guard.limits import Axis, Limits, parse_pair, travel_of
 from .guard.settings import Settings
 from .guard.skyline import Horizon, parse_horizon
@@ -79,6 +79,8 @@ PARAMS = (
 LOOK = 0.05
 #: s in which a node of a graph finds the others
 LOOK_AROUND = 1.0
+#: s in which it is logged once that this machine is late
+LATE_ONCE = 10.0
 #: states in which the mount is led somewhere
 LEADING = ('following', 'around', 'parking', 'waiting')
 #: s after a start in which it is no news that it is not active
@@ -124,6 +126,7 @@ class MountGuard(ManagedNode):
         self._said, self._renewed, self._crowd = None, 0.0, ''
         self._idle, self._asked = time.monotonic(), False  # not active since, and asked then
         self._ticked, self._late = 0.0, False
+        self._late_said, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
         self._request = None  # the message as it came
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
@@ -240,6 +243,12 @@ class MountGuard(ManagedNode):
             state=state, refused=keeper.refused[0], reason=keeper.refused[1],
             goto=self.value('goto'), **self._sky))
         text = reason if reason.startswith(state) else f'{state}: {reason}'
+        after, now = self._quiet, time.monotonic()
+        self._quiet = reason == LATE and now - self._late_said < LATE_ONCE
+        if reason == LATE and not self._quiet:
+            self._late_said = now
+        if self._quiet or after and not level:  # on the way again
+            return
         if level == ERROR:
             self.get_logger().error(text)
         elif level:

@@ -40,6 +40,8 @@ LATER = 1.0
 FAR = 60.0
 OK, WARN, ERROR = 0, 1, 2
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
+LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
+        'soon as it is judged anew')
 
 
 class Keeper:
@@ -208,10 +210,8 @@ class Keeper:
 
         `unread`: from where it begins, where nothing was read yet.
         """
-        goal, late = self._goal, 0.0
-        if self.readings.here is None and not unread or not self._settings.whole and (
-                self._halt or self.readings.doubtful
-                or self.readings.quiet(self._settings.silence)):
+        goal, late, self._vias = self._goal, 0.0, []
+        if self._blind and not (unread and self.readings.here is None):
             return self._told('waiting', WARN, UNKNOWN)
         if not self._settings.whole:
             late = (now - goal.start) * 1e-9
@@ -235,6 +235,8 @@ class Keeper:
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
+                if not self._settings.whole:  # the search took its time: the next step sets out
+                    return self._told('waiting', OK, 'a way is found')
                 return (self._to_via(now) if self._vias
                         else self._set_out(cubic, state, now, 'following'))
         self._goal = None
@@ -242,6 +244,13 @@ class Keeper:
             self._brake(now)
         self._told('stopped', WARN, f'refused: {found.reason}')
         raise self._refuse(goal, found.reason)
+
+    @property
+    def _blind(self):
+        """Whether it is not known where the axes are."""
+        return self.readings.here is None or not self._settings.whole and bool(
+            self._halt or self.readings.doubtful
+            or self.readings.quiet(self._settings.silence))
 
     def _to_via(self, now):
         here, there = self._here(now), self._vias[0]
@@ -345,12 +354,15 @@ class Keeper:
         self._halted(now)
         if self._alive and self.readings.here is not None and (self.state == 'waiting' or (
                 self.state == 'stopping' and self.readings.stand(STILL))):
-            self._begin(now)
+            if self.state == 'waiting' and self._vias and not self._blind:
+                self._to_via(now)
+            else:
+                self._begin(now)
         if not self._settings.whole and self._path is not None:
             if self._hung(now):
                 self._path, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
-                return self._told(state, WARN, 'nothing was sent in time: the mount has stopped')
+                return self._told(state, WARN, LATE)
             reason = self._why_stop(now)
             if reason:
                 self._brake(now)

@@ -1,5 +1,7 @@
 """The guard between a commander and a mount that the test plays."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -8,6 +10,8 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
+from pointing_model import mount_guard_node
+from pointing_model.guard.keeper import ERROR, LATE, OK, WARN
 from pointing_model.mount_guard_node import MountGuard
 
 TIMES = np.array([0.0, 20.0, 40.0])
@@ -170,3 +174,21 @@ def test_a_missing_driver_is_named_though_a_logger_hears_the_commands(graph):
                  '/mount/command none is one')
     hears('mount_driver')
     graph.wait_for(lambda: not guard.waiting_for())
+
+
+def test_a_late_machine_is_said_once_in_ten_seconds_and_not_each_time(graph, monkeypatch):
+    guard, lines = graph.add(MountGuard, **PLACE), []
+    log = SimpleNamespace(info=lines.append, warning=lines.append, error=lines.append)
+    monkeypatch.setattr(guard, 'get_logger', lambda: log)
+    guard.active = True
+    seconds = [100.0]
+    monkeypatch.setattr(mount_guard_node, 'time', SimpleNamespace(monotonic=lambda: seconds[0]))
+    for _ in range(180):
+        for told in (('stopping', WARN, LATE), ('following', OK, 'as requested')):
+            guard._keeper._told(*told)
+            guard._tell()
+            seconds[0] += 0.3
+    assert sum(LATE in line for line in lines) == 11 and len(lines) == 22
+    guard._keeper._told('aborted', ERROR, 'the azimuth is elsewhere')
+    guard._tell()
+    assert lines[-1] == 'aborted: the azimuth is elsewhere'

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from msg_tools.units import DEG
-from pointing_model.guard.keeper import WARN, Keeper
+from pointing_model.guard import keeper as keeper_of
+from pointing_model.guard.keeper import LATE, WARN, Keeper
 from pointing_model.guard.limits import Axis, Limits, travel_of
 from pointing_model.guard.rest import braked, ended
 from pointing_model.guard.settings import Settings
 from pointing_model.guard.skyline import Horizon
-from pointing_model.guard.sun import Sun
+from pointing_model.guard.sun import Sun, sun_place
 from pointing_model.guard.track import Cubic
 from pointing_model.mounts import Mount as Places
 from pointing_model.observing.pointing import Track
@@ -349,6 +350,31 @@ def test_a_mount_at_the_end_of_its_travel_may_come_back(az):
     mount = Mount(here=(az, 50.0)).run(0.2)
     assert mount.ask(0.9 * az, 50.0).run(30.0).state == 'following'
     assert np.abs(np.array(mount.path)[:, 0]).max() <= abs(az) * DEG + 1e-9
+
+
+def test_a_guard_that_was_held_up_says_that_its_machine_is_late_and_goes_on(mount):
+    mount.ask(150.0, 50.0).run(3.0)
+    mount.time += 2.0
+    mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
+    mount.keeper.take_reading(mount.now, mount.here, mount.speed)
+    assert mount.keeper.step(mount.now) == []
+    assert (mount.state, mount.keeper.reason) == ('stopping', LATE)
+    assert mount.run(60.0).state == 'following' and np.abs(off(mount)).max() < 30.0
+
+
+def test_a_search_for_a_way_that_takes_long_does_not_make_what_it_finds_too_late(monkeypatch):
+    az, el = np.array(sun_place(NOON * 1e-9)) / DEG
+    mount, find, late = Mount(NOON, (az - 40.0, el)).run(0.2), keeper_of.lead, []
+
+    def search(*args):
+        mount.time += 0.5  # of a machine that is busy
+        return find(*args)
+    monkeypatch.setattr(keeper_of, 'lead', search)
+    mount.ask(az + 40.0, el)
+    for _ in range(600):
+        mount.run(0.05)
+        late += [mount.keeper.reason] * (mount.keeper.reason == LATE)
+    assert not late and mount.run(90.0).state == 'following'
 
 
 def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mount, recwarn):
