@@ -82,7 +82,7 @@ class Exposer:
         `now` is of the clock of the instruments that goes on, s.
         """
         instruments = self._instruments
-        if self._following is None or not instruments.homed:
+        if self._following is None or not instruments.homed or instruments.excused:
             return
         text, swings = '', instruments.exposures.restless
         if len(swings) >= RESTLESS:

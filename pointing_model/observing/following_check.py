@@ -9,8 +9,9 @@ from msg_tools.units import ARCSEC, DEG, wrap
 WITHIN, NEARER = 1.5, 5.0 * ARCSEC
 #: one that swings has longer, s
 SWINGS = 6.0
-#: an axis that is farther by so much than at the command went the wrong way, rad
-AWAY = 1.0 * DEG
+#: an axis that is farther by so much than at the command, at so many looks in a row, went the wrong
+#: way, rad: what it was sent may be heard of later than how it moves
+AWAY, LOOKS = 1.0 * DEG, 2
 
 
 class FollowingCheck:
@@ -37,6 +38,7 @@ class FollowingCheck:
         #: of each axis, s: by the graph's time since the track began, and by the wall's
         self._since = np.tile((0.0, asked), (2, 1))
         self._sent = None
+        self._away, self._stamp = np.zeros(2, int), 0  # looks in a row at which an axis was
 
     def say(self, stamp, here, wall, sent=None):
         """What is wrong by a reading, '' where nothing is.
@@ -88,11 +90,12 @@ class FollowingCheck:
                            for now, then in zip((here, way), self._then))
         as_sent = self._as_sent(here, demand, sent)
         self._since[as_sent] = now
-        names = self._mount.names.axes
-        for axis in (0, 1):
-            if left[axis] > self._first[axis] + AWAY and not as_sent[axis]:
-                return (f'{names[axis]} moves away from its demand: reversed, or the axes are '
-                        'exchanged')
+        if stamp > self._stamp:  # else it is the same reading
+            self._away = np.where((left > self._first + AWAY) & ~as_sent, self._away + 1, 0)
+        self._stamp = stamp
+        if self._away.max() >= LOOKS:
+            return (f'{self._mount.names.axes[int(np.argmax(self._away))]} moves away from its '
+                    'demand: reversed, or the axes are exchanged')
         return self._stuck(now, here, demand, way)
 
     def _as_sent(self, here, demand, sent):

@@ -64,6 +64,8 @@ class Instruments:
         Of the instruments that there are.
     health : InstrumentHealth
         What the instruments say that cannot be.
+    excused : bool
+        Whether the last `watch` came late: nothing can be judged by it.
     look : callable
         Called at each exposure, so that `health` knows who publishes.
     """
@@ -84,7 +86,7 @@ class Instruments:
         self._asked, self._heard = {}, {}
         self._first, self._last, self._stamped = {}, {}, {}
         self._gaps, self._steps, self._pauses = {}, {}, {}  # of the wall, by stamps, the lesser
-        self._watched, self._excused = None, False
+        self._watched, self.excused = None, False
         self._awaited = None  # since when all are to speak, wall s
 
     def take_incremental(self, stamp, angle, rate, frame=''):
@@ -231,13 +233,11 @@ class Instruments:
         answer : float
             What an answer may take, wall s.
         """
-        if not self.live:
-            return
         now = self._wall()
         # a look that comes late has messages before it that nobody has taken yet
         late = self._watched is not None and now - self._watched > LATE
-        self._watched, self._excused = now, late and not self._excused
-        if self._excused:
+        self._watched, self.excused = now, late and not self.excused
+        if self.excused or not self.live:
             return
         if self._awaited is None:
             self._awaited = now

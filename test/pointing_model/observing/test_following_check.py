@@ -11,10 +11,11 @@ SECOND = 10**9
 SPEED = 4.0 * DEG
 
 
-def says(moves, sent, seconds=40.0, drift=0.1, scale=1.0, late=0.0, **how):
+def says(moves, sent, seconds=40.0, drift=0.1, scale=1.0, late=0.0, heard=0.0, **how):
     """All sentences about azimuths of a mount that is asked to go from 100 to -80 deg.
 
-    Looks are half a second of the wall apart, of which the mount needs `late` to hear of it.
+    Looks are half a second of the wall apart, of which the mount needs `late` to hear of it, and
+    who looks hears `heard` after that where it was sent.
     """
     times = np.array([0.0, 60.0])
     demand = np.array([[-80.0, 40.0], [-80.0 + drift, 40.0]]) * DEG
@@ -26,7 +27,8 @@ def says(moves, sent, seconds=40.0, drift=0.1, scale=1.0, late=0.0, **how):
         t = 0.5 * i * scale
         gone = max(0.0, t - late * scale)
         place = np.array([moves(gone), 40.0 * DEG])
-        wanted = None if sent is None else np.array([sent(gone), 40.0 * DEG])
+        told = 0.0 if t < (late + heard) * scale else gone
+        wanted = None if sent is None else np.array([sent(told), 40.0 * DEG])
         text = check.say(round(t * SECOND), place, 0.5 * i, wanted)
         if text:
             found.setdefault(text, t)
@@ -64,6 +66,24 @@ def test_where_time_is_fast_the_way_of_messages_and_looks_is_no_fault():
             assert says(to(-70.0), None, scale=scale, late=late, seconds=42.0, drift=6.0) == {}
     (text, when), *_ = says(lambda t: 100.0 * DEG, to(280.0), scale=5.0).items()
     assert text == 'no axis has moved since the command' and when <= 5.0 * 2.0
+
+
+def test_a_command_that_is_heard_of_later_than_the_axes_move_is_no_fault():
+    for scale in (1.0, 5.0, 20.0):
+        for heard in (0.2, 0.6):
+            assert says(to(280.0, 60.0), to(280.0, 60.0), scale=scale, late=0.2, heard=heard,
+                        seconds=55.0) == {}
+    (text, when), *_ = says(to(120.0, 60.0), lambda t: 20.0 * DEG, scale=5.0).items()
+    assert 'moves away' in text and when <= 5.0 * 1.5
+
+
+def test_a_reading_that_is_looked_at_twice_is_one():
+    check = FollowingCheck(Track(0, np.array([0.0, 60.0]), np.tile((-1.0, 0.7), (2, 1)),
+                                 np.zeros((2, 2))), np.array([0.0, 0.7]), ALTAZ, 1e-4)
+    assert check.say(SECOND // 10, np.array([0.0, 0.7]), 0.1) == ''
+    for wall in (0.6, 1.1, 1.2):
+        assert check.say(SECOND // 2, np.array([0.2, 0.7]), wall) == ''
+    assert 'moves away' in check.say(SECOND, np.array([0.3, 0.7]), 1.3)
 
 
 def test_where_time_is_slow_an_axis_has_its_time_to_set_out():
