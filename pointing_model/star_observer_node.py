@@ -83,7 +83,7 @@ class StarObserver(MountNode):
         self._checks_pub = self.publisher(topics.CHECKS)
         self._instruments = Instruments(self.value('first_run'), now=self.now,
                                         absolute=self.value('absolute_encoder'),
-                                        live=self._live)
+                                        live=self._live, axes=mount_of(self).names.axes)
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)

@@ -41,6 +41,8 @@ REMEDIES = {
     'stamps': 'stamp with the time of the measurement, of a clock set by NTP',
     'frozen': 'look at the instrument',
     'number': 'home it again',
+    'zero': 'home it, and set the zero anew: rows since then have another one; look at its head, '
+            'disc and cable',
     'motion': 'look at brakes, limits, joint names and signs (telescope-mount check-drivers)',
     'sign': 'its signs, rotation or scale are wrong: telescope-mount check-drivers --nudge',
     'slow': 'nothing, or expose shorter',
@@ -170,9 +172,18 @@ class InstrumentHealth:
         else:
             self._faults.pop((name, 'blank'), None)
 
+    def zero(self, name, axis='', jump=0.0):
+        """Take by how much (rad) the zero of an axis' encoder jumped; without, that it is new."""
+        if jump:
+            self._faults.pop((name, 'motion'), None)
+            self._fault(name, 'zero', f'zero of the {axis} encoder jumped by '
+                        f'{jump / ARCSEC:+.0f} arcsec without a power-on')
+        else:
+            self._faults.pop((name, 'zero'), None)
+
     def axes(self, name, text):
         """Take how the axes do not follow the command, in words; '' where they do."""
-        if text:
+        if text and (name, 'zero') not in self._faults:  # readings beside the track say no more
             self._fault(name, 'motion', text)
         else:
             self._faults.pop((name, 'motion'), None)
@@ -277,7 +288,7 @@ class InstrumentHealth:
         moved : bool
             Whether it reads otherwise than before the command.
         """
-        if distance <= OFF_TARGET:
+        if distance <= OFF_TARGET or (name, 'zero') in self._faults:
             self._faults.pop((name, 'motion'), None)
             return
         how = 'it' if moved else 'its reading has not changed since the command, and'

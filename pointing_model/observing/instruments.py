@@ -11,6 +11,7 @@ from msg_tools.units import DEG, wrap
 
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
 from .pairing import ENCODERS, Exposures
+from .zero_jumps import ZeroJumps
 
 #: an axis slower than this stands still, rad/s
 STILL = 0.01 * DEG
@@ -42,6 +43,8 @@ class Instruments:
         Whether there is an absolute encoder.
     live : bool
         Whether the time of the graph is that of the wall: instruments then speak on their own.
+    axes : sequence of str
+        What the axes are called.
 
     Attributes
     ----------
@@ -71,7 +74,7 @@ class Instruments:
     """
 
     def __init__(self, first_run=1, wall=time.monotonic, now=lambda: 0, absolute=True,
-                 live=False):
+                 live=False, axes=('azimuth', 'elevation')):
         self.health, self.look, self._now = InstrumentHealth(live), lambda: None, now
         self.live = live
         self.names = (MOUNT, ABSOLUTE, CAMERA) if absolute else (MOUNT, CAMERA)
@@ -80,6 +83,7 @@ class Instruments:
         self.homed, self.began = False, 0
         self.run = self._newest = first_run - 1
         self.power_on, self._frame = None, ''
+        self._axes, self._zero_jumps = axes, ZeroJumps()
         self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
@@ -99,6 +103,7 @@ class Instruments:
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
         self.stamp, self.here = stamp, np.array(angle)
+        self._look_for_jump(stamp, angle, frame)
         homed = bool(np.isfinite(angle).all())
         told = self.power_on is not None and self.homed
         if homed or (told and read_frame(frame) in (None, self.power_on)):
@@ -108,6 +113,15 @@ class Instruments:
         self.homed = homed
         self.hear(MOUNT)
         return back
+
+    def _look_for_jump(self, stamp, angle, frame):
+        """Say of a zero that jumps within a power-on; another power-on has a zero of its own."""
+        jumped = self._zero_jumps.take(stamp, angle, self.exposures.demand)
+        if frame != self._frame or not math.isfinite(angle[0]):
+            self._zero_jumps = ZeroJumps()
+            self.health.zero(MOUNT)
+        elif jumped is not None:
+            self.health.zero(MOUNT, self._axes[jumped[0]], jumped[1])
 
     def _rate(self, stamp, angle, told):
         """As told, or else from the reading before; NaN where that is none."""

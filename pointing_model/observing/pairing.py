@@ -8,6 +8,8 @@ import numpy as np
 
 from msg_tools.units import wrap
 
+from .zero_jumps import demand_of
+
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
 #: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
@@ -244,6 +246,10 @@ class Exposures:
     def end(self):
         """Of the commanded track, ns; 0 without one."""
         return 0 if self._track is None else self._track[0] + round(self._track[1][-1] * 1e9)
+
+    def demand(self, stamp):
+        """Where the track leads at a stamp, rad, shape (2,); None where it does not."""
+        return demand_of(self._track, stamp)
 
     def begin(self, start, times, track):
         """Forget what was before: a track is commanded.

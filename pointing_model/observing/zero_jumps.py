@@ -1,0 +1,77 @@
+"""Jumps of an encoder's zero: a reading that leaves a steady track between two samples."""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+
+#: least jump, rad; what an axis can do within a sample by its acceleration, rad/s^2, is none
+LEAST, ACCELERATION = 60.0 * ARCSEC, 3.0 * DEG
+#: of the jump: by how much the steps before and after it may differ, and the axis miss its track
+STEADY = 0.2
+
+
+class ZeroJumps:
+    """Readings of an encoder, one after the other."""
+
+    def __init__(self):
+        self._last = deque(maxlen=4)
+
+    def take(self, stamp, angles, demand):
+        """Take a reading.
+
+        Parameters
+        ----------
+        stamp : int
+            ns.
+        angles : sequence of float, length 2
+            rad.
+        demand : callable
+            Of a stamp, where the axes are to be, rad, shape (2,); None where nothing is commanded.
+
+        Returns
+        -------
+        (int, float) or None
+            The axis, and by how much its zero jumped at the reading before, rad.
+        """
+        if not all(map(math.isfinite, angles)) or self._last and stamp <= self._last[-1][0]:
+            self._last.clear()
+            return None
+        self._last.append((stamp, *map(float, angles)))
+        if len(self._last) < 4:
+            return None
+        (t0, *p0), (t1, *p1), (t2, *p2), (t3, *p3) = self._last
+        for axis in (0, 1):
+            step = wrap(p2[axis] - p1[axis])
+            if abs(step) < 0.5 * LEAST:
+                continue
+            seconds = (t2 - t1) * 1e-9
+            before = wrap(p1[axis] - p0[axis]) * (t2 - t1) / (t1 - t0)
+            after = wrap(p3[axis] - p2[axis]) * (t2 - t1) / (t3 - t2)
+            jump = step - 0.5 * (before + after)
+            if abs(before - after) < STEADY * abs(jump) and abs(jump) > max(
+                    LEAST, ACCELERATION * seconds**2) and self._leaves(demand, axis, jump):
+                return axis, jump
+        return None
+
+    def _leaves(self, demand, axis, jump):
+        """Whether the axis was on its track before, and is beside it by the jump."""
+        for (stamp, *place), beside in ((self._last[1], 0.0), (self._last[2], jump)):
+            there = demand(stamp)
+            if there is None or abs(wrap(place[axis] - there[axis]) - beside) > (
+                    STEADY * abs(jump)):
+                return False
+        return True
+
+
+def demand_of(track, stamp):
+    """Where a track (start, ns; times, s; angles, rad, (n, 2)) leads at a stamp, None outside."""
+    if track is None:
+        return None
+    start, times, angles = track
+    at = (stamp - start) * 1e-9
+    if not times[0] <= at <= times[-1]:
+        return None
+    return np.array([np.interp(at, times, axis) for axis in np.asarray(angles).T])
