@@ -116,6 +116,8 @@ class Context:
         #: lines in a turn by axis and kind, where they are declared, and own columns that are
         #: named as drivers
         self.graduation, self.drivers = {}, ()
+        #: corners of the skyline of the site, as `guard.skyline.parse_horizon` has them
+        self.skyline = ()
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
     @classmethod
@@ -146,6 +148,7 @@ class Context:
             from .effects import declared_graduation
             context.graduation = declared_graduation(given)
         context.drivers = tuple(run.meta.get('drivers') or ())
+        context.skyline = tuple(run.meta.get('skyline') or ())
         hours = context._hours_of_run()
         if hours is not None:
             context.columns.setdefault('run_hours', hours)
@@ -179,7 +182,7 @@ class Context:
 
     def _like(self, other):
         """`other` with what is known of the whole run."""
-        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers'):
+        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline'):
             setattr(other, name, getattr(self, name))
         return other
 

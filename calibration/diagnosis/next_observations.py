@@ -14,6 +14,7 @@ import numpy as np
 
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
+from pointing_model.guard.skyline import Horizon
 from pointing_model.mounts import is_beyond
 
 from .dark_hours import dark_hours, next_night, utc_of
@@ -26,6 +27,7 @@ MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
 #: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
 BEYOND = 5.0 * DEG
+CLEAR = 3.0 * DEG  # a star is near the place, not at it
 SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
@@ -146,7 +148,7 @@ def places_under(known, low, high, *conditions):
     """Places on the sky for an observation, each under all conditions.
 
     Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
-    the counterweight may be up.
+    the counterweight may be up. Behind the skyline, where it is known, is none.
 
     Parameters
     ----------
@@ -172,9 +174,18 @@ def places_under(known, low, high, *conditions):
         az, el = mount.axes_of(az, el, side)
         seen = turned_to(known.az, az)
         az, el = (on_turn(known.az, az[seen]), el[seen]) if seen.any() else (known.az, known.el)
+    if known.skyline:
+        free = above_skyline(known.skyline, *Context(az, el, mount=mount).on_horizon())
+        az, el = (az[free], el[free]) if free.any() else (known.az, known.el)
     values = [v.ravel() for v in np.meshgrid(*conditions, indexing='ij')]
     each = len(values[0])
     return np.repeat(az, each), np.repeat(el, each), *(np.tile(v, len(az)) for v in values)
+
+
+def above_skyline(corners, az, el):
+    """Whether places of the horizon (rad) are `CLEAR` of a skyline, up and to both sides."""
+    beside = CLEAR / np.maximum(np.cos(el), CLEAR / np.pi)
+    return el > Horizon(-0.5 * np.pi, corners).highest(az, beside) + CLEAR
 
 
 def turned_to(seen, angles):

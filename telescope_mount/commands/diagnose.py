@@ -34,6 +34,10 @@ def add(commands):
                         'outliers by whole ones are slips (default: what a log of ours tells)')
     parser.add_argument('--cause', action='append', default=[], metavar='COLUMN', help='a column '
                         'of the file that may be a cause, though its name does not say so')
+    parser.add_argument('--horizon', type=options.horizon, default=(), metavar='CORNERS',
+                        help="the site's skyline, as azimuth and elevation of its corners: "
+                        '0 12, 45 20.5, 180 8; or a file with one on each line: nothing behind it '
+                        'is proposed')
     parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
                         help='chance that a run with nothing wrong gets any effect (default: 0.01)')
     parser.add_argument('--holdout', nargs='+', type=options.log_path, default=[], metavar='RUN',
@@ -74,6 +78,8 @@ def _run(args):
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, runs, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
+    for one in runs:
+        one.meta['skyline'] = args.horizon
     check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
     base = _base_file(args.base, runs[0].mount)
     if base:

@@ -49,6 +49,15 @@ def utc(text):
     return text
 
 
+def horizon(text):
+    """A type for ``add_argument``: corners of a skyline, or a file of them."""
+    from pointing_model.guard.skyline import parse_horizon
+    try:
+        return parse_horizon(text)
+    except (ValueError, OSError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def names(text):
     """The names in a comma-separated list."""
     return tuple(name.strip() for name in text.split(',') if name.strip())

@@ -180,6 +180,7 @@ MISTAKES = [
     ('kelvin', 'fit run.csv --temperature 283', '-90 to 60 degrees Celsius'),
     ('a mount of no kind', 'fit run.csv --mount dobson', 'dobson', 'equatorial'),
     ('a chance above one half', 'diagnose run.csv --alpha 5', '--alpha'),
+    ('a skyline of one number', 'diagnose run.csv --horizon 95', '95', 'give azimuth and elevation in degrees'),
     ('sessions in words', 'diagnose run.csv --sessions soon', '--sessions', 'soon'),
     ('a graduation in words', 'diagnose run.csv --graduation grating=many', 'grating', 'many'),
     ('a cause that is no column', 'diagnose run.csv --cause wind', 'no column wind'),

@@ -16,7 +16,8 @@ from calibration.diagnosis.next_observations import (
 )
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
-from pointing_model.mounts import Mount, is_beyond
+from pointing_model.guard.skyline import parse_horizon
+from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.run import PointingRun
 
 from .simulated import FAST
@@ -58,6 +59,28 @@ def test_where_the_axis_has_not_been_the_places_of_the_rows_are_left():
     np.testing.assert_array_equal(az, np.repeat(context.az, 2))
     np.testing.assert_array_equal(el, np.repeat(context.el, 2))
     np.testing.assert_array_equal(side, [-1.0, 1.0] * 3)
+
+
+@pytest.mark.parametrize('mount', [Mount.equatorial(31.0 * DEG, 'german'),
+                                   Mount.equatorial(31.0 * DEG, 'equatorial'), ALTAZ])
+def test_nothing_is_proposed_behind_the_skyline(mount):
+    rng = np.random.default_rng(2)
+    sky = rng.uniform(0.0, 360.0, 200) * DEG, rng.uniform(20.0, 80.0, 200) * DEG
+    first, second = mount.axes_of(*sky)
+    run = PointingRun({'az': first, 'el': second, 'az_enc': first, 'el_enc': second},
+                      {'mount': mount, 'skyline': parse_horizon(
+                          '0 10, 90 10, 90 60, 180 60, 180 10')})
+    places = {}
+    for known in (False, True):
+        if not known:
+            run.meta['skyline'], kept = (), run.meta['skyline']
+        else:
+            run.meta['skyline'] = kept
+        az, el = _grid(SimpleNamespace(context=Context.of_run(run)))[0].on_horizon()
+        behind = (np.mod(az, 2.0 * np.pi) > 89.0 * DEG) & (
+            np.mod(az, 2.0 * np.pi) < 181.0 * DEG) & (el < 60.0 * DEG)
+        places[known] = len(az), int(behind.sum())
+    assert places[False][1] > 0 == places[True][1] and places[True][0] > 0.5 * places[False][0]
 
 
 def test_no_star_is_proposed_with_the_counterweight_up():
