@@ -4,6 +4,8 @@ Two ways to send. Whole: the judged track as it is, for a simulated mount whose 
 events need it. In pieces: what the axes shall do within the next moments, slew and track alike, and
 then rest; renewed as long as request and readings are alive, so that a mount that hears nothing
 more stops by itself.
+
+One class, and longer than most: request, readings and what was sent decide together at each step.
 """
 
 import math
