@@ -50,8 +50,8 @@ _ALIKE, _LATE = 0.1, 25
 #: in ways that no coefficient follows (Bates and Watts 1980, J. R. Stat. Soc. B 42, 1: half the
 #: intrinsic curvature); and of the largest singular value, that of a direction which may be so
 _BENT, _WEAK = 0.3, 0.01
-#: rad: a standard error of a coefficient along it from where bends of higher order matter too, which
-#: the others follow: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off
+#: rad: a standard error of a coefficient along it from where bends that the others follow matter
+#: too: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off
 _WIDE = 0.0175
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
