@@ -126,4 +126,6 @@ def raised_lines(result, run=None):
 
 
 def _place(run, row):
-    return f'row {row if run is None else run.lines[row]}'
+    if run is None or run.meta.get('lines') is None:
+        return f'row {row}'
+    return f'line {run.lines[row]}'
