@@ -412,7 +412,7 @@ def test_a_damaged_log_is_told_by_the_code(ended, tmp_path):
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(whole[:len(whole) * 2 // 3])
     for words, told in ((('info', sample), 0), (('info', cut), 1), (('info', cut, '--quick'), 1),
-                        (('verify', cut), 1), (('recover', cut), 0)):
+                        (('verify', cut), 1), (('recover', cut), 1)):
         code, out, err = ended(*words)
         assert (code, err) == (told, ''), (words, out)
     assert ended('info', tmp_path / 'cut_recovered')[0] == 0
