@@ -3,10 +3,10 @@
     python benchmarks/mistaken_files.py [--runs N] [--right N] [--only KIND ...] [--verbose]
 
 Files as owners write them: alt-azimuth, fork and German mounts, German ones with and without a
-column of the side of the pier, with and without rows through the pole; 8 to 80 rows, terms of 10
-to 1000 arcsec, in a third of them zeros of degrees, noise of 0.5 to 10 arcsec. Every mistake of
-`mistakes` in the catalogue's columns, the mount's, or both; for files with right ascensions every
-clock and site of `elsewhere`.
+column of the side of the pier, with and without rows through the pole, alt-azimuth ones with 0, 30
+and 60 % of the rows beyond the zenith; 8 to 80 rows, terms of 10 to 1000 arcsec, in a third of them
+zeros of degrees, noise of 0.5 to 10 arcsec. Every mistake of `mistakes` in the catalogue's columns,
+the mount's, or both; for files with right ascensions every clock and site of `elsewhere`.
 
 `named`: the refusal says what it is; `refused`: something else, or nothing; `noted`: fitted, and a
 note says that it may be; `alike`: both signs turned, or mount and catalogue exchanged, which no fit
@@ -31,12 +31,15 @@ from pointing_model.sky import Site, Weather, observed_to_icrs
 from telescope_mount.runs import load_run
 
 SIGMAS = 5.0
-#: kind of mount, a column of the side of the pier, rows through the pole
-FORMS = {'alt-azimuth': ('altaz', False, False), 'fork': ('equatorial', False, False),
-         'German, pier column, both sides': ('german', True, True),
-         'German, pier column, one side': ('german', True, False),
-         'German, through the pole by declination': ('german', False, True),
-         'German, one side': ('german', False, False)}
+#: kind of mount, a column of the side of the pier, share of the rows through the pole (of a German
+#: mount those east of the meridian) or beyond the zenith
+FORMS = {'alt-azimuth': ('altaz', False, 0.0), 'fork': ('equatorial', False, 0.0),
+         'German, pier column, both sides': ('german', True, 0.5),
+         'German, pier column, one side': ('german', True, 0.0),
+         'German, through the pole by declination': ('german', False, 0.5),
+         'German, one side': ('german', False, 0.0),
+         'alt-azimuth, 30 % beyond the zenith': ('altaz', False, 0.3),
+         'alt-azimuth, 60 % beyond the zenith': ('altaz', False, 0.6)}
 OF_CATALOGUE, OF_ENCODERS = ' of the catalogue', ' of the encoders'
 OF_BOTH = ' of catalogue and encoders'
 START = 1772539200.0  # 2026-03-03T12:00:00Z
@@ -62,7 +65,10 @@ def simulated(rng, kind, through, site):
     else:
         h, d = rng.uniform(-85.0, 85.0, 20 * n) * DEG, np.arcsin(rng.uniform(-0.5, 0.99, 20 * n))
         h, d = (v[mount.horizon_of(h, d)[1] > 15.0 * DEG][:n] for v in (h, d))
-    beyond = (h < 0.0) & (kind == 'german') & through
+    if kind == 'altaz':
+        beyond = rng.permutation(n) < round(through * n)
+    else:
+        beyond = (h < 0.0) & (through > 0.0)
     a, e = sky_to_encoder(*through_pole(h, d, beyond), terms, mount)
     noise = 10**rng.uniform(-0.3, 1.0) * ARCSEC
     x, y = noise * rng.normal(size=(2, len(h)))
@@ -183,7 +189,8 @@ def of_columns(rng, form, path):
     a = wrap(a) if kind != 'altaz' else np.remainder(a, 2.0 * np.pi)
     h, d, a, e = (v / DEG for v in (h, d, a, e))
     for name, where, said, (one, other) in (
-            *mistakes(kind, lst), *(mistakes_beyond(beyond) if through_by_reading else ())):
+            *mistakes(kind, lst), *(
+                mistakes_beyond(beyond) if through_by_reading and kind != 'altaz' else ())):
         written = [*(one or (lambda *v: v))(h, d), *(other or (lambda *v: v))(a, e)]
         write(path, kind, written, beyond if pier else None, site=site,
               lst=lst if name == 'right ascension' else None)

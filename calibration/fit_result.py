@@ -179,7 +179,7 @@ def _dropped(spectrum, rank, names, basis=None):
         out.append({
             'text': ' '.join(f'{v:+.2f} {name}' for name, v in main),
             'direction': dict(main),
-            'relative_singular_value': float(spectrum.s[i] / spectrum.s[-1]),
+            'relative_singular_value': float(spectrum.s[i] / (spectrum.s[-1] or 1.0)),
         })
     return out
 

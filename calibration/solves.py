@@ -298,6 +298,9 @@ def _fit_of(run, solved, frame, hours=False):
         fitted = fit_terms(_bare(run, az=az, el=el))
     except ValueError:
         return None
+    fitting = np.isfinite(fitted.residual_x) & (fitted.weights > 0.0)
+    if 2 * fitting.sum() <= len(fitted.names):  # exactly, whatever they are
+        return None
     noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
              for v in (fitted.residual_x, fitted.residual_y)]
     return _Fit('hours' if hours else frame.text, 0.5 * float(np.log(noise[0] * noise[1])),

@@ -38,8 +38,7 @@ class FileRows:
     columns : list of ndarray, shape (n,)
         Places and readings, radians, before rows are placed beyond the pole.
     beyond : ndarray of bool, shape (n,), or None
-        Rows that a column of the file places beyond the pole, or of an alt-azimuth mount those
-        beyond the zenith.
+        Rows that a column of the file places beyond the pole.
     label : ndarray of int, shape (n,)
         Number of the run of each row.
     line : ndarray of int, shape (n,)
@@ -89,8 +88,6 @@ def _written(run, encoder):
     beyond = is_beyond(columns['el'])
     if not run.mount.altaz or beyond.any():  # places as they are on the sky
         columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
-    if run.mount.altaz and beyond.any():
-        columns['beyond'] = beyond
     return {**columns, 'line': run.lines[some], 'misplaced_rows': 0,
             'misplaced': np.zeros(len(some), bool)}, some
 

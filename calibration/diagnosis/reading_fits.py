@@ -8,6 +8,7 @@ from calibration.fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.run import PointingRun
+from pointing_model.run_files.places import rows_beyond_zenith, unfolded
 
 from .misfit import misfit, scatter
 from .readings import Reading, in_range
@@ -208,11 +209,6 @@ class ReadingFits:
                 if fit is not None and abs(fit.zeros[1]) < _HALF_A_QUARTER]
         return sorted(fits, key=lambda fit: fit.misfit)
 
-    @property
-    def _as_it_is(self):
-        """Whether the places are of the horizon, and none is beyond the zenith."""
-        return self.rows.mount.altaz and self.rows.beyond is None
-
     def _mount(self, reading):
         return reading.mount if reading.elsewhere else self.rows.mount
 
@@ -235,8 +231,9 @@ class ReadingFits:
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
             p = reading.places(*self.rows.columns, held=self.rows.held, lst=self.rows.lst,
                                sidereal=self.rows.sidereal)
-            p = self._by_axes(p, reading)
-            high = p.el if self._as_it_is else self._mount(reading).horizon_of(p.az, p.el)[1]
+            p = self._beyond_zenith(p, reading) if self.rows.mount.altaz else \
+                self._by_axes(p, reading)
+            high = self._mount(reading).horizon_of(p.az, p.el)[1]
             good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])
         if good.sum() < FEW or good.mean() < 1.0 - MOST_LEFT_OUT:
             return None
@@ -258,8 +255,6 @@ class ReadingFits:
 
         That is, as `run_files.places.to_axes` has it, what the readings say, else a column.
         """
-        if self._as_it_is:
-            return p
         az_enc, el_enc, beyond = p.az_enc, p.el_enc, self.rows.beyond
         if reading.exchanged and beyond is None:
             beyond = is_beyond(p.el)
@@ -268,6 +263,23 @@ class ReadingFits:
         az, el = through_pole(p.az, p.el, is_beyond(p.el) != is_beyond(el_enc))
         return replace(p, az=az, el=el, az_enc=az + wrap(az_enc - az),
                        el_enc=el + wrap(el_enc - el))
+
+    @staticmethod
+    def _beyond_zenith(p, reading):
+        """The same of an alt-azimuth mount, as `run_files.places.past_zenith` has it."""
+        place, reads = (p.az, p.el), (p.az_enc, p.el_enc)
+        turned = reading.exchanged and is_beyond(place[1]).sum() > is_beyond(reads[1]).sum()
+        if turned:
+            place, reads = reads, place
+        beyond, _ = rows_beyond_zenith(place, reads, (place[1] >= _LIMITS[0])
+                                       & (place[1] <= _LIMITS[1]))
+        if not beyond.any():
+            return p
+        place = through_pole(*place, beyond)
+        reads = reads[0], np.where(beyond, unfolded(place[1], reads[1]), reads[1])
+        if turned:
+            place, reads = reads, place
+        return replace(p, **dict(zip(('az', 'el', 'az_enc', 'el_enc'), (*place, *reads))))
 
     @staticmethod
     def _zeros_taken_off(_, places, zero, gain, lost):

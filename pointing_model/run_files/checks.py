@@ -283,8 +283,8 @@ def _as_written(table):
 
     Places and readings as the file has them, before rows are placed beyond the pole: what a column
     is not, such a place is not either. ``line``; ``misplaced``: rows that are left out for their
-    place; ``beyond``: rows that a column ``pier_side`` places there, or that are beyond the zenith;
-    ``misplaced_rows``: how many there are in all.
+    place; ``beyond``: rows that a column ``pier_side`` places there; ``misplaced_rows``: how many
+    there are in all.
     """
     begins, ends = _NO_PLACE
     misplaced = np.zeros(len(table.lines), bool)

@@ -211,43 +211,68 @@ def to_axes(path, table, mount):
 
 
 def past_zenith(table):
-    """Rows of an alt-azimuth mount beyond its zenith, as angles of its axes.
+    """Rows of an alt-azimuth mount beyond its zenith (`rows_beyond_zenith`), as angles of its axes.
 
-    There the azimuth reads half a turn on, and the elevation beyond 90 degrees; or the elevation
-    reads as if it were not beyond, and the azimuth alone says so. Places are then beyond the
-    zenith too. Nothing is done where readings are not near their places in most rows, on one side
-    or the other: that is for a check of the columns.
+    Places are then beyond the zenith too. ``table.written`` has what the file has.
     """
     columns, pairs = table.columns, [pair for pair in PAIRS[1:] if set(pair) <= set(table.columns)]
     if not pairs:
         return
-    sound = (table.reasons == 0) & np.isfinite(sum(columns[n] for n in PAIRS[0] + pairs[0]))
-    place, reads = [[np.where(sound, columns[name], 0.0) for name in pair]
-                    for pair in (PAIRS[0], pairs[0])]
+    written = {name: columns[name] for pair in (PAIRS[0], *pairs) for name in pair}
+    beyond, folded = rows_beyond_zenith([columns[name] for name in PAIRS[0]],
+                                        [columns[name] for name in pairs[0]], table.reasons == 0)
+    if not beyond.any():
+        return
+    with np.errstate(invalid='ignore'):
+        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        for _, el in pairs:
+            columns[el] = np.where(beyond, unfolded(columns['el'], columns[el]), columns[el])
+    table.written = written
+    _turn_on_sky(columns, beyond)
+    table.meta['notes'].append(
+        f'{int(beyond.sum())} of {len(beyond)} rows are beyond the zenith: azimuth half a turn on, '
+        'elevation beyond 90 degrees' + (f', which is folded back in {int(folded.sum())}'
+                                         if folded.any() else ''))
+
+
+def rows_beyond_zenith(place, reads, sound):
+    """Which rows of an alt-azimuth mount are beyond its zenith.
+
+    There the azimuth reads half a turn on, and the elevation beyond 90 degrees; or the elevation
+    reads as if it were not beyond, and the azimuth alone says so.
+
+    Parameters
+    ----------
+    place, reads : pair of ndarray, shape (n,)
+        Azimuth and elevation on the sky and as the mount reads, radians.
+    sound : ndarray of bool, shape (n,)
+        Rows to look at.
+
+    Returns
+    -------
+    beyond, folded : ndarray of bool, shape (n,)
+        Folded: those beyond whose elevation does not say so. None is either where readings are not
+        near their places in most rows, on one side or the other: that is for a check of the
+        columns.
+    """
+    sound = sound & np.isfinite(sum((*place, *reads)))
+    place, reads = ([np.where(sound, v, 0.0) for v in pair] for pair in (place, reads))
     away = wrap(reads[0] - place[0])
     high = is_beyond(reads[1])
-    near = [np.abs(reads[1] - to) < _NEAR for to in (place[1], np.pi - place[1])]
+    near = [np.abs(wrap(reads[1] - to)) < _NEAR for to in (place[1], np.pi - place[1])]
     turn = wrap(away - _zero(away[sound & ~high]))
     half = (np.cos(turn) < 0.0) & (np.abs(wrap(turn + np.pi)) * np.cos(place[1]) < _NEAR)
     # nearer to the zenith an axis that leans swings the azimuth as far
     folded = sound & ~high & half & near[0] & (place[1] < 0.5 * np.pi - _NEAR)
     beyond = sound & high & half & near[1] | folded
     straight = sound & ~beyond & near[0] & (np.abs(turn) * np.cos(place[1]) < _NEAR)
-    if not beyond.any() or (beyond | straight).sum() < _MOST * sound.sum():
-        return
-    written = {name: columns[name] for name in PAIRS[0]}
-    with np.errstate(invalid='ignore'):
-        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
-        for _, el in pairs:
-            over = np.where(is_beyond(columns[el]), columns[el], np.pi - columns[el])
-            columns[el] = np.where(beyond, columns['el'] + wrap(over - columns['el']), columns[el])
-    table.written = {**written, **{name: columns[name] for pair in pairs for name in pair},
-                     'beyond': beyond}
-    _turn_on_sky(columns, beyond)
-    table.meta['notes'].append(
-        f'{int(beyond.sum())} of {len(beyond)} rows are beyond the zenith: azimuth half a turn on, '
-        'elevation beyond 90 degrees' + (f', which is folded back in {int(folded.sum())}'
-                                         if folded.any() else ''))
+    most = (beyond | straight).sum() >= _MOST * sound.sum()
+    return beyond & most, folded & most
+
+
+def unfolded(el, reading):
+    """Readings of an elevation beyond the zenith, folded back or not, near places `el` there."""
+    return el + wrap(np.where(is_beyond(reading), reading, np.pi - reading) - el)
 
 
 def _zero(away):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.diagnosis.input_check import MistakenColumns, check_columns
+from calibration.diagnosis.input_check import MistakenColumns, check_columns, naming_columns
 from calibration.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import apply, geometry
@@ -132,6 +132,29 @@ def test_columns_that_are_no_such_angles_are_refused_as_before(tmp_path, mistake
             *(wrong[n] for n in ('az', 'el', 'az_enc', 'el_enc')))))
         with pytest.raises((MistakenColumns, ValueError)):
             check_columns(read_run(path))
+
+
+@pytest.mark.parametrize('said, mistake, pairs', [
+    ('azimuth and elevation of catalogue and encoders in gradians',
+     lambda a, e: (a / 0.9, e / 0.9), (0, 2)),
+    ('azimuth of catalogue and encoders in hours', lambda a, e: (a / 15.0, e), (0, 2)),
+    ('zenith distance in place of the elevation of catalogue and encoders',
+     lambda a, e: (a, 90.0 - e), (0, 2)),
+    ('zenith distance in place of the elevation of the encoders', lambda a, e: (a, 90.0 - e), (2,)),
+    ('elevation of the encoders with the other sign', lambda a, e: (a, -e), (2,)),
+    ('mount and catalogue exchanged', None, ())])
+@pytest.mark.parametrize('part', [0.3, 0.6])
+def test_columns_of_a_mount_beyond_the_zenith_are_named_for_what_they_are(
+        tmp_path, said, mistake, pairs, part):
+    """Judged as the run as written is, with its rows beyond the zenith as such."""
+    path = written(tmp_path / 'run.csv', beyond_zenith(40, 4, part=part, noise=5.0))
+    columns = np.loadtxt(path, delimiter=',', skiprows=1).T
+    for pair in pairs:
+        columns[pair:pair + 2] = mistake(np.remainder(columns[pair], 360.0), columns[pair + 1])
+    columns = columns if mistake else columns[[2, 3, 0, 1]]
+    np.savetxt(path, columns.T, '%.9f', ',', header=HEAD.strip(), comments='')
+    with pytest.raises(MistakenColumns, match=said), naming_columns():
+        check_columns(read_run(path))
 
 
 def test_a_model_is_applied_beyond_the_zenith():
