@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.mounts import OF_MOUNT, ON_SKY, is_beyond
+from pointing_model.mounts import OF_MOUNT, ON_SKY, Mount, is_beyond, through_pole
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
 from pointing_model.zero_exposures import is_for_zero
@@ -167,14 +167,18 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     if min(beyond.sum(), (~beyond).sum()) < FEWEST or 2 * len(run) * (FOLDS - 1) < (
             2 * len(names) * FOLDS):
         return None
-    runs = {errors: with_errors(run, errors) for errors in (OF_MOUNT, ON_SKY)}
+    several = 'run' in run and np.ptp(run['run']) > 0.0  # each has a zero of its own
+    if several:
+        run = run.select(np.isin(run['run'], _long_runs(run['run'])))
+        beyond = is_beyond(run['el'])
+    runs = {OF_MOUNT: with_errors(run, OF_MOUNT), ON_SKY: _folded(run, encoder)}
     try:
-        fits = {name: fit_terms(rows, names, encoder=encoder, robust=robust)
+        fits = {name: fit_terms(rows, names, encoder=encoder, robust=robust, run_zeros=several)
                 for name, rows in runs.items()}
         good = _described(list(fits.values()))
         if min((beyond & good).sum(), (~beyond & good).sum()) < FEWEST:
             return None
-        errors = {name: _left_out(rows.select(good), names, encoder, robust, beyond[good])
+        errors = {name: _left_out(rows.select(good), names, encoder, robust, beyond[good], several)
                   for name, rows in runs.items()}
     except ValueError:  # what is left has too few rows for the terms
         return None
@@ -220,16 +224,40 @@ def origin_of_night(rows):
     return origin_of_errors(stars.select(stars['run'] == numbers[np.argmax(counts)]))
 
 
-def _left_out(run, names, encoder, robust, beyond):
-    """Errors on the sky of each row by a fit without it, (x, y), rad; parts have both sides."""
-    order = np.argsort(beyond, kind='stable')
+def _folded(run, encoder):
+    """Rows of a mount that never goes through the pole, at the angles folded back to the sky."""
+    beyond = is_beyond(run['el'])
+    pairs = [through_pole(run[f'az{of}'], run[f'el{of}'], beyond) for of in ('', f'_{encoder}')]
+    columns = dict(zip(('az', 'el', f'az_{encoder}', f'el_{encoder}'), sum(pairs, ())))
+    return PointingRun({**run.columns, **columns},
+                       {**run.meta, 'mount': Mount('equatorial', run.mount.frame)})
+
+
+def _long_runs(numbers):
+    """Those with rows beyond what their zeros take."""
+    numbers, counts = np.unique(numbers, return_counts=True)
+    return numbers[counts >= FEWEST]
+
+
+def _left_out(run, names, encoder, robust, beyond, several):
+    """Errors on the sky of each row by a fit without it, (x, y), rad; parts have both sides.
+
+    Of several runs each has a zero of its own; none lies in one part alone.
+    """
+    number = run['run'] if several else np.zeros(len(run))
+    order = np.lexsort((beyond, number))
     part = np.empty(len(run), int)
     part[order] = np.arange(len(run)) % min(FOLDS, len(run))
-    x, y = run.offsets(encoder)
     out = np.empty((2, len(run)))
-    for number in np.unique(part):
-        out_of = part == number
-        model = fit_terms(run.select(~out_of), names, encoder=encoder, robust=robust).model
-        model_x, model_y = model.offsets(run['az'][out_of], run['el'][out_of])
-        out[:, out_of] = x[out_of] - model_x, wrap(y[out_of] - model_y)
-    return out
+    for at in np.unique(part):
+        out_of = part == at
+        fitted = fit_terms(run.select(~out_of), names, encoder=encoder, robust=robust,
+                           run_zeros=several)
+        rows = run.select(out_of)
+        if several:
+            zero = fitted.run_zeros.of_rows(rows)
+            for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero):
+                rows.columns[name] = rows[name] - angle
+        out[:, out_of] = np.subtract(rows.offsets(encoder),
+                                     fitted.model.offsets(rows['az'], rows['el']))
+    return np.array([out[0], wrap(out[1])])

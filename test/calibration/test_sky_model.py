@@ -15,7 +15,7 @@ from pointing_model.geometry import offsets_and_jacobian
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.model_files import PROGRAMS, export, table
-from pointing_model.mounts import Mount, through_pole
+from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.rms import rms
 from pointing_model.run import PointingRun
 
@@ -36,6 +36,23 @@ def test_the_right_origin_is_told_and_its_terms_are_those_of_the_simulation(kind
     off = [(fit.model.terms[name] - terms[name]) for name in NAMES]
     assert np.all(np.abs(off) < 4.0 * fit.sigma)
     assert origin.document()['holds'] == kind and origin.document()['rows'] == 40
+
+
+@pytest.mark.parametrize('kind', ['mount', 'sky'])
+def test_each_of_several_runs_has_a_zero_of_its_own(kind):
+    """Rows in turn, zeros some 300 arcsec apart; applied on the sky it turns with the side."""
+    run, terms = a_run(kind, 3)
+    run.columns['run'] = np.arange(40) % 3 + 1.0
+    side = np.where(is_beyond(run['el']) & (kind == 'sky'), -1.0, 1.0)
+    for name, zeros, sign in (('az_enc', (0.0, 300.0, -200.0), 1.0),
+                              ('el_enc', (0.0, -250.0, 350.0), side)):
+        run.columns[name] = run[name] + sign * np.take(zeros, np.arange(40) % 3) * ARCSEC
+    origin = origin_of_errors(run, NAMES)
+    assert origin.holds == kind and origin.rows == 40
+    assert origin.left_out[kind] < 2.5 * ARCSEC
+    fit = origin.fits[kind]
+    off = [(fit.model.terms[name] - terms[name]) for name in NAMES]
+    assert np.all(np.abs(off) < 4.0 * fit.sigma[:len(NAMES)])
 
 
 def test_rows_that_do_not_tell_are_said_not_to():
