@@ -292,8 +292,7 @@ def _fit_of(run, solved, frame, hours=False):
         ra = 15.0 * solved.ra
     try:
         az, el = solved.observed(frame, ra)
-        if not run.mount.altaz:
-            az, el = run.mount.axes_of(az, el, is_beyond(run['el']))
+        az, el = run.mount.axes_of(az, el, is_beyond(run['el']))
         # near the horizon a place of another frame may lie where refraction has no meaning
         fitted = fit_terms(_bare(run, az=az, el=el))
     except ValueError:

@@ -3,8 +3,8 @@
 from importlib import import_module
 
 _PLACES = {'Base': 'base', 'DiagnosedEffect': 'result', 'Diagnosis': 'result',
-           'MistakenColumns': 'input_check', 'check_columns': 'input_check',
-           'diagnose': 'diagnosis', 'naming_columns': 'input_check'}
+           'MistakenColumns': 'input_check', 'Checked': 'input_check',
+           'check_columns': 'input_check', 'diagnose': 'diagnosis', 'naming_columns': 'input_check'}
 __all__ = list(_PLACES)
 
 

@@ -94,7 +94,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         Too few usable rows for the base, unknown terms, or a bad option.
     """
     checked = check_columns(runs, encoder)
-    check_columns(holdout or (), encoder)
+    held = check_columns(holdout or (), encoder)
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
     hours = None
@@ -116,7 +116,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
-    result.notes += checked.notes
+    result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
     result.unphysical = unphysical(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)

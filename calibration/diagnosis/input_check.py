@@ -77,6 +77,13 @@ class Checked:
     alike: list = field(default_factory=list)
     notes: list = field(default_factory=list)
 
+    @classmethod
+    def of(cls, each):
+        """Of several runs of one mount: readings that fit all of them as well, notes of each."""
+        alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
+                 if all(text in one.alike for one in each)]
+        return cls(alike, [note for one in each for note in one.notes])
+
     def warnings(self, names):
         """The notes, and a sentence of readings that fit as well; `names` of the mount."""
         return [*self.notes, *doubt_sentences(self.alike, names)]
@@ -101,10 +108,7 @@ def check_columns(runs, encoder='enc'):
         The run as written does not fit, or another reading fits far better.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    each = [_Check(run, encoder).judged() for run in runs if f'az_{encoder}' in run]
-    alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
-             if all(text in one.alike for one in each)]
-    return Checked(alike, [note for one in each for note in one.notes])
+    return Checked.of([_Check(run, encoder).judged() for run in runs if f'az_{encoder}' in run])
 
 
 @contextmanager

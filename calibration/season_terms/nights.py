@@ -12,7 +12,7 @@ from pointing_model.context import is_cause
 from pointing_model.copies import without_copies
 from pointing_model.rms import rms
 
-from ..diagnosis import MistakenColumns, check_columns
+from ..diagnosis import Checked, MistakenColumns, check_columns
 from ..fit import fit_terms
 
 #: a pause of so many hours in a run ends a night
@@ -66,7 +66,7 @@ class Nights(NamedTuple):
     mount : pointing_model.mounts.Mount
     nights : list of Night
     notes : list of str
-        What was left out, and why.
+        What was left out, and why; what columns may be mistaken for.
     columns : tuple of str
         That are causes because the user says so.
     """
@@ -100,7 +100,7 @@ def nights_of(runs, names=None, columns=()):
         Runs of two mounts, a column that no run has, or fewer than three nights.
     """
     runs, notes = without_copies(runs)
-    found, mount, seen = [], None, set()
+    found, checked, mount, seen = [], [], None, set()
     for run in runs:
         source = str(run.meta.get('source', 'run'))
         if mount is None:
@@ -109,7 +109,7 @@ def nights_of(runs, names=None, columns=()):
         elif not run.mount.agrees(mount):
             raise ValueError(f'{source} is of another mount than {first}: make a season of each')
         try:
-            check_columns(run)
+            checked.append(check_columns(run))
         except MistakenColumns as error:
             notes.append(f'{error} (left out)')
             continue
@@ -127,6 +127,7 @@ def nights_of(runs, names=None, columns=()):
         raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
                          + ('; '.join(notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
+    notes += Checked.of(checked).warnings(mount.names)
     return Nights(names, mount, found, notes, tuple(columns))
 
 

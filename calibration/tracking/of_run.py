@@ -42,6 +42,8 @@ class TrackedRun:
         As of `night.TrackedNight.document`.
     fitted : int
         Rows to which the model of the evening was fitted; 0: it was given.
+    notes : list of str
+        What was read and how, what its columns may be mistaken for.
     """
 
     model: PointingModel
@@ -53,10 +55,12 @@ class TrackedRun:
     hindsight: Hindsight
     document: dict
     fitted: int
+    notes: list
 
     def summary(self):
         """JSON-ready; angles in arcsec, radial RMS of the stars before they were seen."""
-        return {**self.document, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
+        notes = [*self.notes, *self.document['notes']]
+        return {**self.document, 'notes': notes, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
             'model of the evening': rms(*self.evening.T) / ARCSEC,
             'tracked': rms(*self.live.T) / ARCSEC,
             'expected': float(np.sqrt(np.mean(np.sum(self.sigma**2, axis=1)))) / ARCSEC,
@@ -90,7 +94,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     ValueError
         No times, too few rows, a model of another mount; columns that are not what they are named.
     """
-    check_columns(run)
+    notes = [*run.meta.get('notes', ()), *check_columns(run).warnings(run.mount.names)]
     if 'time' not in run or not np.isfinite(run['time']).any():
         raise ValueError('the run has no time: a model is followed from star to star')
     order = np.flatnonzero(np.isfinite(run['time']))
@@ -136,7 +140,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     return TrackedRun(
         night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
         np.array(evening), np.array(live), np.array(sigma), night.hindsight(), night.document(),
-        fitted)
+        fitted, notes)
 
 
 def _complete(run):

@@ -58,23 +58,23 @@ def run(args):
     console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
                   f'{counts[HUNG]} the solver hung')
     print_files(console, {'run': out})
-    mistaken = _mistaken(out) if counts[SOLVED] else None
-    print_lines(console, 'note', [mistaken] if mistaken else [])
+    mistaken, notes = _judged(out) if counts[SOLVED] else (False, [])
+    print_lines(console, 'note', notes)
     write_outputs(console, (args.json, lambda p: options.write_json(
         p, {**counts, 'images': total, 'run': out}), 'result'))
     return 0 if counts[SOLVED] == total and not mistaken else 1
 
 
-def _mistaken(path):
-    """What is wrong with clock, site or readings of a run, in a line, or None."""
+def _judged(path):
+    """Whether clock, site or readings of a run are wrong, and what is said of them, lines."""
     from calibration.diagnosis import MistakenColumns, check_columns, naming_columns
 
     from ..runs import load_run
     try:
         with naming_columns():
-            check_columns(load_run(path))
+            run = load_run(path)
+            return False, check_columns(run).warnings(run.mount.names)
     except MistakenColumns as error:
-        return str(error)
+        return True, [str(error)]
     except ValueError:  # no run yet, such as of an image without readings
-        return None
-    return None
+        return False, []

@@ -52,6 +52,7 @@ def run(args):
     if tracked.fitted:
         console.print(f'the model of the evening is of the first {tracked.fitted} stars')
     print_lines(console, 'tracked', tracking_lines(summary))
+    print_lines(console, 'note', summary['notes'])
     write_outputs(console, (args.json, lambda p: options.write_json(p, summary), 'result'),
                   (args.save, tracked.model.save, 'model'),
                   (args.report, lambda p: write_page(tracked, p, [args.file]), 'page'))

@@ -8,6 +8,7 @@ import pytest
 
 from calibration.diagnosis.input_check import MistakenColumns, check_columns, naming_columns
 from calibration.fit import fit_terms
+from calibration.solves import judge_solves
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import apply, geometry
 from pointing_model.context import Context
@@ -15,6 +16,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.run import PointingRun
 from pointing_model.run_files import read_run, write_csv
+from pointing_model.sky import Site, Weather, observed_to_icrs
 from pointing_model.terms import design
 
 sys.path.append(str(Path(__file__).parent))
@@ -132,6 +134,21 @@ def test_columns_that_are_no_such_angles_are_refused_as_before(tmp_path, mistake
             *(wrong[n] for n in ('az', 'el', 'az_enc', 'el_enc')))))
         with pytest.raises((MistakenColumns, ValueError)):
             check_columns(read_run(path))
+
+
+def test_the_frame_of_stars_is_judged_with_rows_beyond_the_zenith_as_such(tmp_path):
+    run, path = beyond_zenith(part=0.4), tmp_path / 'run.csv'
+    time = 1.77e9 + 100.0 * np.arange(len(run))
+    sky = through_pole(run['az'], run['el'], is_beyond(run['el']))
+    ra, dec = observed_to_icrs(*sky, time, Site(0.6, 1.0, 500.0), Weather(955.0, 8.0))
+    path.write_text('# latitude_deg: 34.37746771\n# longitude_deg: 57.29577951\n# height_m: 500\n'
+                    '# pressure_hpa: 955\n# temperature_c: 8\n'
+                    'time,ra_deg,dec_deg,az_enc_deg,el_enc_deg\n' + '\n'.join(
+                        ','.join(f'{v:.8f}' for v in row) for row in zip(time, *(
+                            v / DEG for v in (ra, dec, run['az_enc'], run['el_enc'])))))
+    judged = judge_solves(read_run(path))
+    assert any('no frame is declared; ICRS leaves 0.' in note for note in judged.meta['notes'])
+    assert right(fit_terms(judged))
 
 
 @pytest.mark.parametrize('said, mistake, pairs', [

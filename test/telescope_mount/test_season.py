@@ -6,10 +6,11 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from calibration.diagnosis import Checked
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
-from pointing_model.run_files import write_csv
+from pointing_model.run_files import read_run, write_csv
 
 TERMS = {'IA': 300.0, 'IE': -120.0, 'CA': 40.0, 'NPAE': 5.0, 'AN': 10.0, 'AW': -7.0, 'TF': 30.0}
 
@@ -46,6 +47,25 @@ def test_a_folder_of_runs_becomes_a_page_a_result_and_the_model_of_tonight(ended
     assert 'Foretold for 2026-04-20' in page.read_text()
     declared = ended('season', folder, '--since', '2026-02-20=axis levelled')[1]
     assert 'axis levelled: AN by +2' in declared
+
+
+def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, monkeypatch):
+    """Of a season once, if it is so of all nights."""
+    out = 'azimuth of catalogue and encoders in hours'
+
+    def checked(run):
+        return Checked([out], ['the clock of one night'])
+    monkeypatch.setattr('calibration.season_terms.nights.check_columns', checked)
+    said = ' '.join(ended('season', folder)[1].split())
+    assert said.count(f'make sure that they are not: {out}') == 1
+    assert said.count('note: the clock of one night') == 12
+    monkeypatch.setattr('calibration.tracking.of_run.check_columns', checked)
+    run = read_run(next(folder.iterdir()))
+    run.columns['time'] = 1.8e9 + 60.0 * np.arange(len(run))
+    write_csv(run, folder / 'timed.csv')
+    code, text, _ = ended('track', folder / 'timed.csv')
+    said = ' '.join(text.split())
+    assert code == 0 and f'are not: {out}' in said and 'note: the clock of one night' in said
 
 
 def test_a_season_says_what_it_wants(refused, folder):
