@@ -196,8 +196,9 @@ class RunPlayer(MountNode):
                 observations=self._sent).rows()))
 
     def required(self):
-        """Somebody must take the rows."""
-        return {self.resolve_topic_name(topics.OBSERVATION.name)}
+        """A calibration must take the rows: it says so; a logger takes them too."""
+        return {self.resolve_topic_name(topic.name)
+                for topic in (topics.OBSERVATION, topics.CALIBRATION_STATUS)}
 
     def waiting_for(self):
         """Subscribers that are not there yet, and nodes that are not fully connected."""

@@ -76,9 +76,9 @@ def read_csv(path, lines, delimiter, encoder=None):
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):
-        _take_column(path, cells, header_name, cells.column(i), columns, meta, by_header)
+        _take_column(path, cells, header_name, cells.column(i), columns, meta, by_header, names)
         _note_near(header_name, header, by_header, names, meta['notes'])
-    _one_source(columns, meta)
+    _one_source(columns, meta, names)
     first = content(lines)[0][0]
     commented = [number for number, line in enumerate(lines, 1) if number > first
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
@@ -105,7 +105,7 @@ def _is_row(line, delimiter, width):
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 
-def _take_column(path, table_cells, header_name, cells, columns, meta, by_header):
+def _take_column(path, table_cells, header_name, cells, columns, meta, by_header, names):
     numbers, reasons, header = table_cells.lines, table_cells.reasons, table_cells.header
     name = by_header.get(header_name)
     if name == 'time':
@@ -124,7 +124,7 @@ def _take_column(path, table_cells, header_name, cells, columns, meta, by_header
         solves.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
-                             f'{COLUMNS[header_name][0]}')
+                             f'{column_name(header_name, names)}')
     elif header_name:
         _take_own(path, numbers, header, header_name, cells, columns, meta)
     elif any(cells):
@@ -160,16 +160,18 @@ def _take_own(path, numbers, header, header_name, cells, columns, meta):
                              f'{len(cells)} rows: unknown there {said}')
 
 
-def _one_source(columns, meta):
+def _one_source(columns, meta, names):
     """Offsets beside encoder columns would be a driver that explains everything."""
     if {'az_enc', 'az_abs'} & set(columns):
         for name in ('x_arcsec', 'y_arcsec'):
             if columns.pop(name, None) is not None:
                 meta['notes'].append(f'{name} left out: the encoder columns are taken')
     if {'az', 'el'} <= set(columns):
+        of = ALTAZ.names if meta.get('from_horizon') else names
+        taken = ', '.join(column_name(name, of) for name in ('az', 'el'))
         for name in ('ra_deg', 'dec_deg'):
             if columns.pop(name, None) is not None:
-                meta['notes'].append(f'{name} left out: az_deg, el_deg are taken')
+                meta['notes'].append(f'{name} left out: {taken} are taken')
 
 
 def _require(path, header, encoder, names):

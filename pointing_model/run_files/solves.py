@@ -31,7 +31,8 @@ def take_sigma(table):
         return
     sigma = columns.pop(SIGMA)
     if {'sigma_x', 'sigma_y'} & set(columns):
-        notes.append(f'{SIGMA} left out: sigma_az_arcsec, sigma_el_arcsec are taken')
+        notes.append(f'{SIGMA} left out: {table.label("sigma_x")}, {table.label("sigma_y")} are '
+                     'taken')
         return
     known = sigma[np.isfinite(sigma) & (sigma > 0.0)]
     if not known.size:

@@ -291,3 +291,12 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
 def test_a_table_of_many_columns_is_refused_at_once(read):
     with pytest.raises(ValueError, match='100004 columns, at most 1000 are read'):
         read(table(HEADER + ''.join(f',c{i}' for i in range(100_000)), (0, 45, 0, 45)))
+
+
+def test_columns_that_are_left_out_are_said_by_the_axes_of_the_mount(tmp_path):
+    path = tmp_path / 'german.csv'
+    path.write_text('# mount: german\n# latitude_deg: 48\n'
+                    'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg,sigma_y\n10,20,10.1,20.1,1\n')
+    said = ' '.join(read_run(path).meta['notes'])
+    assert "'sigma_y' left out: its unit is unknown, the name is sigma_dec_arcsec" in said
+    assert 'sigma_el' not in said

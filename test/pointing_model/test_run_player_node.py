@@ -114,6 +114,16 @@ def test_a_run_is_published_then_fitted_then_diagnosed(graph, tmp_path):
     graph.report('run_player', '', 'kept out', 4)
 
 
+def test_a_logger_that_takes_the_rows_is_no_calibration(graph, tmp_path):
+    write_csv(run(5), tmp_path / 'run.csv')
+    rows, status = graph.listen(topics.OBSERVATION), graph.listen(topics.OBSERVER_STATUS)
+    graph.add(RunPlayer, file=str(tmp_path / 'run.csv'))
+    graph.report('run_player', 'a publisher of /mount/calibration/status')
+    assert not rows and status[-1].message == 'the graph'
+    graph.publisher(topics.CALIBRATION_STATUS)
+    graph.wait_for(lambda: len(rows) == 5)
+
+
 def test_a_calibration_that_keeps_the_last_power_ons_alone_has_taken_all(graph, tmp_path):
     write_csv(run(12, run=np.repeat([1.0, 2.0, 3.0], 4)), tmp_path / 'run.csv')
     desk = Desk(graph, tmp_path / 'run.csv')
