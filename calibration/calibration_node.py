@@ -21,6 +21,7 @@ from msg_tools.running import run_node
 from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation
+from pointing_model.guard.skyline import parse_horizon
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
@@ -62,6 +63,7 @@ class Calibration(MountNode):
         if age and self.value('mode') == TRACK:
             raise ValueError('mode track follows one night after the other by itself: leave out '
                              'reference_age')
+        self._skyline = parse_horizon(self.value('horizon'))
         self._tracking = None
         if self.value('mode') == TRACK:
             from .tracking.live import LiveTracking
@@ -184,6 +186,7 @@ class Calibration(MountNode):
 
     def _rows(self, message):
         rows = cloud_to_run(message)
+        rows.meta['skyline'] = self._skyline
         if self.value('graduation'):
             rows.meta['graduation'] = declared_graduation(self.value('graduation'))
         return rows

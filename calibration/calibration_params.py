@@ -3,6 +3,7 @@
 from msg_tools.node import Param
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
+from pointing_model.guard.skyline import parse_horizon
 from pointing_model.harmonics import DEGREE
 from pointing_model.kept_rows import KEPT_POWER_ONS
 
@@ -41,6 +42,9 @@ PARAMS = (
           0.5),
     Param('site', '', 'latitude and longitude of the mount [deg], such as "34.3, 109.0", for '
           'what follows the stars; empty: unknown', check=site_of),
+    Param('horizon', '', 'corners of the skyline as of the mount guard, give both one under /**: '
+          'in the parameter file: nothing behind it is proposed; empty: unknown [deg]',
+          check=parse_horizon, fixed=True),
     Param('diagnosed_at', 0, 'stamp of the newest observation that the service diagnose takes '
           '[ns]; 0: all. For replays, which have all of them at once', 0, 2**63 - 1, fixed=True),
     Param('graduation', '', 'lines in a turn of the encoder, such as grating=47200, for readings '

@@ -12,6 +12,7 @@ from msg_tools.night_folder import log_of
 from pointing_model.context import Context
 from pointing_model.copies import copies, without_copies, written_twice
 from pointing_model.effects import declared_graduation
+from pointing_model.guard.skyline import parse_horizon
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.run_files import NoObservations, read_run, swap_encoders
 
@@ -193,10 +194,35 @@ def run_of_log(path):
     notes += notes_of(run)
     stars &= ~distrusted(run)
     meta = {**run.meta, 'source': str(path), 'notes': notes + bag.problems, 'excluded': []}
-    told = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get('graduation')
-    if told:
-        meta['graduation'] = declared_graduation(told)
+    calibration, guard = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
+                          for name in ('calibration', 'mount_guard'))
+    meta |= declared_by({**guard, **{k: v for k, v in calibration.items() if v}}, meta['notes'])
     return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+
+
+def declared_by(parameters, notes):
+    """``meta`` of runs that recorded parameters tell: ``graduation``, ``skyline``.
+
+    Parameters
+    ----------
+    parameters : dict
+    notes : list of str
+        What is not known is added.
+
+    Returns
+    -------
+    dict
+    """
+    out = {}
+    if parameters.get('graduation'):
+        out['graduation'] = declared_graduation(parameters['graduation'])
+    horizon = parameters.get('horizon') or ''
+    try:
+        out['skyline'] = parse_horizon(horizon)
+    except OSError:
+        notes.append(f'the skyline was in the file {horizon}, which is not here: proposals may lie '
+                     'behind it')
+    return out
 
 
 def _log(path):

@@ -23,12 +23,12 @@ from msg_tools.bag.parameters import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
-from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.observing.clocks import offset_of
 from pointing_model.run_messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
 
+from .runs import declared_by
 from .verify_rows import RAW, Pairing, at_time, began_anew
 
 #: what the encoders said of their marks around a fit, so many are tried for its report
@@ -86,9 +86,9 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
         check.unchecked.append('the log does not tell the parameters of the calibration: its '
                                'defaults are taken, and all power-ons kept (see --seed, '
                                '--reference)')
-    if parameters.get('graduation'):
-        for part in (*rows.observations.values(), *rows.tables.values()):
-            part.meta['graduation'] = declared_graduation(parameters['graduation'])
+    declared = declared_by(parameters, check.unchecked)
+    for part in (*rows.observations.values(), *rows.tables.values()):
+        part.meta |= declared
     session = _session(log, parameters, reference, seed, rows)
     if isinstance(session, NightSeries):
         for _, homings in rows.homings:

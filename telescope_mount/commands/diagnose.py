@@ -79,7 +79,8 @@ def _run(args):
     held, empty_held = load_runs(args.holdout, runs, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
     for one in runs:
-        one.meta['skyline'] = args.horizon
+        if args.horizon:
+            one.meta['skyline'] = args.horizon
     check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
     base = _base_file(args.base, runs[0].mount)
     if base:

@@ -15,6 +15,7 @@ from calibration.calibration_node import Calibration
 from calibration.session import CalibrationSession
 from msg_tools import topics
 from msg_tools.units import ARCSEC
+from pointing_model.guard.skyline import parse_horizon
 from pointing_model.model import PointingModel
 from pointing_model.run import PointingRun
 from pointing_model.run_messages import run_to_cloud
@@ -33,6 +34,19 @@ def eccentric(run):
     columns = dict(run.columns)
     columns['az_enc'] = columns['az_enc'] + 9.0 * ARCSEC * np.cos(columns['az'] - 0.8)
     return PointingRun(columns)
+
+
+def test_a_diagnosis_knows_the_skyline_of_the_site(graph, monkeypatch):
+    known = []
+    monkeypatch.setattr('calibration.diagnosis.diagnosis.propose',
+                        lambda _, obs, *__: known.append(obs.run.meta['skyline']) or ([], []))
+    desk = Desk(graph, horizon='0 10, 90 10, 90 60, 180 60, 180 10')
+    for run in rows(60, seed=2), rows(8, star=POLARIS_HIP, seed=3):
+        # refraction, flexure or the elevation encoder: what tells them is asked for
+        desk.observe(PointingRun({**run.columns, 'el_enc': run['el_enc']
+                                  + 12.0 * ARCSEC * np.cos(2.0 * run['el'] + 2.0)}))
+    assert graph.call('diagnose').success
+    assert known[0] == parse_horizon('0 10, 90 10, 90 60, 180 60, 180 10')
 
 
 def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, tmp_path):

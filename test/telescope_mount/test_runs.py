@@ -121,6 +121,20 @@ def test_an_exported_log_gives_the_same_fit(night, tmp_path):
 
 
 @pytest.mark.usefixtures('ros_domain')
+def test_a_log_tells_the_skyline_of_its_guard(monkeypatch, tmp_path, night):
+    told = {'calibration': {'horizon': '', 'graduation': 'grating=47200'},
+            'mount_guard': {'horizon': '0 10, 90 60'}}
+    monkeypatch.setattr('telescope_mount.runs.parameters_of',
+                        lambda metadata, name: told[name.rpartition('/')[2]])
+    run = load_run(night / 'bag')
+    assert np.degrees(run.meta['skyline']) == pytest.approx(np.array([[0, 10], [90, 60]]))
+    assert run.meta['graduation']['az'] == {'grating': 47200}
+    told['mount_guard']['horizon'] = str(tmp_path / 'absent.txt')
+    run = load_run(night / 'bag')
+    assert 'skyline' not in run.meta and 'absent.txt, which is not here' in run.meta['notes'][-1]
+
+
+@pytest.mark.usefixtures('ros_domain')
 def test_a_log_keeps_what_the_encoders_read(night):
     run = load_run(night / 'bag')
     assert run.meta['graduation'] == {'az': {'grating': 47200}, 'el': {'grating': 47200}}
