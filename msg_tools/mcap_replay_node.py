@@ -37,8 +37,8 @@ def _check_remaps(values):
 
 PARAMS = (
     Param('bag', '', 'the log: a folder, an .mcap or a .db3 file', fixed=True),
-    Param('topics', [''], 'full names of the topics to publish; empty: all but the clock and '
-          'what the graph computes', fixed=True),
+    Param('topics', [''], 'full names of the topics to publish; empty: all but the clock, '
+          'what the graph computes, and what would move a mount (command, request)', fixed=True),
     Param('exclude', [''], 'regular expressions; a topic whose full name matches one is left out',
           check=check_patterns, fixed=True),
     Param('remaps', [''], 'new names of topics, as /old/name:=/new/name', check=_check_remaps,
@@ -103,8 +103,8 @@ class McapReplay(MountNode):
         if missing:
             raise ValueError(f'mcap_replay: {missing[0]} is not in {self.value("bag")}; it has '
                              f'{", ".join(there)}')
-        left_out = {self.resolve_topic_name(topic.name) for topic in topics.COMPUTED} | {
-            f'{prefix}{topic.name}' for topic in topics.COMPUTED
+        left_out = {self.resolve_topic_name(topic.name) for topic in topics.NOT_REPLAYED} | {
+            f'{prefix}{topic.name}' for topic in topics.NOT_REPLAYED
             for prefix in prefixes_of(self._reader)}
         exclude = [re.compile(pattern) for pattern in self.value('exclude') if pattern]
         names = wanted or [name for name in there if name not in left_out]

@@ -138,6 +138,7 @@ ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/msg/String', LATCHED, c
 JOINTS = Topic('joint_states', 'sensor_msgs/msg/JointState', RELIABLE, computed=True)
 MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE, computed=True)
 
-#: what a replay leaves out by default
 COMPUTED = tuple(value for value in list(globals().values())
                  if isinstance(value, Topic) and value.computed)
+#: what a replay leaves out unless it is named: what is computed, and what would move a mount
+NOT_REPLAYED = (*COMPUTED, REQUEST, COMMAND)
