@@ -48,6 +48,8 @@ TOKEN = 'TELESCOPE_MOUNT_STOPS'
 SHM = Path('/dev/shm')
 #: ports that belong to no domain stay to be used again, see `telescope_mount.shared_memory`
 PORT = re.compile(r'(sem\.)?fast(rtps|dds)_port(\d+)')
+#: a line of a traceback that is in a module of the package
+OURS = re.compile(r'File "[^"]*/(telescope_mount|msg_tools|pointing_model)/\w+\.py"')
 END, GONE = 60.0, 5.0  # s
 #: s between two signals
 APART = 0.1
@@ -124,6 +126,7 @@ class Started:
                 ['--params-file', str(params)] if spec.parameters else [])]
 
     def run(self):
+        self.environment['_'] = shutil.which('ros2')  # as a shell says what it starts
         return self.executables(lambda name: ['ros2', 'run', 'telescope_mount', name])
 
     def launch(self):
@@ -212,7 +215,7 @@ def closed(bag):
 
 def early(text):
     """Whether Python itself was told to end, on its way to the package."""
-    return 'KeyboardInterrupt' in text and 'in main' not in text
+    return 'KeyboardInterrupt' in text and not OURS.search(text)
 
 
 def stopped(way, told, folder, moment):

@@ -30,7 +30,7 @@ from .least_squares import (
 from .robust_rounds import Rounds
 from .robust_weights import TOLERANCE, Room
 from .rounds_of_many import RoundsOfMany, Sight, are_many
-from .undetermined import Undetermined
+from .undetermined import SHARE, Undetermined
 
 #: between the exact residuals of the result and those of its linearisation
 EXACT = 1e-7 * ARCSEC
@@ -51,8 +51,9 @@ _ALIKE, _LATE = 0.1, 25
 #: intrinsic curvature); and of the largest singular value, that of a direction which may be so
 _BENT, _WEAK = 0.3, 0.01
 #: rad: a standard error of a coefficient along it from where bends that the others follow matter
-#: too: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off
-_WIDE = 0.0175
+#: too: 2 of 1000 runs within 0.001 degrees of a circle had terms 5 to 7 sigmas off; and where it is
+#: of none but coefficients that another direction leaves open anyway
+_WIDE, _WIDE_OPEN = 0.0175, 0.0044
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
@@ -267,7 +268,8 @@ def _is_bent(start, solved, by, rank):
         count = 2.0 * (len(solved.feasible) if weights is None else weights.sum())
         noise = float(squares.sum() / max(count - rank, 1.0)) ** 0.5
     step = noise / spectrum.s[-rank] * way / spectrum.scale
-    if np.abs(step).max() > _WIDE:
+    open_anyway = np.isin(np.flatnonzero(np.abs(way) > SHARE), solved.undetermined.terms).all()
+    if np.abs(step).max() > (_WIDE_OPEN if open_anyway else _WIDE):
         return True
     most = _BENT * max(noise, TOLERANCE)
     root = 1.0 if by is None else np.sqrt(by)

@@ -4,11 +4,13 @@
 """
 
 import faulthandler
+import fcntl
 import gc
 import os
 import signal
 import sys
-from contextlib import suppress
+import time
+from contextlib import contextmanager, suppress
 from importlib import import_module
 
 import rclpy
@@ -24,6 +26,10 @@ from .signals import ENDING, on_end
 
 #: s in which DDS lets go of nodes that have ended
 LETS_GO = 12.0
+#: s for which a process waits that others let go of theirs
+TURN = 4.0
+#: of the queues of Fast DDS
+FOLDER = '/dev/shm'
 
 
 def run_node(make_node, args=None):
@@ -108,19 +114,44 @@ def run_nodes(makers, args=None):
                 node.finish()
             except OSError as err:
                 code = max(code, _error(err, 1))
-        # Fast DDS may wait for ever while other nodes end too, and lets no Python run meanwhile
-        # (github.com/eProsima/Fast-DDS, 6513): files are closed, so this process ends, with code 1
-        faulthandler.dump_traceback_later(LETS_GO, exit=True, file=2)
-        for node in nodes:
-            node.destroy_node()
-        if executor is None:
-            gc.collect()  # what was made of one that failed: it would stay in /dev/shm
-        rclpy.try_shutdown()
+        with _turn():
+            # Fast DDS may wait for ever while other nodes end too, and lets no Python run meanwhile
+            # (github.com/eProsima/Fast-DDS, 6513): files are closed; the process ends, with code 1
+            faulthandler.dump_traceback_later(LETS_GO, exit=True, file=2)
+            for node in nodes:
+                node.destroy_node()
+            if executor is None:
+                gc.collect()  # what was made of one that failed: it would stay in /dev/shm
+            rclpy.try_shutdown()
         faulthandler.cancel_dump_traceback_later()
         # while the interpreter is taken apart no handler is called any more
         for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
     return code
+
+
+@contextmanager
+def _turn():
+    """Wait, for `TURN` s at most, until no other process lets go of its nodes.
+
+    Of processes that close a queue of Fast DDS at the same moment each may take the other for its
+    user, and it stays in `/dev/shm`.
+    """
+    try:
+        folder = os.open(FOLDER, os.O_RDONLY)
+    except OSError:
+        yield  # of another system
+        return
+    try:
+        end = time.monotonic() + TURN
+        while time.monotonic() < end:
+            with suppress(BlockingIOError):
+                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            time.sleep(0.005)
+        yield
+    finally:
+        os.close(folder)
 
 
 def _error(err, code=2):

@@ -22,7 +22,7 @@ _SET_DEATH_SIGNAL = 1
 
 def end_with_parent():
     """Have the kernel send SIGTERM when the parent has ended, if that is the one in `PARENT`, or
-    `ros2` with one of `STARTERS`.
+    `ros2` with one of `STARTERS`. End at once where it has already.
 
     One in between (``--launch-prefix``, ``--prefix``) has to end by itself.
     """
@@ -31,8 +31,29 @@ def end_with_parent():
         ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGTERM)
         if os.getppid() != parent:  # it ended before that
             sys.exit(-signal.SIGTERM)
-    if wanted.isdecimal() and not os.path.exists(f'/proc/{wanted}'):
+    if (not _runs(wanted) if wanted.isdecimal() else _is_orphan()):
         sys.exit(-signal.SIGTERM)
+
+
+def _runs(process):
+    """Whether a process is there, and not only what is left of it until its own parent asks."""
+    with suppress(OSError):
+        # the name, in parentheses, may have any letters
+        return Path(f'/proc/{process}/stat').read_text().rpartition(') ')[2][0] not in 'ZX'
+    return False
+
+
+def _is_orphan():
+    """Whether a shell started `ros2`, that this process, and it has ended meanwhile.
+
+    Who takes over an orphan is of another session; so is the parent of a service, but its `_`,
+    where a shell writes the command that it starts, is no `ros2`.
+    """
+    with suppress(OSError):  # of another user
+        parent = os.getppid()
+        return bool(os.path.basename(os.environ.get('_', '')) == 'ros2' and parent
+                    and os.getsid(parent) != os.getsid(0) != os.getpid())
+    return False
 
 
 def _starts(process):

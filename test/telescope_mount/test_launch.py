@@ -212,6 +212,30 @@ subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r
     assert launch.communicate(timeout=60)[0] == ''
 
 
+@pytest.mark.parametrize('shell_says, marked, begins', [
+    ('/opt/ros/jazzy/bin/ros2', False, False), ('nohup', False, True), ('launch', True, False)])
+def test_a_process_that_begins_when_its_starter_has_ended_ends(
+        tmp_path, shell_says, marked, begins):
+    script = tmp_path / 'driver.py'
+    script.write_text('print("begun")\n')
+    starter = tmp_path / 'starter.py'
+    starter.write_text(f'''
+import os, subprocess, sys
+if {marked}:
+    os.environ[{PARENT!r}] = str(os.getpid())
+subprocess.Popen(['sh', '-c', 'echo; read word; exec env "$@"', 'sh',
+                  '_=' + {shell_says!r}, sys.executable, '-m', 'telescope_mount.parent',
+                  {str(script)!r}]).wait()
+''')
+    starts = subprocess.Popen([sys.executable, str(starter)], cwd=ROOT, stdin=subprocess.PIPE,
+                              stdout=subprocess.PIPE, text=True)
+    starts.stdout.readline()
+    starts.kill()
+    if not marked:  # else its parent has not asked for it yet
+        starts.wait()
+    assert starts.communicate('go\n', timeout=60)[0] == ('begun\n' if begins else '')
+
+
 @pytest.mark.parametrize('code, wanted', [(0, 0), (2, 1)])
 def test_the_exit_code_of_launch(code, wanted):
     for name in ('launch.actions', 'launch_ros.actions'):
