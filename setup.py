@@ -8,7 +8,7 @@ from setuptools import find_packages, setup
 
 NAME = 'telescope_mount'
 PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
-         'indi_bridge', 'alpaca_bridge', 'telescope_mount')
+         'telescope_mount')
 
 
 def nodes():

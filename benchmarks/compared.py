@@ -24,7 +24,7 @@ from race import Row, race
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.sky import DEFAULT_SITE, Weather
+from pointing_model.sky.places import DEFAULT_SITE, Weather
 from pointing_model.terms import PHYSICAL
 
 
@@ -44,7 +44,7 @@ def fits(full):
                                 names=(fit_vs_katpoint.DEFAULT, fit_vs_katpoint.WEIGHTED))
     from scipy.optimize import least_squares
 
-    from calibration.fit import fit_terms
+    from calibration.analysis.fit import fit_terms
     run = fit_vs_katpoint.make_run(1000, 2)
 
     def soft(p):
@@ -67,8 +67,8 @@ def sky(full):
 
 
 def _satellite(count):
-    from pointing_model.satellite import satellite_place
-    from pointing_model.satellite_elements import GPS_26690, parse_elements
+    from pointing_model.sky.elements import GPS_26690, parse_elements
+    from pointing_model.sky.satellite import satellite_place
     satellite = parse_elements(GPS_26690)
     start = 1.3799e9
     times = np.linspace(start, start + 7200.0, count)

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.sky import Site, icrs_to_observed
+from pointing_model.sky.places import Site, icrs_to_observed
 
 ROWS = (1000, 10_000, 100_000, 1_000_000)
 START = 1.7e9
@@ -28,13 +28,13 @@ START = 1.7e9
 
 def of_fit(size):
     """The default fit."""
-    from calibration.fit import fit_terms
+    from calibration.analysis.fit import fit_terms
     return partial(fit_terms, make_run(size, 1))
 
 
 def of_diagnosis(streamed_from, size):
     """Search for what a model lacks, without cross-validation: in memory, or in chunks."""
-    from calibration.diagnosis import diagnose
+    from calibration.analysis.diagnosis import diagnose
     return partial(diagnose, make_run(size, 2), cross_validation=False, flips=99,
                    streamed_from=streamed_from)
 
@@ -62,7 +62,7 @@ def of_stars(size):
 
 def of_csv(folder, size):
     """A file of a pointing run."""
-    from pointing_model.run_files import read_run, write_csv
+    from pointing_model.runs.formats import read_run, write_csv
     path = folder / f'{size}.csv'
     write_csv(make_run(size, 5), path, plain=True)
     return partial(read_run, path, mount='altaz')
@@ -106,13 +106,13 @@ def of_season(size):
     """Nights of a season: their wander, and what it follows."""
     from season import season
 
-    from calibration.season_terms.judged import judge_season
+    from calibration.analysis.season.season_judgement import judge_season
     return partial(judge_season, season(np.random.default_rng(6), 'temperature', size)[0])
 
 
 def of_tracking(size):
     """A model that follows the mount, star after star."""
-    from calibration.tracking.tracker import Tracker
+    from calibration.analysis.tracking.tracker import Tracker
     run = make_run(size, 7)
     az, el = run['az'].tolist(), run['el'].tolist()
     x, y = (offset.tolist() for offset in run.offsets())

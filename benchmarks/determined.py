@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from calibration.diagnosis import check_columns
-from calibration.fit import fit_terms
+from calibration.analysis.diagnosis import check_columns
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import Mount
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 
 LATITUDE = 48.0 * DEG
 NOISE, SIZE = 1.0 * ARCSEC, 100.0 * ARCSEC

@@ -39,14 +39,14 @@ from diagnosis_nights import (
     sky,
 )
 
-from calibration.diagnosis import Base, diagnose
-from calibration.diagnosis.base import observations
-from calibration.diagnosis.problem import Choice
-from calibration.diagnosis.spans import orthonormal
-from calibration.diagnosis.work import Work
+from calibration.analysis.diagnosis import Base, diagnose
+from calibration.analysis.diagnosis.diagnosis_base import observations
+from calibration.analysis.diagnosis.problem import Choice
+from calibration.analysis.diagnosis.subspaces import orthonormal
+from calibration.analysis.diagnosis.working_run import Work
 from msg_tools.units import ARCSEC
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
+from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL, STANDARD6, stacked_design
 
 # ---------------------------------------------------------------------------------------- parts

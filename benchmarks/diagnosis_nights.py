@@ -3,10 +3,10 @@
 
 import numpy as np
 
-from calibration.diagnosis.spans import orthonormal
+from calibration.analysis.diagnosis.subspaces import orthonormal
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL, stacked_design
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))

@@ -14,8 +14,8 @@ import numpy as np
 from zero_drift import Night
 
 from calibration.nights import NightSeries
-from calibration.paper_table_1 import PAPER_TABLE_1, compare_with_paper, statistics
 from encoder_sim.scenario_file import load_scenario
+from telescope_mount.papers.table_1 import PAPER_TABLE_1, compare_with_paper, statistics
 
 NIGHTS = 11
 COLUMNS = ('before_az', 'before_el', 'after_az', 'after_el')

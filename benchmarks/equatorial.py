@@ -28,18 +28,18 @@ from equatorial_runs import (
 )
 from scipy.spatial.transform import Rotation
 
-from calibration.diagnosis import diagnose
-from calibration.diagnosis.base import Base, observations
-from calibration.diagnosis.predicting import choose_to_predict
-from calibration.diagnosis.resampling import random_folds
-from calibration.diagnosis.validation import nested
-from calibration.diagnosis.work import Work
-from calibration.fit import fit_terms
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.folds import random_folds
+from calibration.analysis.diagnosis.prediction import choose_to_predict
+from calibration.analysis.diagnosis.validation import nested
+from calibration.analysis.diagnosis.working_run import Work
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import Mount, through_pole
-from pointing_model.run_files import read_run
-from pointing_model.sky import Site, Weather
+from pointing_model.runs.formats import read_run
+from pointing_model.sky.places import Site, Weather
 
 ROOT = Path(__file__).resolve().parent.parent
 COATLI = {'site': Site(31.0455305556 * DEG, -115.4669 * DEG, 2790.0),

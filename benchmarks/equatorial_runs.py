@@ -3,11 +3,11 @@
 
 import numpy as np
 
-from calibration.diagnosis.spans import orthonormal
+from calibration.analysis.diagnosis.subspaces import orthonormal
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import Mount, is_beyond
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import stacked_design
 
 LATITUDE = 31.0 * DEG

@@ -32,10 +32,10 @@ from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.in_force import InForce
-from pointing_model.observing.plan import parse_plan
 from pointing_model.zero_message import joints_to_zero
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
+from telescope_mount.observing.plan import parse_plan
 from telescope_mount.processes import Processes
 from telescope_mount.watcher import Watcher
 

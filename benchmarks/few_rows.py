@@ -14,11 +14,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from calibration import least_squares
-from calibration.fit import fit_terms
+from calibration.analysis.fit import fit_terms
+from calibration.estimation import least_squares
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 
 TRUTH = np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC

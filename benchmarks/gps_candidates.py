@@ -14,11 +14,11 @@ from passes import passes
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
-from calibration.satellite_check import PAPER
-from calibration.tables import new_table
+from calibration.analysis.satellite_check import PAPER
+from calibration.report.tables import new_table
 from msg_tools.units import DEG
-from pointing_model.satellite import satellite_place
-from pointing_model.satellite_elements import GPS_26690, parse_elements
+from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.satellite import satellite_place
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn
 

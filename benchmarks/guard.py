@@ -25,15 +25,15 @@ import numpy as np
 from guard_drives import CORNERS, KNOTS, Many, Setting, carry_out, hermite
 
 from msg_tools.units import DEG
-from pointing_model.guard.judging import Judge
-from pointing_model.guard.limits import Axis, Limits, travel_of
-from pointing_model.guard.motion import State
-from pointing_model.guard.skyline import Horizon
-from pointing_model.guard.sun import Sun
-from pointing_model.guard.verdicts import Allowed
-from pointing_model.guard.way import lead, stopped
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.sky import Site
+from pointing_model.sky.places import Site
+from pointing_model.sky.skyline import Horizon
+from pointing_model.sky.sun import Sun
+from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.motion import State
+from telescope_mount.guard.track_judgement import Judge
+from telescope_mount.guard.verdicts import Allowed
+from telescope_mount.guard.way import lead, stopped
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad
 ROUNDING = 0.05 * DEG

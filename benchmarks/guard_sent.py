@@ -19,9 +19,9 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from pointing_model.guard.keeper import Keeper
-from pointing_model.guard.settings import Settings
-from pointing_model.observing.pointing import Track
+from telescope_mount.guard.guard_settings import Settings
+from telescope_mount.guard.keeper import Keeper
+from telescope_mount.observing.axis_demand import Track
 
 TICK, SECONDS = 0.05, 240.0
 ROUNDING = 0.01 * DEG

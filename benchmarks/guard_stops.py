@@ -121,7 +121,7 @@ def start(name, *extra):
     elif name == 'commander':
         words = [__file__, '--commander', *extra]
     elif name == 'mount_guard':
-        words = ['-m', 'pointing_model.mount_guard_node', *space, '--params-file',
+        words = ['-m', 'telescope_mount.guard.mount_guard_node', *space, '--params-file',
                  EXAMPLES / 'toy_telescope.yaml']
     else:
         words = [EXAMPLES / f'{name}.py', *space, '-p', f'port:={PORT}']

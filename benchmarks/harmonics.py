@@ -29,7 +29,7 @@ from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, INTERPRETATIONS, Harmonics
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 
 STARS, NOISE, DRAWN = 120, 1.0 * ARCSEC, 1.0 * ARCSEC
 LOWEST = 20.0 * DEG
@@ -61,7 +61,7 @@ def parameters(reading):
 
 def write(folder, reading, seed):
     """The run as a file, and the coefficients."""
-    from pointing_model.run_files import write_csv
+    from pointing_model.runs.formats import write_csv
     run, truth = drawn_run(reading, seed)
     file = folder / f'{reading}_{seed}.csv'
     write_csv(run, file)
@@ -164,10 +164,10 @@ def to_the_bit(folder):
 
 def nights(folder, reading):
     """The eleven nights with harmonics alone in force: means after calibration by night."""
-    from calibration.paper_table_1 import PAPER_TABLE_1, statistics
-    from telescope_mount.experiment import DRIFTS, REFERENCE_AGE, START, experiment_plan
     from telescope_mount.graph import night_graph
     from telescope_mount.night import observe
+    from telescope_mount.papers.experiment import DRIFTS, REFERENCE_AGE, START, experiment_plan
+    from telescope_mount.papers.table_1 import PAPER_TABLE_1, statistics
     plan = experiment_plan(30, 16, 4)
     out = folder / f'nights_{reading}'
     out.mkdir()

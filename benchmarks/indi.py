@@ -17,16 +17,16 @@ import time
 
 import numpy as np
 
-from calibration.fit import fit_terms
-from calibration.sky_model import ON_SKY, origin_of_errors, with_errors
-from indi_bridge.client import IndiClient
-from indi_bridge.server import DEVICE, SimulatorServer, missing
-from indi_bridge.survey import MODEL, Survey, draw_model, places, set_model
-from indi_bridge.telescope import IndiTelescope, Ticks
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
 from pointing_model.rms import rms
-from pointing_model.sky import Site
+from pointing_model.sky.places import Site
+from telescope_mount.bridges.indi.client import IndiClient
+from telescope_mount.bridges.indi.server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
+from telescope_mount.bridges.indi.telescope import IndiTelescope, Ticks
 
 
 def survey(seed, pointings, checks, period_ms=100):

@@ -24,13 +24,13 @@ from guard_stops import DOMAIN, ROOT, Listener, wait
 from rclpy.context import Context
 from rclpy.node import Node
 
-from indi_bridge.client import IndiClient
-from indi_bridge.server import DEVICE, SimulatorServer, missing
-from indi_bridge.survey import set_model
-from indi_bridge.telescope import IndiTelescope
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
+from telescope_mount.bridges.indi.client import IndiClient
+from telescope_mount.bridges.indi.server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.survey import set_model
+from telescope_mount.bridges.indi.telescope import IndiTelescope
 from telescope_mount.graph import server_graph
 from telescope_mount.server_night import SIMULATED
 

@@ -20,9 +20,9 @@ import numpy as np
 from live_mount import GUARD, Night
 
 from msg_tools import topics
-from pointing_model.observing.plan import parse_plan
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.runs.messages import cloud_to_run
 from telescope_mount.graph import real_graph
+from telescope_mount.observing.plan import parse_plan
 
 PLAN = 'home, stars 5, fit, check 2'
 TOTAL = sum(step.exposures for step in parse_plan(PLAN))

@@ -28,11 +28,11 @@ import numpy as np
 from scipy.special import ndtri
 from zero_drift import ABSOLUTE_NOISE, AXES, Night, changed, load_scenario
 
-from calibration.fit import fit_terms
-from calibration.witness_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
-from calibration.witness_night import Night as Rows
-from calibration.witness_records import USUAL
-from calibration.witnesses import check_witnesses
+from calibration.analysis.encoders.cross_check import check_witnesses
+from calibration.analysis.encoders.cross_check_night import Night as Rows
+from calibration.analysis.encoders.cross_check_records import USUAL
+from calibration.analysis.encoders.jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC
 
 CAUSES = (INCREMENTAL, ABSOLUTE, BOTH, ALIKE)

@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount import domain
 from telescope_mount.processes import Processes
 from telescope_mount.watcher import Watcher

@@ -15,9 +15,9 @@ import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.earth import earth_orientation
-from pointing_model.run import COLUMNS
-from pointing_model.run_files import iso_utc
+from pointing_model.runs.formats import iso_utc
+from pointing_model.runs.run import COLUMNS
+from pointing_model.sky.earth import earth_orientation
 
 DATE = (2021, 8, 21)  # UTC, from the header of k_and_e.dat; confirmed below
 LATITUDE, LONGITUDE, HEIGHT = '31:41:19.6', '-110:53:04.4', 2608.0

@@ -21,9 +21,9 @@ from pathlib import Path
 
 from hosts import two_hosts, why_not
 
-from pointing_model.observing.plan import night_plan
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
 from telescope_mount.graph import SIMULATED, night_graph
+from telescope_mount.observing.plan import night_plan
 
 #: what runs beside the mount
 FIRST = (*SIMULATED, 'mount_guard')

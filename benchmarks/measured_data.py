@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import diagnose
-from calibration.paper_table_1 import PAPER_TABLE_1
+from calibration.analysis.diagnosis import diagnose
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.run import PointingRun
-from telescope_mount.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
+from pointing_model.runs.run import PointingRun
+from telescope_mount.papers.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
+from telescope_mount.papers.table_1 import PAPER_TABLE_1
 from telescope_mount.runs import load_run, load_runs
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -21,11 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
-from pointing_model.run import PointingRun
-from pointing_model.run_files import NoUsableRow, read_run
+from pointing_model.runs.formats import NoUsableRow, read_run
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -22,12 +22,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import check_columns, naming_columns
-from calibration.fit import fit_terms
+from calibration.analysis.diagnosis import check_columns, naming_columns
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
-from pointing_model.sky import Site, Weather, observed_to_icrs
+from pointing_model.sky.places import Site, Weather, observed_to_icrs
 from telescope_mount.runs import load_run
 
 SIGMAS = 5.0

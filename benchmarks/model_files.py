@@ -26,7 +26,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.model import PointingModel
-from pointing_model.model_files import PROGRAMS, export, read_model, uniform_sky
+from pointing_model.runs.model_files import PROGRAMS, export, read_model, uniform_sky
 from pointing_model.terms import PHYSICAL
 
 TARGET = 1e-3
@@ -89,9 +89,9 @@ def losses(name, size, count):
 
 def mmt_losses():
     """The loss of the measured night's terms on its sky, by program."""
-    from calibration.fit import fit_terms
+    from calibration.analysis.fit import fit_terms
     from pointing_model.context import Context
-    from pointing_model.run_files import read_run
+    from pointing_model.runs.formats import read_run
     folder = Path(__file__).resolve().parents[1] / 'calibration' / 'data'
     run = read_run(folder / 'mmt_2021-08-21.csv')
     model, sky = fit_terms(run).model, Context.of_run(run)
@@ -121,7 +121,7 @@ def peers(folder, sky):
         from astropy.coordinates import SkyCoord
         from pytelpoint.transform import azel_model
 
-        from pointing_model.model_files.program import first_order_at_encoder
+        from pointing_model.runs.model_files.program import first_order_at_encoder
         values = {n: values[n] for n in PHYSICAL}
         exported = export(PointingModel(values), PROGRAMS['tpoint'])
         columns = {}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
 from telescope_mount.night import run_night
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.fit import fit_terms
-from calibration.fit_document import fit_document
-from calibration.page.fit import write_fit_page
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.fit_document import fit_document
+from calibration.report.fit_page import write_fit_page
 from msg_tools.units import ARCSEC
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'calibration'))

@@ -13,9 +13,8 @@ from importlib import resources
 
 import numpy as np
 
-from calibration.check import split_half
-from calibration.fit import fit_harmonics, fit_terms
-from calibration.paper_table_1 import PAPER_TABLE_1
+from calibration.analysis.external_check import split_half
+from calibration.analysis.fit import fit_harmonics, fit_terms
 from encoder_reading.optics import INVERSION
 from encoder_reading.paper_reader import THRESHOLD, WIDTH_THRESHOLD, PaperReader
 from encoder_reading.template_reader import TemplateReader
@@ -25,9 +24,10 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.harmonics import INTERPRETATIONS, basis, sky_factor
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
+from telescope_mount.papers.table_1 import PAPER_TABLE_1
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 GROSS = 600.0  # arcsec: half a bar

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.satellite import in_sunlight, satellite_place, sun_elevation
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.satellite import in_sunlight, satellite_place, sun_elevation
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ import numpy as np
 from race import Row, peer, race, show_rows
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.sky import DEFAULT_SITE, Weather, observed_place
-from pointing_model.sky_frame import full_frame
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.frame import full_frame
+from pointing_model.sky.places import DEFAULT_SITE, Weather, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 
 EPOCHS = 10_000
 BEGIN = 1.6e9

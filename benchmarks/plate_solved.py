@@ -21,16 +21,16 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.fit import fit_terms
+from calibration.analysis.fit import fit_terms
 from encoder_sim.geometry import MountGeometry, azimuth_elevation, direction
 from encoder_sim.scenario import Mount, Wobble
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.observing.pairing import centred
-from pointing_model.plate_solved.frames import parse_frame, to_icrs
-from pointing_model.run import PointingRun
-from pointing_model.run_files import iso_utc
-from pointing_model.sky import Site, Weather, observed_place, observed_to_icrs
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.runs.formats import iso_utc
+from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import Site, Weather, observed_place, observed_to_icrs
+from pointing_model.sky.star_catalogue import load_catalogue
+from telescope_mount.observing.pairing import centred
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 START = 1_795_000_000.0  # 2026-11-18T11:06:40Z
@@ -279,8 +279,8 @@ def _frames(folder, nights):
 
 
 def _solver(folder, images):
-    from pointing_model.plate_solved.mapping import load_mapping
-    from pointing_model.plate_solved.solvers import NoSolver, find_solver
+    from pointing_model.runs.plate_solves.mapping import load_mapping
+    from pointing_model.runs.plate_solves.solvers import NoSolver, find_solver
     from telescope_mount.runs import load_run
     from telescope_mount.solving.folder import solve_folder
     try:

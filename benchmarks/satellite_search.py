@@ -18,10 +18,10 @@ from satellite_candidates import (
     track_effects,
 )
 
-from calibration.satellite_check import PAPER
+from calibration.analysis.satellite_check import PAPER
 from msg_tools.units import DEG
-from pointing_model.satellite import satellite_place
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.satellite import satellite_place
 
 STEP = 30.0  # s between the samples of a pass
 ARC_EVERY = 300.0  # s between the starts of arcs

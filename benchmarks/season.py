@@ -15,12 +15,12 @@ import time
 import numpy as np
 from scipy.stats import chi2
 
-from calibration.season_terms.causes import candidates, choose_causes
-from calibration.season_terms.filter import Told, find_wander, forecast, levels, smoothed
-from calibration.season_terms.nights import Night, Nights, days, nights_of
+from calibration.analysis.season.season_causes import candidates, choose_causes
+from calibration.analysis.season.season_filter import Told, find_wander, forecast, levels, smoothed
+from calibration.analysis.season.season_nights import Night, Nights, days, nights_of
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
 from pointing_model.terms import design
 
 NAMES = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')

@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.diagnosis import diagnose
-from calibration.diagnosis.sessions import arrange
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.sessions import arrange
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
-from pointing_model.run import PointingRun
-from pointing_model.run_files import write_csv
+from pointing_model.runs.formats import write_csv
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))

@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.diagnosis import diagnose
-from calibration.fit import fit_terms
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.fit import fit_terms
 from encoder_sim.camera import Camera
 from encoder_sim.geometry import MountGeometry
 from encoder_sim.incremental import IncrementalEncoder
@@ -25,10 +25,10 @@ from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import through_pole
-from pointing_model.observing.pairing import centred
-from pointing_model.run import PointingRun
-from pointing_model.sky import observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+from telescope_mount.observing.pairing import centred
 
 START = 1_768_482_000  # 2026-01-15 13:00 UTC
 #: s from one star to the next, and from its first exposure to the one that counts

@@ -15,13 +15,13 @@ import argparse
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.guard.judging import Judge
-from pointing_model.guard.limits import Axis, Limits
-from pointing_model.guard.motion import State
-from pointing_model.guard.skyline import Horizon, parse_horizon
-from pointing_model.guard.verdicts import Allowed
-from pointing_model.observing.allowed_sky import NEAR, AllowedSky, rows_of
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
+from pointing_model.sky.skyline import Horizon, parse_horizon
+from telescope_mount.guard.limits import Axis, Limits
+from telescope_mount.guard.motion import State
+from telescope_mount.guard.track_judgement import Judge
+from telescope_mount.guard.verdicts import Allowed
+from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
 
 #: what the guard may refuse beside a limit, and what the observer keeps away, deg
 OWN, AWAY = 0.05, NEAR / DEG

@@ -16,8 +16,8 @@ import argparse
 import numpy as np
 from diagnosis_nights import _aberration, _terms_of, make_run, on_az, on_el, scaled
 
-from calibration.diagnosis import diagnose
-from calibration.diagnosis.apart import CANNOT, MOST_STARS, ONE_CAUSE, Apart
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.discrimination import CANNOT, MOST_STARS, ONE_CAUSE, Apart
 from msg_tools.units import ARCSEC, DEG, wrap
 
 START, EACH = 1.7e9 - 9.0 * 3600.0, 80.0  # s: night for hours
@@ -172,7 +172,7 @@ def is_right(name, judged, bank):
 
 def mechanisms(diagnosis):
     """Of each candidate its mechanism."""
-    from calibration.diagnosis.work import Work
+    from calibration.analysis.diagnosis.working_run import Work
     work = Work(diagnosis.observations, diagnosis.base, 0.01, curves=False)
     return {e.name: e.mechanism for e in work.problem.dictionary.effects}
 

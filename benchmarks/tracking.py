@@ -20,8 +20,8 @@ import numpy as np
 import tracking_nights
 from tracking_nights import BASE, NAMES, PLACES, K, Night, Truth, sky
 
-from calibration.tracking.causes import ABSOLUTE, INCREMENTAL, TUBE
-from calibration.tracking.tracker import Tracker
+from calibration.analysis.tracking.motion_causes import ABSOLUTE, INCREMENTAL, TUBE
+from calibration.analysis.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC
 
 LIMITS = {'a': 0.25, 'b': 0.35, 'c': 1.05}

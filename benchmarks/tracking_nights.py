@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.tracking.bank import Bank, Jump
+from calibration.analysis.tracking.hypotheses import Bank, Jump
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.terms import design

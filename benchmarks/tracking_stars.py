@@ -19,8 +19,12 @@ from pathlib import Path
 import numpy as np
 from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
 
-from calibration.fit import fit_terms
-from calibration.tracking.few_stars import (
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.tracking.history import Past, rates_of_nights
+from calibration.analysis.tracking.measurements import Seen
+from calibration.analysis.tracking.smoother import hindsight
+from calibration.analysis.tracking.tracker import Tracker
+from calibration.analysis.tracking.warm_start import (
     AS_IT_WAS,
     LEAN,
     REFIT,
@@ -31,17 +35,13 @@ from calibration.tracking.few_stars import (
     judged,
     menus,
 )
-from calibration.tracking.heard import Seen
-from calibration.tracking.hindsight import hindsight
-from calibration.tracking.history import Past, rates_of_nights
-from calibration.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
-from pointing_model.observing.next_star import Slew, next_star, until
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
+from telescope_mount.observing.next_star import Slew, next_star, until
 
 GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0
 STEP = 10.0  # s, of the true path

@@ -22,24 +22,24 @@ from collections import defaultdict
 import numpy as np
 from zero_drift import AXES, START, Night, axes_on
 
+from calibration.analysis.encoders.count_drift import followed
 from calibration.publication import Candidate
 from calibration.session import CalibrationSession
 from calibration.session_diagnosis import Judges
-from calibration.wandering import followed
 from encoder_sim import keyed_noise
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.following import Following
-from pointing_model.observing.pace import seconds_a_star
-from pointing_model.observing.star_choice import choose_stars
 from pointing_model.rms import rms
-from pointing_model.run import PointingRun
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.target import StarTarget
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
+from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
+from pointing_model.sky.target import StarTarget
 from pointing_model.zero import Zeros
+from telescope_mount.observing.pace import seconds_a_star
+from telescope_mount.observing.star_choice import choose_stars
 
 RATES = (10.0, 30.0, 100.0)
 STARS, POLARIS, CHECK, BLIND, PACE = 90, 16, 30, 110, 14.0

@@ -16,8 +16,8 @@ import numpy as np
 from diagnosis import Table, _explained, _shown
 from diagnosis_nights import EFFECTS, OF_TIME, alike, make_run, scaled, sky
 
-from calibration.diagnosis import diagnose
-from calibration.diagnosis.problem import Problem
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.problem import Problem
 from msg_tools.units import ARCSEC
 
 #: kind of noise -> limit of false effects, % of nights

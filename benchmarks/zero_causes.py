@@ -12,8 +12,8 @@ import argparse
 import numpy as np
 from diagnosis import Table
 
-from calibration.driver_choice import ALPHA
-from calibration.zero_causes import Season, zero_causes
+from calibration.analysis.zero.covariate_choice import ALPHA
+from calibration.analysis.zero.zero_causes import Season, zero_causes
 from msg_tools.units import ARCSEC
 
 NIGHTS = 11

@@ -18,9 +18,9 @@ from collections import Counter
 
 import numpy as np
 
-from calibration.fit import fit_terms
-from calibration.polaris_zero import zero_from_polaris
-from calibration.witnesses import Homing, check_witnesses
+from calibration.analysis.encoders.cross_check import Homing, check_witnesses
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.zero.polaris_zero import zero_from_polaris
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
@@ -28,8 +28,8 @@ from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SimulatedMount
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 
 AXES = ('azimuth', 'elevation')
 STARS, EXPOSURES, PACE = 30, 16, 14.0

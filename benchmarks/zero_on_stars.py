@@ -18,18 +18,18 @@ from unittest.mock import patch
 import numpy as np
 import zero_drift
 
-from calibration.fit import fit_terms
-from calibration.stars_zero import zero_from_exposures
-from calibration.witnesses import check_witnesses
+from calibration.analysis.encoders.cross_check import check_witnesses
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.zero.stars_zero import zero_from_exposures
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.observing.star_choice import ANYWHERE, axes_at, choose_stars
-from pointing_model.observing.zero_stars import Before, zero_stars
-from pointing_model.run import PointingRun
-from pointing_model.sky import DEFAULT_WEATHER, Site, observed_place
-from pointing_model.star_catalogue import POLARIS_HIP, load_catalogue
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import DEFAULT_WEATHER, Site, observed_place
+from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero_exposures import MARK
+from telescope_mount.observing.star_choice import ANYWHERE, axes_at, choose_stars
+from telescope_mount.observing.zero_stars import Before, zero_stars
 
 START, DAY = 1_768_482_000.0, 86400.0
 LATITUDES = (-80, -60, -40, -20, 0, 20, 40, 60, 80)

@@ -21,24 +21,24 @@ from msg_tools.running import run_node
 from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation
-from pointing_model.guard.skyline import parse_horizon
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.run_messages import cloud_to_run, run_to_cloud
+from pointing_model.runs.messages import cloud_to_run, run_to_cloud
+from pointing_model.sky.skyline import parse_horizon
 from pointing_model.zero_message import zero_to_joints
 
+from .analysis.encoders.cross_check import UNJUDGED, homings_of
+from .analysis.external_check import ways
+from .analysis.harmonic_fit import choice_of
+from .analysis.held_out import steps_of
+from .analysis.tracking import TRACK
 from .calibration_params import PARAMS, site_of
-from .check import ways
 from .distrust import contradicted
 from .finished import document_text
-from .harmonic_fit import choice_of
-from .held_out import steps_of
 from .live_apart import LiveApart
 from .nights import NightSeries
 from .session import CalibrationSession
-from .tracking import TRACK
-from .witnesses import UNJUDGED, homings_of
 
 #: power-ons whose begin is known: the zero of a later one is published
 STARTS = 100
@@ -66,7 +66,7 @@ class Calibration(MountNode):
         self._skyline = parse_horizon(self.value('horizon'))
         self._tracking = None
         if self.value('mode') == TRACK:
-            from .tracking.live import LiveTracking
+            from .analysis.tracking.live_tracking import LiveTracking
             self._tracking = LiveTracking()
         self._apart, self._alarms = LiveApart(), []
         self._finding = self._refused = ''
@@ -369,8 +369,8 @@ class Calibration(MountNode):
 
     def _diagnosed(self, found):
         document = found.document
-        from .diagnosis_page.effects_told import effects_told
-        from .diagnosis_page.plain_words import verdict_sentences
+        from .report.diagnosis_words import verdict_sentences
+        from .report.effect_words import effects_told
         headline, _ = verdict_sentences(document, effects_told(found.diagnosis))
         done = f'{self._publish_finding(found)}; {headline}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
@@ -394,7 +394,7 @@ class Calibration(MountNode):
         """Why the page was not written, if it was to be."""
         if not self.value('diagnosis_page'):
             return ''
-        from .diagnosis_page.page import write_report
+        from .report.diagnosis_page import write_report
         try:
             write_report(found.diagnosis, Path(self.value('diagnosis_page')))
         except OSError as err:

@@ -3,13 +3,13 @@
 from msg_tools.node import Param
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
-from pointing_model.guard.skyline import parse_horizon
 from pointing_model.harmonics import DEGREE
 from pointing_model.kept_rows import KEPT_POWER_ONS
+from pointing_model.sky.skyline import parse_horizon
 
-from .fit import RCOND_HARMONICS
-from .harmonic_fit import CHOICES
-from .tracking import BATCH, TRACK
+from .analysis.fit import RCOND_HARMONICS
+from .analysis.harmonic_fit import CHOICES
+from .analysis.tracking import BATCH, TRACK
 
 
 def site_of(text):

@@ -5,8 +5,14 @@ published because of what is known against them.
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.observing.camera_sense import TURNED_CAMERA, turned_rows
-from pointing_model.observing.instrument_health import FROZEN_CAMERA, SAME_ROWS, frozen_rows
+
+from .analysis.camera_faults import (
+    FROZEN_CAMERA,
+    SAME_ROWS,
+    TURNED_CAMERA,
+    frozen_rows,
+    turned_rows,
+)
 
 #: so large a part of the observations that is not to be trusted speaks against all of them
 MOST_DISTRUSTED = 1.0 / 3.0

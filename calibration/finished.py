@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 
 
 class Finished:

@@ -40,7 +40,7 @@ class LiveApart:
         str
             What is asked for, JSON: `pointing_model.apart`.
         """
-        from .diagnosis.apart import Apart
+        from .analysis.diagnosis.discrimination import Apart
         self._apart, self._diagnosed = None, until or session.last_stamp
         self._of = found.zeros, site, Following.of(found.model)
         self._forgotten = session.taken.forgotten

@@ -3,9 +3,9 @@
 from msg_tools.status import Taken
 from pointing_model.kept_rows import first_of_last
 
+from .analysis.sky_model import with_errors
 from .row_store import RowStore
 from .rows import check_mount, with_marks
-from .sky_model import with_errors
 
 
 class NightRows:

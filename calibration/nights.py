@@ -13,19 +13,19 @@ from msg_tools.units import ARCSEC
 from pointing_model.kept_rows import first_of_last, kept_words
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
-from .fit import fit_harmonics
+from .analysis.fit import fit_harmonics
+from .analysis.satellite_check import tracking_errors
+from .analysis.zero.stars_zero import zero_from_exposures
+from .analysis.zero.zero_causes import zero_causes
+from .analysis.zero.zero_season import SeasonLog, season_rows
 from .row_store import missing
 from .rows import for_fitting, is_kept_out, zero_exposures_by_run
-from .satellite_check import tracking_errors
-from .season import SeasonLog, season_rows
 from .session import NO_HARMONICS, CalibrationSession
-from .stars_zero import zero_from_exposures
-from .zero_causes import zero_causes
 
 #: the kinds of model, in the order of the report; the last where the model that is published, to
 #: which zeros are relative, has harmonics

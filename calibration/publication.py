@@ -8,8 +8,8 @@ from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.zero import Zeros
 
-from .judgement import FEWEST
-from .refit import refitted
+from .analysis.refit import refitted
+from .estimation.comparison import FEWEST
 
 UNJUDGED = (f'not judged before it was published: fewer than {FEWEST} rows to judge by, and too '
             'few to leave some out')

@@ -12,21 +12,21 @@ from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
 from pointing_model.zero_exposures import is_for_zero
 
-from .check import power_on_check, split_half, ways
+from .analysis.encoders.count_drift import followed
+from .analysis.encoders.cross_check import check_witnesses
+from .analysis.external_check import power_on_check, split_half, ways
+from .analysis.fit_document import told_entries, told_lines
+from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
+from .analysis.held_out import held_out_steps
+from .analysis.sky_model import origin_of_night
+from .analysis.zero.stars_zero import zero_from_exposures
+from .analysis.zero.zero_changes import zero_change, zero_changes, zeros_of_night
 from .distrust import notes_of, reasons
+from .estimation.comparison import FEWEST, judge
 from .finished import Finished, Packed
-from .fit_document import told_entries, told_lines
-from .harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
-from .held_out import held_out_steps
-from .judgement import FEWEST, judge
 from .night_rows import NightRows
 from .publication import Candidate, Published
 from .rows import counts, for_fitting
-from .sky_model import origin_of_night
-from .stars_zero import zero_from_exposures
-from .wandering import followed
-from .witnesses import check_witnesses
-from .zero_changes import zero_change, zero_changes, zeros_of_night
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
 REPORT_VERSION = 1
@@ -397,7 +397,7 @@ class CalibrationSession(NightRows):
 
     def _fit_terms(self, rows):
         """Terms, and the zero of each power-on that belongs to them, a `HarmonicFit`."""
-        from .diagnosis import check_columns
+        from .analysis.diagnosis import check_columns
         check_columns(rows.select(~is_for_zero(rows)))
         return self._recipe(rows).terms(rows)
 

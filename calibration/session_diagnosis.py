@@ -12,17 +12,17 @@ from pointing_model.following import KEY as FOLLOWS
 from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros
 from pointing_model.zero_exposures import is_for_zero
 
-from .diagnosis import Diagnosis, diagnose
-from .diagnosis.of_terms import expected_of_terms
-from .judgement import FEWEST, judge
+from .analysis.diagnosis import Diagnosis, diagnose
+from .analysis.diagnosis.term_error import expected_of_terms
+from .analysis.encoders.count_drift import follow_line
+from .analysis.refit import going_on, held_within, is_drift, left_out, refitted
+from .estimation.comparison import FEWEST, judge
 from .publication import UNJUDGED, Candidate, publishable
-from .refit import going_on, held_within, is_drift, left_out, refitted
 from .rows import for_fitting, is_kept_out
-from .wandering import follow_line
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1

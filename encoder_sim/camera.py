@@ -7,9 +7,9 @@ import erfa
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.earth import TURN_RATE
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather, observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.earth import TURN_RATE
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 
 from . import keyed_noise
 from .geometry import FORWARD, RIGHT, UP, direction

@@ -8,8 +8,8 @@ from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.sky_params import SKY_PARAMS, sky_of
-from pointing_model.target import satellite_target
+from pointing_model.sky.params import SKY_PARAMS, sky_of
+from pointing_model.sky.target import satellite_target
 
 from .camera import Camera
 from .device_params import DEVICE_PARAMS, MountedDevice

@@ -15,7 +15,7 @@ are reversed on the sky. Gravity pulls along the vertical of the ground, whateve
 import numpy as np
 
 from msg_tools.units import wrap
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
 
 from .slow_noise import ar_noise
 

@@ -17,7 +17,7 @@ from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param
 from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
 
 from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount

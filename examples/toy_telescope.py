@@ -44,8 +44,8 @@ if __name__ == '__main__':  # before all else: drivers that are started beside i
 import numpy as np  # noqa: E402
 
 from pointing_model.model import PointingModel  # noqa: E402
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, observed_place  # noqa: E402
-from pointing_model.star_catalogue import load_catalogue  # noqa: E402
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place  # noqa: E402
+from pointing_model.sky.star_catalogue import load_catalogue  # noqa: E402
 
 TERMS = {'IA': 180.0, 'IE': -90.0, 'CA': 20.0, 'NPAE': -8.0, 'AN': 12.0, 'AW': -25.0, 'TF': 15.0}
 SPEED = 15.0  # deg/s

@@ -1,8 +1,8 @@
 """A simulated night under ROS launch: the same graph as `telescope-mount night`."""
 
-from pointing_model.observing.plan import night_plan, parse_plan
 from telescope_mount.graph import night_graph
 from telescope_mount.launching import description, started
+from telescope_mount.observing.plan import night_plan, parse_plan
 from telescope_mount.simulator import kind_of_mount
 
 ARGUMENTS = (

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from pointing_model.observing.plan import parse_plan, real_plan
 from telescope_mount.graph import real_graph
 from telescope_mount.launching import description, started
+from telescope_mount.observing.plan import parse_plan, real_plan
 
 EXAMPLES = Path(__file__).resolve().parents[1] / 'examples'
 SAMPLES = ','.join(str(EXAMPLES / f'{name}.py') for name in (

@@ -19,7 +19,7 @@ class Asked:
         Of the newest row that it is said of, ns.
     state, says : str
     request : dict or None
-        As of `calibration.diagnosis.apart.Judgement`.
+        As of `calibration.analysis.diagnosis.discrimination.Judgement`.
     """
 
     stamp: int

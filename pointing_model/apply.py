@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 
 from .context import Context
-from .run import COLUMNS
+from .runs.run import COLUMNS
 from .zero import NO_ZERO, zeros_in_force
 
 #: name in a file -> (name in memory, its unit in SI)
@@ -53,7 +53,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
         The file cannot be read.
     """
     if isinstance(model, str | Path):
-        from .model_files import read_model
+        from .runs.model_files import read_model
         model = read_model(model).model
     az, el = np.broadcast_arrays(*(np.asarray(v, float) * DEG for v in (az_deg, el_deg)))
     columns = {}

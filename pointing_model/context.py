@@ -8,7 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .mounts import ALTAZ, OF_MOUNT, is_beyond
-from .run import COLUMNS
+from .runs.run import COLUMNS
 from .terms import Trig
 
 #: columns of a run that are no drivers of the user's own
@@ -423,7 +423,7 @@ class Context:
         axes, star = self.equatorial(), self.columns.get('star')
         if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
             return None
-        from .star_catalogue import load_catalogue
+        from .sky.star_catalogue import load_catalogue
 
         star = np.broadcast_to(star, self.az.shape)
         try:

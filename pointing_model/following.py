@@ -12,8 +12,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-from .observing.pairing import interpolate
-from .run import PointingRun
+from .interpolation import interpolate
+from .runs.run import PointingRun
 
 AXES = ('az', 'el')
 WORDS = {'az': 'azimuth', 'el': 'elevation'}

@@ -54,7 +54,7 @@ def wander_sigma(model, stamp, el):
     Parameters
     ----------
     model : PointingModel or None
-        What wanders stands in its provenance (`calibration.diagnosis.unexplained`).
+        What wanders stands in its provenance (`calibration.analysis.diagnosis.excess`).
     stamp : int
         ns.
     el : float

@@ -13,7 +13,7 @@ from msg_tools.node import MountNode, Param
 from msg_tools.running import run_node
 
 from .mount_shape import ROOT, STANDS, frames_of, parts_of, placed, urdf
-from .sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
+from .sky.params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 
 PARAMS = (
     KIND_OF_MOUNT, SKY_PARAMS[0],

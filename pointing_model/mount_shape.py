@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .guard.limits import TRAVEL_DEG
+from .mounts import TRAVEL_DEG
 
 #: links: what stands, what the first axis turns, what the second turns
 STANDS, TURNS, TUBE = 'pier', 'first_axis', 'tube'

@@ -31,6 +31,13 @@ from .mount_names import KINDS
 SAME = 1e-9
 #: whose the errors of a mount are, see `Mount`
 OF_MOUNT, ON_SKY = 'mount', 'sky'
+#: travel of the axes where nothing else is said, deg: first and second axis
+TRAVEL_DEG = {
+    'altaz': ((-270.0, 270.0), (-5.0, 95.0)),
+    'equatorial': ((-180.0, 180.0), (-90.0, 100.0)),
+    'german': ((-10.0, 190.0), (-90.0, 270.0)),
+    'free': ((-180.0, 180.0), (-90.0, 270.0)),
+}
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

@@ -17,9 +17,9 @@ from msg_tools.status import Progress, Taken
 from msg_tools.steps import Steps, call
 
 from .kept_rows import first_of_last
-from .run import COLUMNS, PointingRun
-from .run_files import read_run
-from .run_messages import run_to_cloud
+from .runs.formats import read_run
+from .runs.messages import run_to_cloud
+from .runs.run import COLUMNS, PointingRun
 
 #: rows published between two looks at what else there is to do
 BATCH = 200

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .star_catalogue import POLARIS_HIP
+from .sky.star_catalogue import POLARIS_HIP
 
 #: column of a run: 1 where the observer took the row for a zero, of stars other than Polaris
 MARK = 'for_zero'

@@ -24,16 +24,16 @@ from types import SimpleNamespace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.check import checked_by_halves
-from calibration.diagnosis import check_columns, naming_columns
-from calibration.diagnosis import diagnose as _diagnose
-from calibration.fit import fit_terms
-from calibration.fit_document import fit_document
-from calibration.sky_model import settled, settled_together
+from calibration.analysis.diagnosis import check_columns, naming_columns
+from calibration.analysis.diagnosis import diagnose as _diagnose
+from calibration.analysis.external_check import checked_by_halves
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.fit_document import fit_document
+from calibration.analysis.sky_model import settled, settled_together
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import apply as _apply
-from pointing_model.copies import without_copies
-from pointing_model.run import COLUMNS, PointingRun, column_name
+from pointing_model.runs.copies import without_copies
+from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
 from .commands.options import place_of
 from .runs import load_run
@@ -55,12 +55,12 @@ class Run:
     """A pointing run: its columns by the names that they have in a CSV file, unit included.
 
     ``run['az_deg']``, ``run['el_enc_deg']``, ``run['temperature_c']``, ``run['time']`` (UTC,
-    seconds since 1970), of equatorial mounts ``run['ha_deg']``; `pointing_model.run.COLUMNS` has
-    them all.
+    seconds since 1970), of equatorial mounts ``run['ha_deg']``; `COLUMNS` of
+    `pointing_model.runs.run` has them all.
 
     Attributes
     ----------
-    rows : pointing_model.run.PointingRun
+    rows : pointing_model.runs.run.PointingRun
         The same in radians.
     """
 
@@ -109,7 +109,7 @@ class Fit:
     Attributes
     ----------
     run : Run
-    result : calibration.fit_result.FitResult
+    result : calibration.analysis.fit_result.FitResult
         In radians.
     document : dict
         What ``telescope-mount fit --json`` writes.
@@ -184,7 +184,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    result : calibration.diagnosis.Diagnosis
+    result : calibration.analysis.diagnosis.Diagnosis
         In radians.
     """
 
@@ -204,8 +204,8 @@ class Diagnosis:
     @property
     def sentences(self):
         """The verdict for people: a headline, and what follows from it; list of str."""
-        from calibration.diagnosis_page.effects_told import effects_told
-        from calibration.diagnosis_page.plain_words import verdict_sentences
+        from calibration.report.diagnosis_words import verdict_sentences
+        from calibration.report.effect_words import effects_told
         headline, more = verdict_sentences(self.document, effects_told(self.result),
                                            caution=self.result.caution)
         return [headline, *more]
@@ -266,7 +266,7 @@ class Diagnosis:
 
     def write_page(self, path):
         """Write the HTML page, as ``diagnose --report`` does."""
-        from calibration.diagnosis_page.page import write_report
+        from calibration.report.diagnosis_page import write_report
         write_report(self.result, path)
 
     def __repr__(self):
@@ -281,7 +281,7 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
     ----------
     path : str or Path
         CSV, TPOINT, TheSky, MMT, IRAM, MountWizzard4, gpoint, ... or the folder of a log: see
-        `pointing_model.run_files.read_run`.
+        `pointing_model.runs.formats.read_run`.
     mount : str, optional
         ``altaz``, ``equatorial``, ``german`` or ``free:AZ,EL[,ROLL]``, in place of what the file
         tells.
@@ -369,8 +369,8 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
         Of the resampling.
     progress : callable, optional
     jobs : int
-        See `calibration.diagnosis.diagnose`: with so many processes at a time, of which this one
-        is forked, the same result comes sooner.
+        See `calibration.analysis.diagnosis.diagnose`: with so many processes at a time, of which
+        this one is forked, the same result comes sooner.
 
     Returns
     -------

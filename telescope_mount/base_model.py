@@ -40,8 +40,8 @@ class BaseModel:
             It is no such file, declares no term, or is of another mount.
         """
         from pointing_model.effects.base import readable
-        from pointing_model.model_files import read_model
         from pointing_model.mounts import told
+        from pointing_model.runs.model_files import read_model
         loaded = read_model(path, mount)
         if not loaded.model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({told(loaded.model.mount)}) '
@@ -75,7 +75,7 @@ class BaseModel:
         """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
         if self.model.mount.errors == run.mount.errors:
             return run
-        from calibration.sky_model import with_errors
+        from calibration.analysis.sky_model import with_errors
         return with_errors(run, self.model.mount.errors)
 
     def taken_off(self, run, encoder='enc'):
@@ -96,7 +96,7 @@ class BaseModel:
         import numpy as np
 
         from pointing_model.context import Context
-        from pointing_model.run import PointingRun
+        from pointing_model.runs.run import PointingRun
         context = Context.of_run(run, encoder)
         x, y = held.offsets(run['az'], run['el'], context)
         columns = dict(run.columns)
@@ -152,8 +152,8 @@ class BaseModel:
 
     def table(self, model):
         """`compared` for the console."""
-        from calibration.tables import new_table
-        from calibration.undetermined import WORD as UNDETERMINED
+        from calibration.estimation.degeneracy import WORD as UNDETERMINED
+        from calibration.report.tables import new_table
         out = new_table(f'Terms of {self.path.name} and of this run, arcsec', 'term', 'there',
                         'here', 'sigma', 'here - there', 'in sigma')
         for row in self.compared(model)['terms']:

@@ -4,8 +4,12 @@
 import os
 import sys
 
-from .interrupt import interrupted_in_order
-from .threads import ONE_THREAD
+try:
+    from .interrupt import interrupted_in_order
+    from .threads import ONE_THREAD
+except KeyboardInterrupt:
+    print('ended by Ctrl-C', file=sys.stderr)
+    sys.exit(130)
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes
 

@@ -6,10 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from calibration.diagnosis.rows_told import rows_of_reader
+from calibration.analysis.diagnosis.row_counts import rows_of_reader
 from msg_tools.output import tried, write_text
 from pointing_model.following import KEY as FOLLOWS
-from pointing_model.observing.plan import parse_plan
+from telescope_mount.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
 from .loop_judgement import judgement, paired, points_worse
@@ -169,7 +169,7 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
 
 def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
-    from calibration.diagnosis import check_columns, naming_columns
+    from calibration.analysis.diagnosis import check_columns, naming_columns
 
     from .runs import load_run
     with naming_columns():
@@ -191,7 +191,7 @@ def _site_of(run, sky):
     Without a run, what the observer of a simulated one believes.
     """
     from msg_tools.units import DEG
-    from pointing_model.sky import DEFAULT_SITE
+    from pointing_model.sky.places import DEFAULT_SITE
     told = DEFAULT_SITE if run is None else run.meta.get('site') or {}
     if not isinstance(told, dict):
         told = {'latitude': told.latitude, 'longitude': told.longitude}
@@ -208,7 +208,7 @@ def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
     if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves')
             or not run.mount.altaz):
-        from pointing_model.run_files import write_csv
+        from pointing_model.runs.formats import write_csv
         file, azimuth_origin = folder / 'run.csv', None
         write_csv(run, file)
     return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
@@ -220,8 +220,8 @@ def _write(folder, about, kept, incomplete, latest):
     """
     from msg_tools import topics
     from pointing_model.model import PointingModel
-    from pointing_model.run_files import write_csv
-    from pointing_model.run_messages import cloud_to_run
+    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.messages import cloud_to_run
 
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
     checks = latest.get(topics.CHECKS.name)
@@ -281,7 +281,7 @@ def drive_error(run, model, site_deg=None, taken_back=False):
     """
     from msg_tools.units import ARCSEC, DEG
     from pointing_model.rms import rms
-    from pointing_model.run import PointingRun
+    from pointing_model.runs.run import PointingRun
     from pointing_model.zero import zeros_in_force
 
     zeros = zeros_in_force(model)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
 from pointing_model.mounts import parse_mount
-from pointing_model.observing.plan import parse_plan
+from telescope_mount.observing.plan import parse_plan
 
 #: executable -> module; setup.py makes one executable of each
 NODES = {
@@ -17,18 +17,18 @@ NODES = {
     'absolute_encoder': 'encoder_sim.absolute_encoder_node',
     'frame_reader': 'encoder_reading.frame_reader_node',
     'camera': 'encoder_sim.camera_node',
-    'mount_guard': 'pointing_model.mount_guard_node',
-    'star_observer': 'pointing_model.star_observer_node',
+    'mount_guard': 'telescope_mount.guard.mount_guard_node',
+    'star_observer': 'telescope_mount.observing.star_observer_node',
     'pointing_corrector': 'pointing_model.pointing_corrector_node',
     'calibration': 'calibration.calibration_node',
     'mount_display': 'pointing_model.mount_display_node',
     'mcap_logger': 'msg_tools.mcap_logger_node',
     'mcap_replay': 'msg_tools.mcap_replay_node',
     'run_player': 'pointing_model.run_player_node',
-    'indi_mount': 'indi_bridge.indi_mount_node',
-    'indi_sky': 'indi_bridge.indi_sky_node',
-    'alpaca_mount': 'alpaca_bridge.alpaca_mount_node',
-    'alpaca_sky': 'alpaca_bridge.alpaca_sky_node',
+    'indi_mount': 'telescope_mount.bridges.indi.indi_mount_node',
+    'indi_sky': 'telescope_mount.bridges.indi.indi_sky_node',
+    'alpaca_mount': 'telescope_mount.bridges.alpaca.alpaca_mount_node',
+    'alpaca_sky': 'telescope_mount.bridges.alpaca.alpaca_sky_node',
 }
 
 #: of the simulated incremental encoder (paper 000): lines in a turn
@@ -168,7 +168,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
 
 def _simulated_site():
     """Where a simulated mount stands, for a guard that leads it live: it goes by no default."""
-    from pointing_model.sky import DEFAULT_SITE
+    from pointing_model.sky.places import DEFAULT_SITE
     return {'latitude_deg': math.degrees(DEFAULT_SITE.latitude),
             'longitude_deg': math.degrees(DEFAULT_SITE.longitude)}
 

@@ -5,8 +5,8 @@ from contextlib import suppress
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
-from pointing_model.run import PointingRun
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.runs.messages import cloud_to_run
+from pointing_model.runs.run import PointingRun
 
 
 def with_rows_before(kept, folder):

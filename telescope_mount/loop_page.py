@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.page.drawing import clean, limit_of
-from calibration.page.health import health_section
-from calibration.page.log_health import log_health
-from calibration.page.parts import (
+from calibration.report.drawing import clean, limit_of
+from calibration.report.health_section import health_section
+from calibration.report.log_health import log_health
+from calibration.report.page_parts import (
     Markup,
     body_of,
     cards,
@@ -20,8 +20,8 @@ from calibration.page.parts import (
     verdict,
     whole,
 )
-from calibration.page.provenance import provenance_section, site_text
-from calibration.page.residuals import controls_alone, target
+from calibration.report.provenance import provenance_section, site_text
+from calibration.report.residual_figures import controls_alone, target
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text

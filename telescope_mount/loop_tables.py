@@ -2,7 +2,7 @@
 
 from textwrap import shorten
 
-from calibration.tables import new_table
+from calibration.report.tables import new_table
 from pointing_model.effects.base import readable
 from pointing_model.mounts import KINDS
 

@@ -17,7 +17,7 @@ class Written:
     ----------
     path : Path
     program : str
-    exported : pointing_model.model_files.Exported or None
+    exported : pointing_model.runs.model_files.Exported or None
         None where nothing can be lost: our own document, and the table.
     notes : list of str
     """
@@ -47,7 +47,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     Parameters
     ----------
     source : str or Path
-        Any file that `pointing_model.model_files.read_model` reads.
+        Any file that `pointing_model.runs.model_files.read_model` reads.
     path : str or Path
     to : str
         Of `programs`.
@@ -56,7 +56,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         model's effects there, and the loss is told on them. By default the sky above 20 degrees.
     zero : {'none', 'newest'} or number
         Which of the zeros that the model carries to add to its indices.
-    site : pointing_model.sky.Site, or dict with ``latitude``, optional
+    site : pointing_model.sky.places.Site, or dict with ``latitude``, optional
         By default that of the run, if it tells. INDI needs it.
     mount : Mount, optional
         That a file of another program is of; by default an alt-azimuth one.
@@ -74,8 +74,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     OSError
         One cannot be read or written.
     """
-    from pointing_model.model_files import PROGRAMS, read_model, table
     from pointing_model.mounts import ALTAZ
+    from pointing_model.runs.model_files import PROGRAMS, read_model, table
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the model it is made from')
@@ -93,7 +93,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     if to == table.NAME:
         write_text(path, table.write(model, facts['caption']))
         return Written(path, to, None, notes)
-    from pointing_model.model_files import export
+    from pointing_model.runs.model_files import export
     context, told = None, ''
     if sky is not None:
         context, told, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
@@ -107,7 +107,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 def _said_of_open(model):
     """What no file of another program tells: which terms nobody knows."""
-    from calibration.undetermined import said_of_open
+    from calibration.estimation.degeneracy import said_of_open
     said = said_of_open(model.undetermined, model.terms)
     if model.sides is not None and 0 in model.sides:
         said.append('all rows of the fit are on one side of the pier: on the other nobody has '
@@ -168,7 +168,7 @@ def _sky_of(path, model, options):
 
 def show(written, console):
     """The terms as they stand in the file, and what is lost."""
-    from calibration.tables import new_table
+    from calibration.report.tables import new_table
 
     from .commands.console import print_files, print_lines
     exported = written.exported
@@ -181,7 +181,7 @@ def show(written, console):
         for line in sentences(exported):
             console.print(line, markup=False)
         if program.name == 'katpoint':
-            from pointing_model.model_files.katpoint import description
+            from pointing_model.runs.model_files.katpoint import description
             console.print(f'description: {description(exported.terms)}', markup=False,
                           soft_wrap=True)
     print_lines(console, 'note', written.notes)

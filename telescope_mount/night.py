@@ -11,7 +11,7 @@ from pathlib import Path
 
 from msg_tools import NAMESPACE
 from msg_tools.status import Progress
-from pointing_model.observing.plan import night_plan, parse_plan
+from telescope_mount.observing.plan import night_plan, parse_plan
 
 from . import domain
 from .ending import come_to_rest
@@ -67,7 +67,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     out : Path
         Folder for all that is written.
     stars, polaris, cycle
-        As of `pointing_model.observing.plan.night_plan`.
+        As of `telescope_mount.observing.plan.night_plan`.
     reference : Path, optional
         The model of an earlier night.
     domain_number : int, optional
@@ -296,7 +296,7 @@ def _with_all_rows(latest, bag):
     """`latest` with the rows that the observer does not keep any more, as the logs have them."""
     from msg_tools.convert import from_stamp
     from msg_tools.topics import OBSERVATIONS
-    from pointing_model.run_messages import cloud_to_run, run_to_cloud
+    from pointing_model.runs.messages import cloud_to_run, run_to_cloud
 
     from .logged_rows import with_rows_before
     table = latest[OBSERVATIONS.name]
@@ -415,7 +415,7 @@ def _diagnosed(latest, judged):
 def _up_to_date(latest, verbs):
     """Whether report and model are those of the last fit, and not of an earlier one."""
     from msg_tools import topics
-    from pointing_model.run_messages import cloud_to_run
+    from pointing_model.runs.messages import cloud_to_run
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     if 'time' not in run:  # a measured run, and one step of each kind
         return True

@@ -31,7 +31,7 @@ def write_page(folder, report, kept, log=None):
     """The page of the night, once its log is whole; `kept` as of `write_results`."""
     if not kept:  # nothing was written
         return
-    from calibration.page.night import write_night_page
+    from calibration.report.night_page import write_night_page
     try:
         path = write_night_page(folder, kept['run'], kept['model'], report, log)
     except OSError as err:
@@ -48,10 +48,10 @@ def write_results(folder, results, kept=None, incomplete=None):
     """
     from msg_tools import topics
     from msg_tools.units import ARCSEC
-    from pointing_model.earth import earth_orientation
     from pointing_model.model import PointingModel
-    from pointing_model.run_files import write_csv
-    from pointing_model.run_messages import cloud_to_run
+    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.messages import cloud_to_run
+    from pointing_model.sky.earth import earth_orientation
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])
     fitted = results.get(topics.CALIBRATION_REPORT.name)

@@ -4,9 +4,9 @@ import json
 from functools import partial
 from pathlib import Path
 
-from pointing_model.observing.clocks import sentence
-from pointing_model.observing.night_file import NightFile
-from pointing_model.observing.plan import parse_plan, real_plan
+from telescope_mount.observing.clocks import sentence
+from telescope_mount.observing.night_file import NightFile
+from telescope_mount.observing.plan import parse_plan, real_plan
 
 from . import domain, night
 from .graph import real_graph

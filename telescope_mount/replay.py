@@ -135,7 +135,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
 
 def _has_exposures(bag, topic):
     """Whether a zero can be set: one may come with the model of a run without exposures for it."""
-    from pointing_model.run_messages import cloud_to_run
+    from pointing_model.runs.messages import cloud_to_run
     from pointing_model.zero_exposures import is_for_zero
     runs = (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
     return any('star' in run and is_for_zero(run).any() for run in runs)
@@ -143,7 +143,7 @@ def _has_exposures(bag, topic):
 
 def _harmonics(bag, prefix):
     """Which harmonics the model of a log had, as parameters of the calibration."""
-    from calibration.harmonic_fit import choice_of_report
+    from calibration.analysis.harmonic_fit import choice_of_report
     return choice_of_report(
         _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()
 

@@ -3,18 +3,18 @@
 
 import numpy as np
 
-from calibration.solves import judge_solves
+from calibration.analysis.solves import judge_solves
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.night_folder import log_of
 from pointing_model.context import Context
-from pointing_model.copies import copies, without_copies, written_twice
 from pointing_model.effects import declared_graduation
-from pointing_model.guard.skyline import parse_horizon
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
-from pointing_model.run_files import NoObservations, read_run, swap_encoders
+from pointing_model.runs.copies import copies, without_copies, written_twice
+from pointing_model.runs.formats import NoObservations, read_run, swap_encoders
+from pointing_model.sky.skyline import parse_horizon
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
@@ -29,9 +29,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         A file, the folder of a log, or of a night.
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
-    site : pointing_model.sky.Site, optional
+    site : pointing_model.sky.places.Site, optional
         Kept in ``meta``; needed for a CSV with ``ra_deg, dec_deg``.
-    weather : pointing_model.sky.Weather, optional
+    weather : pointing_model.sky.places.Weather, optional
         For the refraction of such a CSV.
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.
@@ -156,8 +156,8 @@ def run_of_log(path):
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.units import wrap
-    from pointing_model.run import PointingRun
-    from pointing_model.run_messages import cloud_to_run
+    from pointing_model.runs.messages import cloud_to_run
+    from pointing_model.runs.run import PointingRun
     from pointing_model.zero import NO_ZERO, Zeros
     from pointing_model.zero_exposures import is_for_zero, way_of
     from pointing_model.zero_message import joints_to_zero
@@ -230,7 +230,7 @@ def _log(path):
     try:
         return BagReader(path)
     except (ValueError, OSError):
-        from pointing_model.plate_solved.mapping import PATTERNS
+        from pointing_model.runs.plate_solves.mapping import PATTERNS
         if not path.is_dir() or not any(any(path.glob(pattern)) for pattern in PATTERNS):
             raise
         mapping = path / 'mount.yaml'
@@ -256,7 +256,7 @@ def _without_judges(run):
 
 def _readings(columns, beyond=False):
     """Readings of the encoders at the exposure, from those with the star centred."""
-    from pointing_model.observing.pairing import centred
+    from telescope_mount.observing.pairing import centred
     az, el = columns['az_enc'], columns['el_enc']
     if 'miss_x' not in columns or 'miss_y' not in columns:
         return az, el

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from alpaca_bridge import PORT as ALPACA_PORT
-from indi_bridge import PORT as INDI_PORT
-from indi_bridge import parse_address
-from indi_bridge.goto_mount import BridgeError
 from msg_tools.units import DEG
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
+from telescope_mount.bridges.alpaca import PORT as ALPACA_PORT
+from telescope_mount.bridges.indi import PORT as INDI_PORT
+from telescope_mount.bridges.indi import parse_address
+from telescope_mount.bridges.indi.goto_mount import BridgeError
 
 from .graph import server_graph
 
@@ -115,8 +115,8 @@ def ask_server(text, sky=None, seen=False):
 
 
 def _ask_indi(host, port, told, seen):
-    from indi_bridge.client import IndiClient
-    from indi_bridge.telescope import (
+    from telescope_mount.bridges.indi.client import IndiClient
+    from telescope_mount.bridges.indi.telescope import (
         SIDE,
         IndiTelescope,
         check_kind,
@@ -136,7 +136,7 @@ def _ask_indi(host, port, told, seen):
 
 
 def _ask_alpaca(host, port, told, seen):
-    from alpaca_bridge.telescope import AlpacaTelescope
+    from telescope_mount.bridges.alpaca.telescope import AlpacaTelescope
     telescope = AlpacaTelescope(host, port)
     telescope.connect()
     simulated = telescope.is_simulator

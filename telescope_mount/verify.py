@@ -8,14 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.harmonic_fit import choice_of, choice_of_report
+from calibration.analysis.encoders.cross_check import (
+    encoder_diagnostics,
+    homings_from_diagnostics,
+    homings_of,
+)
+from calibration.analysis.harmonic_fit import choice_of, choice_of_report
+from calibration.analysis.tracking import TRACK
+from calibration.analysis.tracking.live_tracking import LiveTracking
+from calibration.analysis.tracking.tracked_night import KEY
 from calibration.live_apart import LiveApart
 from calibration.nights import NightSeries
 from calibration.session import CalibrationSession
-from calibration.tracking import TRACK
-from calibration.tracking.live import LiveTracking
-from calibration.tracking.night import KEY
-from calibration.witnesses import encoder_diagnostics, homings_from_diagnostics, homings_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
@@ -24,9 +28,9 @@ from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.model import PointingModel
-from pointing_model.observing.clocks import offset_of
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.runs.messages import cloud_to_run
 from pointing_model.zero_message import joints_to_zero
+from telescope_mount.observing.clocks import offset_of
 
 from .runs import declared_by
 from .verify_rows import RAW, Pairing, at_time, began_anew

@@ -8,7 +8,7 @@ import numpy as np
 
 from msg_tools.convert import read_joints, read_trajectory
 from pointing_model.mounts import is_beyond
-from pointing_model.observing.pairing import (
+from telescope_mount.observing.pairing import (
     CLOCK_JUMP,
     RATE_OVER,
     centred,

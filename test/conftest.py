@@ -17,7 +17,10 @@ import pytest
 
 from telescope_mount.threads import ONE_THREAD
 
-from . import few_folds
+TESTS = Path(__file__).resolve().parent
+# what several tests share, and the benchmarks of which they try a part
+sys.path += [str(TESTS / 'shared'), str(TESTS.parent / 'benchmarks')]
+import few_folds  # noqa: E402
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started
 
@@ -357,7 +360,18 @@ def short_diagnosis(monkeypatch):
     """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no rivals
     with companions of their own. A quarter of the time, where a test asks what becomes of the
     result; how it is found the tests of calibration/diagnosis ask."""
-    from calibration.diagnosis import apart, diagnosis, rechosen, work
+    from calibration.analysis.diagnosis import (
+        alternative_choice as rechosen,
+    )
+    from calibration.analysis.diagnosis import (
+        diagnosis,
+    )
+    from calibration.analysis.diagnosis import (
+        discrimination as apart,
+    )
+    from calibration.analysis.diagnosis import (
+        working_run as work,
+    )
     monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
     monkeypatch.setattr(rechosen, 'MOST_TRIED', 0)
     for module in (apart, work):

@@ -1,26 +1,10 @@
 """The errata of docs/papers.md, each by a small computation; and that what is cited exists."""
 
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from calibration.fit import fit_harmonics
-from calibration.paper_table_1 import PAPER_TABLE_1
-from calibration.satellite_check import PAPER
-from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
-from encoder_sim.encoder_scale import disc_angle
-from encoder_sim.indexing_table import SCALES
-from encoder_sim.scenario_encoders import Incremental
-from encoder_sim.scenario_file import load_scenario
-from msg_tools.units import ARCSEC, DEG
-from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
-from pointing_model.terms import design
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / 'benchmarks'))
-
 from papers import (
     GROSS,
     bars_seen,
@@ -36,8 +20,20 @@ from papers import (
     terms_left,
     tilt_left,
 )
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
+from calibration.analysis.fit import fit_harmonics
+from calibration.analysis.satellite_check import PAPER
+from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
+from encoder_sim.encoder_scale import disc_angle
+from encoder_sim.indexing_table import SCALES
+from encoder_sim.scenario_encoders import Incremental
+from encoder_sim.scenario_file import load_scenario
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
+from pointing_model.terms import design
+from telescope_mount.papers.table_1 import PAPER_TABLE_1
+
 PAGE = ROOT / 'docs' / 'papers.md'
 #: fig. 2 of paper 001
 FIGURE_2 = '00001101001010100001101001010'
@@ -156,8 +152,8 @@ def test_erratum_6_the_satellite_shows_more_than_a_zero():
     pytest.importorskip('sgp4')
     from scipy.special import fdtrc
 
-    from pointing_model.satellite import satellite_place
-    from pointing_model.satellite_elements import GPS_26690, parse_elements
+    from pointing_model.sky.elements import GPS_26690, parse_elements
+    from pointing_model.sky.satellite import satellite_place
 
     ratio = (PAPER['before']['az_std_arcsec'] / PAPER['after']['az_std_arcsec']) ** 2
     # a constant leaves the scatter; with as few as ten samples 5.6 times less is no chance

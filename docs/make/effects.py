@@ -17,8 +17,8 @@ from pointing_model.context import Context  # noqa: E402
 from pointing_model.effects import dictionary  # noqa: E402
 from pointing_model.effects.base import driver_word  # noqa: E402
 from pointing_model.mounts import parse_mount  # noqa: E402
-from pointing_model.run import PointingRun  # noqa: E402
-from pointing_model.sky import Site  # noqa: E402
+from pointing_model.runs.run import PointingRun  # noqa: E402
+from pointing_model.sky.places import Site  # noqa: E402
 
 #: drivers, as a reader says them
 WORDS = {'lst': 'sidereal time', 'reading_az': 'reading of the encoder', 'az_rate': 'rate',

@@ -1,7 +1,7 @@
 """A column as other programs' models write it: a product of functions of the two angles.
 
-They come with a model that was read from a file (`pointing_model.model_files`); no diagnosis looks
-for them, so this module proposes none.
+They come with a model that was read from a file (`pointing_model.runs.model_files`); no diagnosis
+looks for them, so this module proposes none.
 """
 
 import numpy as np

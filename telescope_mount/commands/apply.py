@@ -41,8 +41,8 @@ def add(commands):
 def run(args):
     """Read, turn, write, say what was not known."""
     from pointing_model.apply import NEWEST, NO_ZEROS
-    from pointing_model.model_files import read_model
     from pointing_model.mounts import ALTAZ
+    from pointing_model.runs.model_files import read_model
 
     from .console import new_console, print_lines, step_aside
     options.check_target(args.out)
@@ -72,8 +72,8 @@ def _apply(model, args):
     from msg_tools.units import DEG
     from pointing_model.apply import turned, zeros_of_rows
     from pointing_model.context import Context
-    from pointing_model.run import column_name
-    from pointing_model.run_files.table import decimal_points
+    from pointing_model.runs.formats.table import decimal_points
+    from pointing_model.runs.run import column_name
     name, table = _table(args.file)
     header, lines, reasons = table.header, table.lines, table.reasons
     rows = [table.column(i) for i in range(len(header))]
@@ -125,8 +125,8 @@ def _apply(model, args):
 
 def _table(file):
     """Name for messages, and the cells."""
-    from pointing_model.run_files.cells import Cells
-    from pointing_model.run_files.table import content, lines_of
+    from pointing_model.runs.formats.cells import Cells
+    from pointing_model.runs.formats.table import content, lines_of
     if file == '-':
         name = 'standard input'
         if sys.stdin.isatty():
@@ -144,7 +144,7 @@ def _angles(name, lines, column, cells, reasons):
     """A column of angles; ValueError where it is missing, or most cells are no numbers."""
     import numpy as np
 
-    from pointing_model.run_files.table import cost_rows, floats
+    from pointing_model.runs.formats.table import cost_rows, floats
     if column not in cells:
         there = ', '.join(c[:40] for c in list(cells)[:40])
         raise ValueError(f'{name}: no column {column}; the file has {there}')
@@ -159,7 +159,7 @@ def _check(name, lines, pair, az, el, beyond, cells, reasons):
     """Refuse what is no direction in degrees."""
     import numpy as np
 
-    from pointing_model.run_files.table import cost_rows
+    from pointing_model.runs.formats.table import cost_rows
     # a tube past the zenith or through the pole
     with np.errstate(invalid='ignore'):
         bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
@@ -176,9 +176,8 @@ def _drivers(name, lines, cells, pair, places, args, reasons):
     """What the effects may follow, in SI by the names in memory; remarks."""
     import numpy as np
 
-    from pointing_model.run import COLUMNS
-    from pointing_model.run_files.csv import CSV_NAMES
-    from pointing_model.run_files.table import (
+    from pointing_model.runs.formats.csv import CSV_NAMES
+    from pointing_model.runs.formats.table import (
         cost_rows,
         decimal_points,
         floats,
@@ -186,6 +185,7 @@ def _drivers(name, lines, cells, pair, places, args, reasons):
         own_name,
         seconds_or_iso,
     )
+    from pointing_model.runs.run import COLUMNS
     given = {}
     for text in args.given:
         key, equals, value = text.partition('=')
@@ -280,5 +280,5 @@ def _listed(lines, limit=20):
 
 
 def _write(stream, header, rows, delimiter):
-    from pointing_model.run_files.cells import write_rows
+    from pointing_model.runs.formats.cells import write_rows
     write_rows(stream, [header, *rows], delimiter=delimiter)

@@ -213,8 +213,8 @@ def print_files(console, files, width=13):
 
 def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
-    from calibration.diagnosis.rows_told import expected_sentence
-    from calibration.tables import night_tables
+    from calibration.analysis.diagnosis.row_counts import expected_sentence
+    from calibration.report.tables import night_tables
     if 'steps' in report:
         for table in night_tables(report):
             console.print(table)
@@ -228,7 +228,7 @@ def print_calibration(console, report):
     else:
         print_lines(console, 'note', report['notes'])
     if 'tracking' in report:
-        from calibration.tracking.told import tracking_lines
+        from calibration.report.track_words import tracking_lines
         print_lines(console, 'tracked', tracking_lines(report['tracking']))
     for check in report.get('checks', []):
         if check['stars']:

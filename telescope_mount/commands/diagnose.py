@@ -55,19 +55,19 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
-    from calibration.diagnosis import MistakenColumns, naming_columns
+    from calibration.analysis.diagnosis import MistakenColumns, naming_columns
     try:
         with naming_columns():
             return _run(args)
     except MistakenColumns as error:
         if args.json:
-            from calibration.diagnosis.rows_told import refused_document
+            from calibration.analysis.diagnosis.row_counts import refused_document
             options.write_json(args.json, refused_document(error))
         raise
 
 
 def _run(args):
-    from calibration.diagnosis import check_columns, diagnose
+    from calibration.analysis.diagnosis import check_columns, diagnose
     from msg_tools.forks import cores
 
     from ..runs import load_runs
@@ -106,7 +106,7 @@ def _run(args):
 
 def _settled(runs, held, args, console):
     """The runs, with the errors that hold by the longest of them; said where they do not turn."""
-    from calibration.sky_model import settled_together
+    from calibration.analysis.sky_model import settled_together
     (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
     if origin is not None:
         print_lines(console, 'sides of the pier', [origin.sentence()])
@@ -116,7 +116,7 @@ def _settled(runs, held, args, console):
 def _base_file(text, mount):
     """The model file that declares the base, if ``--base`` names one."""
     if '/' not in text and not Path(text).suffix:
-        from calibration.diagnosis.base import Base
+        from calibration.analysis.diagnosis.diagnosis_base import Base
         try:
             Base.parse(text, mount=mount)
             return None
@@ -137,7 +137,7 @@ def _write(args, found, console, base=None):
 
 
 def _write_page(found, path, files):
-    from calibration.diagnosis_page.page import write_report
+    from calibration.report.diagnosis_page import write_report
     write_report(found, path, files)
 
 
@@ -156,21 +156,21 @@ def _number_of_hours(text):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.diagnosis.rows_told import (
+    from calibration.analysis.diagnosis.row_counts import (
         expected_sentence,
         left_out_lines,
         row_word,
         used_sentence,
     )
-    from calibration.diagnosis_page.effects_told import effects_told, title_of
-    from calibration.diagnosis_page.plain_words import floor_words, verdict_sentences
-    from calibration.diagnosis_page.told import (
+    from calibration.report.diagnosis_words import floor_words, verdict_sentences
+    from calibration.report.effect_words import effects_told, title_of
+    from calibration.report.method_words import (
         choice_sentence,
         no_star_sentences,
         serves_sentence,
         signs_sentences,
     )
-    from calibration.tables import new_table
+    from calibration.report.tables import new_table
     from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
@@ -236,7 +236,7 @@ def show(found, console):
 
 def _proposals(document, most=6):
     """A line for each pair of causes: the places that tell them apart, one after the other."""
-    from calibration.diagnosis_page.told import causes_of, enough, place_words, proposals
+    from calibration.report.method_words import causes_of, enough, place_words, proposals
     from pointing_model.effects.base import readable
     told, kind = causes_of(document), document.get('mount') or 'altaz'
     for separates, group in groupby(proposals(document)[:most],

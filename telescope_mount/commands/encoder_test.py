@@ -24,8 +24,8 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
-    from .. import encoder_test
-    from ..encoder_page import write_encoder_page
+    from ..papers import encoder_test
+    from ..papers.encoder_page import write_encoder_page
     from .console import Progress, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
     console, page = new_console(), args.out / 'page.html'

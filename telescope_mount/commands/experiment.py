@@ -39,10 +39,10 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from calibration.paper_table_1 import experiment_tables
-    from calibration.season_report import season_lines, season_table
+    from calibration.report.zero_season_report import season_lines, season_table
+    from telescope_mount.papers.table_1 import experiment_tables
 
-    from ..experiment import run_experiment
+    from ..papers.experiment import run_experiment
     from .console import Progress, end_of_night, new_console, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')

@@ -75,7 +75,7 @@ def run(args):
         options.refuse_existing(args.out, args)
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
                          start=args.start, end=args.end, **options.place_of(args))
-    from calibration.diagnosis.rows_told import left_out_lines, row_word
+    from calibration.analysis.diagnosis.row_counts import left_out_lines, row_word
     for line in left_out_lines(written.meta['excluded'], word=row_word(written)):
         console.print(line)
     print_lines(console, 'note', written.meta['notes'])
@@ -111,7 +111,7 @@ def _whole_site(site, args):
     if not isinstance(site, dict):
         return site
     if {'latitude', 'longitude'} <= set(site):
-        from pointing_model.sky import Site
+        from pointing_model.sky.places import Site
         return Site(**{'height': 0.0, **site})
     if args.mount is None or set(site) != {'latitude'}:
         raise ValueError('a site needs --latitude and --longitude (an equatorial mount alone '
@@ -159,7 +159,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     """
     import numpy as np
 
-    from pointing_model.run_files import write_csv
+    from pointing_model.runs.formats import write_csv
 
     from ..runs import load_run
     source, path = Path(source), Path(path)
@@ -331,7 +331,7 @@ def _columns(rows):
 @contextmanager
 def _table(part, form, columns):
     """A function that writes a row."""
-    from pointing_model.run_files.cells import write_rows
+    from pointing_model.runs.formats.cells import write_rows
     if form == 'csv':
         with open(part, 'w', newline='', encoding='utf-8') as stream:
             write_rows(stream, [columns])

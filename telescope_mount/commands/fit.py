@@ -31,12 +31,12 @@ def add(commands):
 
 def run(args):
     """Load, fit, print, write."""
-    from calibration.diagnosis import MistakenColumns
+    from calibration.analysis.diagnosis import MistakenColumns
     try:
         _run(args)
     except MistakenColumns as error:
         if args.json:
-            from calibration.fit_document import refused_fit
+            from calibration.analysis.fit_document import refused_fit
             options.write_json(args.json, refused_fit(error))
         raise
 
@@ -47,12 +47,12 @@ def _run(args):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
     options.check_outputs(args)
-    from calibration.check import checked_by_halves
-    from calibration.diagnosis import check_columns, naming_columns
-    from calibration.fit import fit_terms
-    from calibration.fit_document import fit_document
-    from calibration.sky_model import settled
-    from calibration.tables import fit_tables
+    from calibration.analysis.diagnosis import check_columns, naming_columns
+    from calibration.analysis.external_check import checked_by_halves
+    from calibration.analysis.fit import fit_terms
+    from calibration.analysis.fit_document import fit_document
+    from calibration.analysis.sky_model import settled
+    from calibration.report.tables import fit_tables
 
     from ..runs import load_run
     from .console import new_console, print_lines, write_outputs
@@ -94,7 +94,7 @@ def _run(args):
         model = base.whole(model)
 
     def write_page(path):
-        from calibration.page.fit import write_fit_page
+        from calibration.report.fit_page import write_fit_page
         write_fit_page(path, observed, result, document, args.encoder, fitted)
     write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
                   (args.save, model.save, 'model'), (args.report, write_page, 'page'))
@@ -102,9 +102,9 @@ def _run(args):
 
 def _to_predict(observed, args, console):
     """Choose a model that predicts, print it and its error on rows left out; both."""
-    from calibration.diagnosis.predicting import choose_to_predict
-    from calibration.fit_document import predicted_document
-    from calibration.tables import predicting_tables
+    from calibration.analysis.diagnosis.prediction import choose_to_predict
+    from calibration.analysis.fit_document import predicted_document
+    from calibration.report.tables import predicting_tables
     found = choose_to_predict(observed, '+'.join(args.terms), encoder=args.encoder)
     for table in predicting_tables(found, observed.mount):
         console.print(table)
@@ -115,8 +115,8 @@ def _with_harmonics(observed, result, args, console):
     """Fit the harmonics too, print them and their cross-validation; the model, and the latter."""
     from dataclasses import replace
 
-    from calibration.harmonic_fit import HarmonicChoice, HarmonicFit, Recipe, fit_chosen
-    from calibration.tables import harmonic_tables
+    from calibration.analysis.harmonic_fit import HarmonicChoice, HarmonicFit, Recipe, fit_chosen
+    from calibration.report.tables import harmonic_tables
     from pointing_model.zero import NO_ZERO
 
     from .console import print_lines

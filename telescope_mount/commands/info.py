@@ -33,7 +33,7 @@ def run(args):
         console.print(part)
 
     def write_page(path):
-        from calibration.page.of_log import write_page_of_log
+        from calibration.report.log_page import write_page_of_log
         write_page_of_log(args.log, path)
     write_outputs(console, (args.json, lambda p: options.write_json(p, info), 'result'),
                   (args.report, write_page, 'page'))
@@ -129,7 +129,7 @@ def _read_through(bag):
 
 def info_tables(info):
     """What `log_info` tells, as rich tables and lines for the console."""
-    from calibration.tables import new_table
+    from calibration.report.tables import new_table
     table = new_table(f'{info["path"]}: {info["messages"]} messages', 'topic', 'type', 'messages',
                       'rate [Hz]', 'publishers', 'lost')
     table.columns[1].justify = 'left'

@@ -51,7 +51,7 @@ def utc(text):
 
 def horizon(text):
     """A type for ``add_argument``: corners of a skyline, or a file of them."""
-    from pointing_model.guard.skyline import parse_horizon
+    from pointing_model.sky.skyline import parse_horizon
     try:
         return parse_horizon(text)
     except (ValueError, OSError) as error:
@@ -146,7 +146,7 @@ def harmonics_of(args):
     """
     if args.harmonics == 'none' and not args.harmonics_alone and not args.harmonics_degree:
         return {}
-    from calibration.harmonic_fit import choice_of
+    from calibration.analysis.harmonic_fit import choice_of
     given = {'harmonics': args.harmonics, 'harmonics_alone': args.harmonics_alone,
              'harmonics_degree': args.harmonics_degree}
     choice_of(given)
@@ -170,7 +170,7 @@ def place_of(args):
     from dataclasses import replace
 
     from msg_tools.units import DEG
-    from pointing_model.sky import DEFAULT_WEATHER, Site
+    from pointing_model.sky.places import DEFAULT_WEATHER, Site
     out = {}
     if args.mount is not None:
         out['mount'] = args.mount
@@ -397,7 +397,7 @@ def list_scenarios(args, *patterns):
     from .console import new_console, write_outputs
     told = {name: text for name, text in described_scenarios().items()
             if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)}
-    from calibration.tables import new_table
+    from calibration.report.tables import new_table
     console = new_console()
     table = new_table('', 'scenario', 'what it does')
     table.columns[1].justify = 'left'

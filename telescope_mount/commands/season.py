@@ -30,12 +30,12 @@ def add(commands):
 def run(args):
     """Read, fit, judge, print, write."""
     options.check_outputs(args)
-    from calibration.diagnosis import naming_columns
-    from calibration.season_terms.judged import judge_season
-    from calibration.season_terms.nights import nights_of
-    from calibration.season_terms.page import write_page
+    from calibration.analysis.diagnosis import naming_columns
+    from calibration.analysis.season.season_judgement import judge_season
+    from calibration.analysis.season.season_nights import nights_of
+    from calibration.report.season_page import write_page
     from msg_tools.iso_time import iso_seconds
-    from pointing_model.run_files import NoObservations
+    from pointing_model.runs.formats import NoObservations
 
     from ..runs import load_run
     from .console import Progress, new_console, print_lines, write_outputs
@@ -95,7 +95,7 @@ def _files(paths):
 
 
 def _tables(document):
-    from calibration.tables import new_table
+    from calibration.report.tables import new_table
     nights = document['nights']
     told, wander = document['tonight'], document['wander']
     out = new_table(f'{len(nights)} nights, {nights[0]["time"][:10]} to '

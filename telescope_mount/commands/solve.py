@@ -32,8 +32,8 @@ def add(commands):
 
 def run(args):
     """Solve, tell of each image, count."""
-    from pointing_model.plate_solved.mapping import load_mapping
-    from pointing_model.plate_solved.solvers import find_solver
+    from pointing_model.runs.plate_solves.mapping import load_mapping
+    from pointing_model.runs.plate_solves.solvers import find_solver
 
     from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
     from .console import Progress, new_console, print_files, print_lines, write_outputs
@@ -67,7 +67,7 @@ def run(args):
 
 def _judged(path):
     """Whether clock, site or readings of a run are wrong, and what is said of them, lines."""
-    from calibration.diagnosis import MistakenColumns, check_columns, naming_columns
+    from calibration.analysis.diagnosis import MistakenColumns, check_columns, naming_columns
 
     from ..runs import load_run
     try:

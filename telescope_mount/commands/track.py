@@ -27,11 +27,11 @@ def run(args):
     options.check_outputs(args)
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
-    from calibration.diagnosis import naming_columns
-    from calibration.tables import new_table
-    from calibration.tracking.of_run import track_run
-    from calibration.tracking.page import write_page
-    from calibration.tracking.told import tracking_lines
+    from calibration.analysis.diagnosis import naming_columns
+    from calibration.analysis.tracking.run_track import track_run
+    from calibration.report.tables import new_table
+    from calibration.report.track_page import write_page
+    from calibration.report.track_words import tracking_lines
     from pointing_model.model import PointingModel
 
     from ..runs import load_run

@@ -5,8 +5,8 @@ import numpy as np
 from msg_tools import convert
 from msg_tools.power_on import read_frame
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.observing.instrument_health import SAME_FRAMES
-from pointing_model.observing.instruments import STILL
+from telescope_mount.observing.instrument_health import SAME_FRAMES
+from telescope_mount.observing.instruments import STILL
 
 from .samples import NOTE, OK, WRONG, Finding
 

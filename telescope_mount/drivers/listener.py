@@ -9,12 +9,12 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.observing.allowed_sky import AllowedSky
-from pointing_model.sky import Site
-from pointing_model.sky_params import SKY_PARAMS
+from pointing_model.sky.params import SKY_PARAMS
+from pointing_model.sky.places import Site
+from telescope_mount.observing.allowed_sky import AllowedSky
 
 from ..graph_client import GraphClient
-from .asking import Asking
+from .guard_request import Asking
 from .judgement import judge
 from .nudge import judge_nudge, went_elsewhere
 from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream

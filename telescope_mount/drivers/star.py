@@ -3,12 +3,12 @@
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.observing.bright_stars import has_neighbour
-from pointing_model.observing.pointing import Pointing
-from pointing_model.observing.star_choice import Limits, axes_at
-from pointing_model.sky import DEFAULT_WEATHER, observed_place
-from pointing_model.star_catalogue import load_catalogue
-from pointing_model.target import StarTarget
+from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+from pointing_model.sky.target import StarTarget
+from telescope_mount.observing.axis_demand import Pointing
+from telescope_mount.observing.bright_stars import has_neighbour
+from telescope_mount.observing.star_choice import Limits, axes_at
 
 #: faintest of them, Hipparcos magnitude, and how high they stand, rad
 BRIGHT, LOW, HIGH = 3.0, 30.0 * DEG, 75.0 * DEG

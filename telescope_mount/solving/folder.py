@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from msg_tools.output import beside
-from pointing_model.plate_solved.images import NotThere, read_header
-from pointing_model.plate_solved.solvers import NotSolved
-from pointing_model.run_files import iso_utc
-from pointing_model.run_files.cells import write_rows
-from pointing_model.run_files.images import common_site, one_image, one_mount_of, refuse_absent
+from pointing_model.runs.formats import iso_utc
+from pointing_model.runs.formats.cells import write_rows
+from pointing_model.runs.formats.images import common_site, one_image, one_mount_of, refuse_absent
+from pointing_model.runs.plate_solves.images import NotThere, read_header
+from pointing_model.runs.plate_solves.solvers import NotSolved
 
 SOLVED, FAILED, HUNG = 'solved', 'not solved', 'hung'
 #: images in a row that a solver may hang on before nothing more is asked of it

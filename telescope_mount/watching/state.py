@@ -17,8 +17,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
-from pointing_model.run import PointingRun
-from pointing_model.run_messages import cloud_to_run
+from pointing_model.runs.messages import cloud_to_run
+from pointing_model.runs.run import PointingRun
 from pointing_model.zero_message import joints_to_zero
 
 #: of which the last message is kept

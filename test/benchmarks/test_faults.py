@@ -1,17 +1,14 @@
 """What the benchmark's instruments say when they lie, and what counts as a falsehood."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
-from msg_tools import convert, topics
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 from faults import FAULTS, Result, night
+
+from msg_tools import convert, topics
 
 NOW = 1_768_482_000 * 10**9
 

@@ -2,11 +2,10 @@
 
 import ast
 from importlib import import_module
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / 'benchmarks'
 OURS = {path.parent.name for path in ROOT.glob('*/__init__.py')}
 NEIGHBOURS = {path.stem for path in FOLDER.glob('*.py')}

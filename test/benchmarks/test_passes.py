@@ -1,17 +1,13 @@
 """Passes of a satellite over a site."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from passes import passes
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.satellite import in_sunlight, satellite_place, sun_elevation
-from pointing_model.satellite_elements import GPS_26690, parse_elements
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-from passes import passes
+from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.satellite import in_sunlight, satellite_place, sun_elevation
 
 GPS = parse_elements(GPS_26690)
 START = 1379721600.0  # 2013-09-21

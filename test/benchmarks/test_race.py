@@ -2,12 +2,12 @@
 
 import importlib.util
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
-FOLDER = Path(__file__).parents[2] / 'benchmarks'
+FOLDER = ROOT / 'benchmarks'
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason='benchmarks/ is not here')
 
 

@@ -2,21 +2,10 @@
 
 import copy
 import json
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-from calibration.satellite_check import PAPER
-from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.geometry import sky_to_encoder
-from pointing_model.satellite import satellite_place
-from pointing_model.satellite_elements import GPS_26690, parse_elements
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 from passes import passes
 from satellite_candidates import (
     CANDIDATES,
@@ -26,6 +15,13 @@ from satellite_candidates import (
     track_effects,
 )
 from satellite_search import _Search, _tracks, candidate_report, report_rows
+
+from calibration.analysis.satellite_check import PAPER
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.geometry import sky_to_encoder
+from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
+from pointing_model.sky.satellite import satellite_place
 
 GPS = parse_elements(GPS_26690)
 BY_NAME = {c.name: c for c in CANDIDATES}

@@ -1,18 +1,13 @@
 """The simulated mounts without ROS: through geometry and camera to terms and causes."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night, on_its_worm
 
-from calibration.diagnosis import diagnose
+from calibration.analysis.diagnosis import diagnose
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from pointing_model.mounts import is_beyond
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-
-from simulated_mounts import PLAIN, UNDECLARED, deviations, named, night, on_its_worm
 
 
 @pytest.mark.parametrize('name', PLAIN)

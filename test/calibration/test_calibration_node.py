@@ -1,19 +1,18 @@
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from desk import MOUNT, START, Desk, rows
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from calibration.analysis.encoders.cross_check import UNJUDGED
 from calibration.calibration_node import Calibration
 from calibration.session import CalibrationSession
-from calibration.witnesses import UNJUDGED
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status import Progress, handover
@@ -21,15 +20,11 @@ from msg_tools.units import ARCSEC
 from pointing_model.in_force_message import pair_to_text
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.run import PointingRun
-from pointing_model.run_messages import run_to_cloud
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.messages import run_to_cloud
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.zero import RunZero
 from pointing_model.zero_message import joints_to_zero
-
-sys.path.append(str(Path(__file__).parent))
-
-from desk import MOUNT, START, Desk, rows
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 
@@ -242,7 +237,7 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
 
 
 def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(graph):
-    from calibration.tracking.live import LiveTracking
+    from calibration.analysis.tracking.live_tracking import LiveTracking
     night = rows(9, seed=5)
     night = PointingRun({**night.columns, 'time': (START + 10**11 * np.arange(1, 10)) * 1e-9})
     stamps = [START + 10**11 * k for k in range(1, 10)]

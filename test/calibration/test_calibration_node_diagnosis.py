@@ -1,13 +1,12 @@
 import json
-import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from desk import START, Desk, rows
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
@@ -15,16 +14,12 @@ from calibration.calibration_node import Calibration
 from calibration.session import CalibrationSession
 from msg_tools import topics
 from msg_tools.units import ARCSEC
-from pointing_model.guard.skyline import parse_horizon
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
-from pointing_model.run_messages import run_to_cloud
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.messages import run_to_cloud
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.skyline import parse_horizon
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.zero_message import joints_to_zero
-
-sys.path.append(str(Path(__file__).parent))
-
-from desk import START, Desk, rows
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 
@@ -38,7 +33,7 @@ def eccentric(run):
 
 def test_a_diagnosis_knows_the_skyline_of_the_site(graph, monkeypatch):
     known = []
-    monkeypatch.setattr('calibration.diagnosis.diagnosis.propose',
+    monkeypatch.setattr('calibration.analysis.diagnosis.diagnosis.propose',
                         lambda _, obs, *__: known.append(obs.run.meta['skyline']) or ([], []))
     desk = Desk(graph, horizon='0 10, 90 10, 90 60, 180 60, 180 10')
     for run in rows(60, seed=2), rows(8, star=POLARIS_HIP, seed=3):

@@ -6,13 +6,12 @@ import json
 import numpy as np
 import pytest
 
+from calibration.analysis.harmonic_fit import HarmonicChoice, fit_chosen
 from calibration.finished import Finished, Packed, document_text
-from calibration.harmonic_fit import HarmonicChoice, fit_chosen
 from calibration.row_store import RowStore
 from calibration.session import CORRELATED, CalibrationSession
-from pointing_model.run import PointingRun
-
-from .test_session import night
+from pointing_model.runs.run import PointingRun
+from test.calibration.test_session import night
 
 
 def rows(n=3, **more):

@@ -3,22 +3,22 @@ import json
 import numpy as np
 import pytest
 
-from calibration.harmonic_fit import HarmonicChoice
+from calibration.analysis.encoders.cross_check import Homing
+from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.nights import NightSeries
-from calibration.paper_table_1 import (
+from calibration.session import CalibrationSession
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
+from pointing_model.terms import PHYSICAL
+from telescope_mount.papers.table_1 import (
     COLUMNS,
     PAPER_TABLE_1,
     compare_with_paper,
     experiment_tables,
     statistics,
 )
-from calibration.session import CalibrationSession
-from calibration.witnesses import Homing
-from msg_tools.units import ARCSEC, DEG
-from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 DAY = 86400.0

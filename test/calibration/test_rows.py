@@ -3,7 +3,7 @@ import pytest
 
 from calibration.rows import for_fitting, is_kept_out, usable, with_marks
 from msg_tools.units import ARCSEC
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.zero import RunZero, Zeros
 
 

@@ -3,14 +3,14 @@ import json
 import numpy as np
 import pytest
 
-from calibration.harmonic_fit import HarmonicChoice
-from calibration.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
+from calibration.analysis.harmonic_fit import HarmonicChoice
+from calibration.analysis.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
 from calibration.session import REPORT_FORMAT, CalibrationSession
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
-from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import Zeros
 

@@ -3,16 +3,16 @@ import json
 import numpy as np
 import pytest
 
-from calibration.diagnosis_page.plain_words import verdict_sentences
-from calibration.harmonic_fit import HarmonicChoice
+from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.nights import NightSeries
+from calibration.report.diagnosis_words import verdict_sentences
 from calibration.rows import for_fitting, is_kept_out
 from calibration.session import CalibrationSession
 from calibration.session_diagnosis import FORMAT
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
 

@@ -1,11 +1,12 @@
 import array
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from places import ROOT
 
 from encoder_reading.axis_reader import AxisReader
 from encoder_reading.design import Design
@@ -168,7 +169,7 @@ def test_designs_that_cannot_be_read(graph, overrides, text):
 
 def test_the_parameter_file_of_the_documentation_is_complete():
     import yaml
-    text = (Path(__file__).resolve().parents[2] / 'docs' / 'absolute_encoder.md').read_text()
+    text = (ROOT / 'docs' / 'absolute_encoder.md').read_text()
     values = yaml.safe_load(text.split('```yaml')[1].split('```')[0])
     values = values['/**/frame_reader']['ros__parameters']
     flat = {name: values.pop(name) for name in ('mount', 'max_batch')} | {

@@ -9,9 +9,9 @@ from encoder_sim.scenario import Camera as Params
 from encoder_sim.scenario import Mount, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.sky import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
-from pointing_model.star_catalogue import load_catalogue
-from pointing_model.target import satellite_target
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+from pointing_model.sky.target import satellite_target
 
 NIGHT = 1_768_482_000  # 2026-01-15 13:00 UTC
 STAMP = NIGHT * 10**9

@@ -21,8 +21,8 @@ from encoder_sim.seeing import (
 from encoder_sim.slow_noise import SlowNoise, ar_noise
 from encoder_sim.wind import WindLoad, von_karman
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.sky import observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 
 NIGHT = 1_768_482_000
 SIDEREAL = 15.04 * ARCSEC

@@ -12,8 +12,8 @@ from encoder_sim.scenario import Camera as CameraParams
 from encoder_sim.scenario import Mount, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.sky import observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 
 LOOPS = [name for name in scenario_names() if name.startswith('loop_')]
 NIGHT = 1_768_482_000.0

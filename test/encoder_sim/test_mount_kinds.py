@@ -12,8 +12,8 @@ from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import parse_mount
-from pointing_model.sky import observed_place
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
 
 NIGHT = 1_768_482_000
 LATITUDES = (34.3 * DEG, -30.2 * DEG)

@@ -7,11 +7,11 @@ it runs with smaller bombs and few random inputs.
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import zstandard
 from mcap.writer import Writer
+from places import ROOT
 
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.bag import file as bag_file
@@ -20,7 +20,7 @@ from msg_tools.bag.mcap_records import decompress
 from msg_tools.bag.metadata import listed_files
 from msg_tools.bag.ros_schema import load_qos
 
-FUZZ = Path(__file__).parents[2] / 'benchmarks' / 'log_fuzz.py'
+FUZZ = ROOT / 'benchmarks' / 'log_fuzz.py'
 LINE = '=' * 80 + '\n'
 
 

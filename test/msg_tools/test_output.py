@@ -7,27 +7,27 @@ import signal
 from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from msg_tools.output import beside, reason, tried, write_text
 
-ROOT = Path(__file__).resolve().parents[2]
 PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
-         'indi_bridge', 'alpaca_bridge', 'telescope_mount')
+         'telescope_mount.bridges.indi', 'telescope_mount.bridges.alpaca', 'telescope_mount')
 #: what else writes files: none of them an output that a command is asked for, or one that grows
 OTHERS = {
     'msg_tools/bag/chunks.py': 'a log grows; cut short it is readable',
     'msg_tools/bag/metadata.py': 'beside and put in place, and on the disk with its folder',
     'msg_tools/forks.py': 'a pipe',
-    'pointing_model/observing/night_file.py': 'grows by lines',
+    'telescope_mount/observing/night_file.py': 'grows by lines',
     'telescope_mount/solving/folder.py': 'grows by lines',
     'telescope_mount/processes.py': 'parameters of nodes, made for each night',
     'telescope_mount/cli.py': 'nobody',
     'telescope_mount/commands/options.py': 'nobody, and the standard output',
     'telescope_mount/fork_server.py': 'output of nodes',
     'telescope_mount/domain.py': 'a lock, which stays empty',
-    'pointing_model/plate_solved/solvers.py': 'for the solver, in a folder of its own',
-    'indi_bridge/server.py': 'output of a server',
-    'indi_bridge/sources.py': 'an image for the solver, in a folder of its own',
+    'pointing_model/runs/plate_solves/solvers.py': 'for the solver, in a folder of its own',
+    'telescope_mount/bridges/indi/server.py': 'output of a server',
+    'telescope_mount/bridges/indi/sources.py': 'an image for the solver, in a folder of its own',
 }
 
 

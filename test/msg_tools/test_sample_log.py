@@ -1,14 +1,14 @@
 """The log in test/data, which a person can try with their own tools, is read by all of ours."""
 
 import json
-from pathlib import Path
 
 import pytest
 import yaml
+from places import LOG
 
 from msg_tools.bag import BagReader
 
-SAMPLE = Path(__file__).parents[1] / 'data' / 'sample_log'
+SAMPLE = LOG
 FILE = SAMPLE / 'bag_0.mcap'
 
 

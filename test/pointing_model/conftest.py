@@ -2,7 +2,7 @@
 
 import pytest
 
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
 
 
 @pytest.fixture

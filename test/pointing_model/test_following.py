@@ -7,7 +7,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.following import KEY, AxisFollowing, Difference, Following, harmonic_columns
 from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.zero import RunZero
 
 DISCS = np.array([0.3, -0.2, 0.1, 0.05]) * ARCSEC

@@ -1,33 +1,11 @@
 import numpy as np
 import pytest
+from exact_rotations import LARGE, forward_by_matrices
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import ALTAZ, ON_SKY, Mount
 from pointing_model.terms import design
-
-LARGE = dict(zip(geometry.GEOMETRIC, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
-
-
-def forward_by_matrices(a, e, c):
-    """Line of sight of a mount, from plain rotation matrices about x east, y north, z up."""
-
-    def about(axis, angle):
-        k = np.zeros((3, 3))
-        x, y, z = axis
-        k[:] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-        return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-
-    tilt = np.hypot(c['AN'], c['AW'])
-    lean = np.array([-c['AW'], c['AN'], 0.0]) / tilt  # horizontal direction of the lean
-    # turning the zenith towards `lean` is a rotation about zenith x lean
-    base = about(np.cross([0, 0, 1], lean), tilt)
-    azimuth = about([0, 0, 1], -a)
-    # the right end of the elevation axis (east when looking north) up: from x to z
-    skew = about([0, 1, 0], -c['NPAE'])
-    elevation = about([1, 0, 0], e)
-    sight = about([0, 0, 1], c['CA']) @ [0, 1, 0]  # to the left of the tube
-    return base @ azimuth @ skew @ elevation @ sight
 
 
 def random_sky(n, top=1.55, seed=1):

@@ -14,8 +14,8 @@ from pointing_model.in_force import (
     travelled,
 )
 from pointing_model.model import PointingModel
-from pointing_model.observing.blind_checks import blind_summary
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
+from telescope_mount.observing.blind_checks import blind_summary
 
 NOW = 1_768_482_000_000_000_000
 

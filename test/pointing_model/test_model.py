@@ -5,7 +5,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import TERMS, Trig, design
 from pointing_model.zero import RunZero, Zeros
 

@@ -6,8 +6,7 @@ import pytest
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-
-from .test_model import make
+from test.pointing_model.test_model import make
 
 
 @pytest.mark.parametrize('suffix', ['json', 'yaml'])

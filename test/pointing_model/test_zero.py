@@ -6,7 +6,7 @@ import pytest
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, RunZero, Zeros, zero_in_force, zeros_in_force
 
 ZEROS = Zeros([RunZero(1.0, 2.0, run=1), RunZero(3.0, 4.0, run=2)])

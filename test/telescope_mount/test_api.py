@@ -3,14 +3,13 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from telescope_mount import apply, diagnose, fit, read_run
 
-ROOT = Path(__file__).resolve().parents[2]
 MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 LOG = ROOT / 'test' / 'data' / 'sample_log'
 ROS = ('rclpy', 'builtin_interfaces', 'rcl_interfaces', 'std_msgs', 'sensor_msgs', 'geometry_msgs',
@@ -55,7 +54,7 @@ class NoRos:
 sys.meta_path.insert(0, NoRos())
 from telescope_mount import api, cli, read_run
 print(len(read_run({str(MMT)!r})))
-from calibration.diagnosis import diagnosis
+from calibration.analysis.diagnosis import diagnosis
 diagnosis.diagnose.__kwdefaults__["cross_validation"] = False  # most of its time
 codes = []
 for command in (["fit", {str(LOG)!r}], ["info", {str(LOG)!r}],

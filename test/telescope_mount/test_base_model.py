@@ -5,15 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from calibration.diagnosis.base import observations
+from calibration.analysis.diagnosis.diagnosis_base import observations
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.model_files import PROGRAMS, export
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.run import PointingRun
-from pointing_model.run_files import write_csv
+from pointing_model.runs.formats import write_csv
+from pointing_model.runs.model_files import PROGRAMS, export
+from pointing_model.runs.run import PointingRun
 from telescope_mount.base_model import BaseModel
 
 TERMS = {name: value * ARCSEC for name, value in {

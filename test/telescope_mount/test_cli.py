@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import LOG, ROOT
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from telescope_mount import domain
 from telescope_mount.commands import COMMANDS, fit
@@ -20,7 +21,7 @@ MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 
 
 @pytest.fixture
 def run_csv(tmp_path):
-    from pointing_model.run_files import write_csv
+    from pointing_model.runs.formats import write_csv
     rng = np.random.default_rng(0)
     az, el = rng.uniform(0, 2 * np.pi, 60), rng.uniform(0.3, 1.4, 60)
     az_enc, el_enc = MOUNT.sky_to_encoder(az, el)
@@ -87,7 +88,7 @@ def test_git_ignores_what_is_written_by_default():
                if parser.get_default('out')]
     assert len(folders) == 5
     folders += ['night_bag', 'night_bag_truth', 'telescope_mount_log', 'bag', 'bag_recovered']
-    root = Path(__file__).parents[2]
+    root = ROOT
     if not (root / '.git').exists():
         pytest.skip('not a clone of the repository')
     done = subprocess.run(['git', 'check-ignore', *(f'{name}/' for name in folders)], cwd=root,
@@ -238,7 +239,7 @@ def test_harmonics_that_cannot_be(refused, command, options, words):
 
 
 def test_too_few_rows_for_the_harmonics_are_one_line(refused, run_csv):
-    from pointing_model.run_files import read_run, write_csv
+    from pointing_model.runs.formats import read_run, write_csv
     write_csv(read_run(run_csv).select(slice(0, 10)), run_csv)
     line = refused('fit', run_csv, '--harmonics', 'zenith', '--harmonics-degree', 4)
     assert 'observe at least 14 stars' in line and 'or take a lower degree' in line
@@ -256,7 +257,7 @@ def test_fit_reads_the_log_of_a_night(night, ended):
 
 
 def test_fit_takes_one_run_of_several(ended, refused, run_csv):
-    from pointing_model.run_files import read_run, write_csv
+    from pointing_model.runs.formats import read_run, write_csv
     run = read_run(run_csv)
     run.columns['run'] = np.repeat([1, 2], 30)
     run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
@@ -407,7 +408,7 @@ def test_the_folder_of_a_night_stands_for_its_log(night, ended, tmp_path):
 
 
 def test_a_damaged_log_is_told_by_the_code(ended, tmp_path):
-    sample = Path(__file__).parents[1] / 'data' / 'sample_log'
+    sample = LOG
     whole = next(sample.glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(whole[:len(whole) * 2 // 3])

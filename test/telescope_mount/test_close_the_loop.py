@@ -15,8 +15,7 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.mounts import is_beyond
-from pointing_model.observing.plan import parse_plan
-from pointing_model.run_files import read_run
+from pointing_model.runs.formats import read_run
 from pointing_model.zero import Zeros
 from telescope_mount.close_the_loop import (
     _site_of,
@@ -26,6 +25,7 @@ from telescope_mount.close_the_loop import (
 )
 from telescope_mount.loop_judgement import judgement, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
+from telescope_mount.observing.plan import parse_plan
 from telescope_mount.replay import _has_exposures
 from telescope_mount.runs import load_run
 from telescope_mount.simulator import scenario_names, undeclared

@@ -5,13 +5,12 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 from telescope_mount.graph import NODES
 
-ROOT = Path(__file__).resolve().parents[2]
 NAME = 'telescope_mount'
 
 for module in ('colcon_core', 'colcon_ros'):

@@ -4,9 +4,9 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
 pytest.importorskip('argcomplete')
 
@@ -24,7 +24,7 @@ def completed(*words):
               f'COMP_CWORD={len(words) - 1}\n'
               '_python_argcomplete telescope-mount\nprintf "%s\\n" "${COMPREPLY[@]}"')
     done = subprocess.run([bash, '-c', script], capture_output=True, text=True, check=True,
-                          env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+                          env={**os.environ, 'PYTHONPATH': str(ROOT)})
     return {word.strip() for word in done.stdout.splitlines() if word.strip()}
 
 

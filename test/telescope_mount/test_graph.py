@@ -6,10 +6,10 @@ import importlib
 import os
 import re
 import sys
-from pathlib import Path
 from subprocess import run
 
 import pytest
+from places import ROOT
 
 from msg_tools import topics
 from telescope_mount.graph import (
@@ -24,7 +24,6 @@ from telescope_mount.graph import (
     server_graph,
 )
 
-ROOT = Path(__file__).resolve().parents[2]
 #: package -> the packages that it may name: import, or mention as a module or a path in a string
 BELOW = {
     'msg_tools': (),
@@ -32,21 +31,27 @@ BELOW = {
     'pointing_model': ('msg_tools',),
     'calibration': ('pointing_model', 'msg_tools'),
     'encoder_sim': ('encoder_reading', 'msg_tools'),
-    'indi_bridge': ('pointing_model', 'msg_tools'),
-    'alpaca_bridge': ('indi_bridge', 'pointing_model', 'msg_tools'),
-    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'indi_bridge',
-                        'alpaca_bridge', 'msg_tools'),
+    'telescope_mount': ('calibration', 'pointing_model', 'encoder_reading', 'msg_tools'),
     'launch': ('telescope_mount', 'calibration', 'pointing_model', 'encoder_reading',
-               'indi_bridge', 'alpaca_bridge', 'msg_tools'),
+               'msg_tools'),
+}
+#: a part of a package -> the parts that it may not name
+INSIDE = {
+    'pointing_model.sky': ('pointing_model.runs', 'pointing_model.effects'),
+    'calibration.estimation': ('calibration.analysis', 'calibration.report', 'pointing_model'),
+    'calibration.analysis': ('calibration.report',),
+    'telescope_mount.observing': ('telescope_mount.commands', 'telescope_mount.bridges'),
+    'telescope_mount.guard': ('telescope_mount.commands', 'telescope_mount.bridges'),
+    'telescope_mount.bridges': ('telescope_mount.commands', 'telescope_mount.papers'),
 }
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
 #: stands under it
-SKY = tuple(f'pointing_model.{name}' for name in (
-    'star_catalogue', 'fixed_width', 'iers_tables', 'earth', 'nutation', 'sky', 'sky_frame',
-    'sky_params', 'target', 'satellite_elements', 'satellite', 'mounts', 'mount_names'))
+SKY = ('pointing_model.sky', 'pointing_model.mounts', 'pointing_model.mount_names')
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
+#: whose names begin as those of packages
+TOPICS = {topic.name for topic in vars(topics).values() if isinstance(topic, topics.Topic)}
 #: functions whose text argument is the name of a package, or a part of a path
 LOADERS = frozenset(('import_module', '__import__', 'files', 'find_spec', 'run_module', 'as_file',
                      'path', 'get_data', 'Path', 'PurePath', 'joinpath', 'join'))
@@ -68,6 +73,8 @@ def named_in(text):
     Packages share their names with nodes and topics (`calibration/report`): only what exists
     counts. Of the simulator the bare name is enough.
     """
+    if text in TOPICS:
+        return
     for match in NAMED.finditer(text):
         package, rest = match.groups()
         dotted = module_of((package + rest.split('/')[0]).rstrip('.'))
@@ -331,11 +338,15 @@ def test_launch_and_command_line_start_the_same_graph():
     assert not text & set(NODES)
 
 
+def is_sky(name):
+    return any(of([name], part) for part in SKY)
+
+
 def forbidden(package, names):
     """Those of `names_used` that a package may not name."""
     allowed = {package, *BELOW[package]}
     return {(line, name) for line, name in names if name.split('.')[0] not in allowed
-            and not (package == 'encoder_sim' and name in SKY)}
+            and not (package == 'encoder_sim' and is_sky(name))}
 
 
 def test_names_run_one_way():
@@ -354,9 +365,16 @@ def test_the_simulator_is_seen_through_one_door_and_by_the_list_of_nodes():
 
 
 def test_the_sky_does_not_know_the_model():
-    for name in SKY:
-        path = ROOT.joinpath(*name.split('.')).with_suffix('.py')
-        assert {n for _, n in uses(path) if n.startswith('pointing_model')} <= set(SKY), path
+    for path in sources('pointing_model'):
+        if is_sky('.'.join(path.relative_to(ROOT).with_suffix('').parts)):
+            assert all(is_sky(n) for _, n in uses(path) if n.startswith('pointing_model')), path
+
+
+def test_the_arrows_inside_a_package_run_one_way():
+    for package, others in INSIDE.items():
+        for path in sources(package.replace('.', '/')):
+            found = {n for _, n in uses(path) if of([n], package.split('.')[0])}
+            assert not {n for other in others for n in of(found, other)}, path
 
 
 def test_every_package_has_its_place():
@@ -389,7 +407,7 @@ def test_every_package_has_its_place():
     ("f'encoder_sim.{name}'", 'encoder_sim'),
     ("'-m encoder_sim.mount_simulator_node'.split()", 'encoder_sim.mount_simulator_node'),
     ("PLACE = 'encoder_sim'", 'encoder_sim'),
-    ('from calibration import fit', 'calibration.fit'),
+    ('from calibration.analysis import fit', 'calibration.analysis.fit'),
     ("import_module('calibration')", 'calibration'),
     ("find_spec('calibration.calibration_node')", 'calibration.calibration_node'),
     ("f'calibration.{name}'", 'calibration'),
@@ -411,7 +429,7 @@ def test_the_checker_finds(source, wanted):
 
 @pytest.mark.parametrize('source', [
     '"""As `encoder_sim.mount` has it."""',
-    'def f():\n    """See `calibration.fit`."""',
+    'def f():\n    """See `calibration.analysis.fit`."""',
     '# encoder_sim\nx = 1',
     "Topic('calibration/report')",
     "super().__init__('calibration')",
@@ -431,7 +449,7 @@ def test_the_checker_lets_pass(source):
 def test_the_simulator_may_use_the_sky_and_nothing_else_of_the_model():
     found = names_used(nodes_of(
         'from pointing_model import sky, terms\n'
-        'from pointing_model.target import Star\nfrom pointing_model import x'))
+        'from pointing_model.sky.target import Star\nfrom pointing_model import x'))
     assert {name for _, name in forbidden('encoder_sim', found)} == {
         'pointing_model.terms', 'pointing_model'}
 
@@ -443,10 +461,9 @@ def test_algorithms_know_no_ros():
     nodes = {ROOT / (module.replace('.', '/') + '.py') for module in NODES.values()}
     # what turns messages and parameters into arrays, and back
     glue = {ROOT / f'{name}.py' for name in (
-        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky_params',
-        'pointing_model/run_messages', 'pointing_model/zero_message',
-        'pointing_model/in_force_topics', 'pointing_model/star_observer_params',
-        'calibration/calibration_params')}
+        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky/params',
+        'pointing_model/runs/messages', 'pointing_model/zero_message',
+        'pointing_model/in_force_topics', 'calibration/calibration_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path

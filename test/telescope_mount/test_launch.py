@@ -10,16 +10,16 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from places import ROOT
 
 from msg_tools import NAMESPACE
 from pointing_model.mount_shape import urdf
 from pointing_model.mounts import parse_mount
-from pointing_model.observing.plan import night_plan, real_plan
 from telescope_mount.graph import NIGHT, night_graph, real_graph
+from telescope_mount.observing.plan import night_plan, real_plan
 from telescope_mount.parent import PARENT
 from telescope_mount.simulator import scenario_names
 
-ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / 'launch' / 'night.launch.py'
 REAL_FILE = ROOT / 'launch' / 'real_mount.launch.py'
 

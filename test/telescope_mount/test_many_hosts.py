@@ -6,13 +6,11 @@ Skipped where none can be made, with the reason.
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
 import many_hosts
 from hosts import two_hosts, why_not
 

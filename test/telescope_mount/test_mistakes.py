@@ -15,11 +15,10 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+import mistakes
 import pytest
+from places import ROOT
 
-from . import mistakes
-
-ROOT = Path(__file__).parents[2]
 NEED_ROS = ('night', 'observe', 'guard', 'lifecycle')
 
 

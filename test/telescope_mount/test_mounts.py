@@ -1,22 +1,17 @@
 """The commands on runs of mounts that are no alt-azimuth ones."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from sides import NAMES, a_run
 
-from calibration.diagnosis.predicting import choose_to_predict
+from calibration.analysis.diagnosis.prediction import choose_to_predict
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
-
-sys.path.append(str(Path(__file__).parents[1] / 'calibration'))
-
-from sides import NAMES, a_run
+from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.run import PointingRun
 
 
 @pytest.fixture(scope='module')

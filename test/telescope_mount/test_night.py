@@ -18,9 +18,9 @@ import pytest
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run_files import read_run
-from pointing_model.run_messages import cloud_to_run
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.formats import read_run
+from pointing_model.runs.messages import cloud_to_run
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
 from telescope_mount.logged_rows import with_rows_before
 from telescope_mount.night import NightFailed, observe, prepare_folder
@@ -285,8 +285,8 @@ def test_results_of_an_earlier_fit_are_not_taken_for_the_last(report_stamp, mode
     from std_msgs.msg import String
 
     from msg_tools import topics
-    from pointing_model.run import PointingRun
-    from pointing_model.run_messages import run_to_cloud
+    from pointing_model.runs.messages import run_to_cloud
+    from pointing_model.runs.run import PointingRun
     from telescope_mount.night import _up_to_date
     second = 10**9
     run = PointingRun({'az': [0.1, 0.2], 'el': [0.5, 0.6], 'az_enc': [0.1, 0.2],

@@ -1,24 +1,20 @@
 """A night as plate-solved rows: the same terms as by miss distances, and what is wrong is named."""
 
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from plate_solved import HEAD, SITE, SOLID, START, columns_of, given_in, simulated, write
 
-from calibration.fit import fit_terms
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount
-from pointing_model.plate_solved.frames import parse_frame
-from pointing_model.run import PointingRun
-from pointing_model.run_files import iso_utc, write_csv
-from pointing_model.sky import icrs_to_observed, observed_to_icrs
+from pointing_model.runs.formats import iso_utc, write_csv
+from pointing_model.runs.plate_solves.frames import parse_frame
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import icrs_to_observed, observed_to_icrs
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-from plate_solved import HEAD, SITE, SOLID, START, columns_of, given_in, simulated, write
 
 KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 

@@ -3,9 +3,9 @@
 import pytest
 
 from msg_tools.status import Progress
-from pointing_model.observing.night_file import NightFile
 from telescope_mount import domain
 from telescope_mount.night import STATE
+from telescope_mount.observing.night_file import NightFile
 from telescope_mount.real_night import _folder, _free
 
 

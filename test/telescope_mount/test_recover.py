@@ -3,16 +3,16 @@ import json
 import struct
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from mcap.writer import Writer
+from places import ROOT
 
 from msg_tools.bag import BagReader, BagWriter
 from telescope_mount.cli import main
 from telescope_mount.commands.recover import recover_log
 
-FUZZ = Path(__file__).parents[2] / 'benchmarks' / 'recover_truth.py'
+FUZZ = ROOT / 'benchmarks' / 'recover_truth.py'
 TEXT = 'std_msgs/msg/String'
 DEFINITION = b'string data\n'
 

@@ -1,23 +1,22 @@
 """Loading and exporting runs: files, logs, several of them."""
 
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import CASES
 
-from calibration.fit import fit_terms
+from calibration.analysis.fit import fit_terms
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.observing.pairing import centred
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
-from pointing_model.star_catalogue import POLARIS_HIP
+from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
+from telescope_mount.observing.pairing import centred
 from telescope_mount.runs import _readings, load_run, load_runs
 from telescope_mount.verify import verify_log
 
-CASES = Path(__file__).resolve().parents[2].parent / 'shared' / 'cases'
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
 
@@ -204,7 +203,7 @@ def test_the_truth_is_refused(night):
 def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
     serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
     from msg_tools.topics import OBSERVATION
-    from pointing_model.run_messages import run_to_cloud
+    from pointing_model.runs.messages import run_to_cloud
     rng = np.random.default_rng(7)
     miss = rng.normal(size=(2, 20)) * ARCSEC
     miss[:, 12:] = 0.0
@@ -226,7 +225,7 @@ def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
 def test_a_log_that_recorded_what_another_played_has_each_observation_once(tmp_path):
     serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
     from msg_tools.topics import OBSERVATION
-    from pointing_model.run_messages import run_to_cloud
+    from pointing_model.runs.messages import run_to_cloud
     rng = np.random.default_rng(8)
     az, el = rng.uniform(0.0, 6.0, 60), rng.uniform(0.3, 1.4, 60)
     rows = [PointingRun({name: np.array([value]) for name, value in {

@@ -6,11 +6,11 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from calibration.diagnosis import Checked
+from calibration.analysis.diagnosis import Checked
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
-from pointing_model.run_files import read_run, write_csv
+from pointing_model.runs.formats import read_run, write_csv
+from pointing_model.runs.run import PointingRun
 
 TERMS = {'IA': 300.0, 'IE': -120.0, 'CA': 40.0, 'NPAE': 5.0, 'AN': 10.0, 'AW': -7.0, 'TF': 30.0}
 
@@ -55,11 +55,11 @@ def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, mo
 
     def checked(run):
         return Checked([out], ['the clock of one night'])
-    monkeypatch.setattr('calibration.season_terms.nights.check_columns', checked)
+    monkeypatch.setattr('calibration.analysis.season.season_nights.check_columns', checked)
     said = ' '.join(ended('season', folder)[1].split())
     assert said.count(f'make sure that they are not: {out}') == 1
     assert said.count('note: the clock of one night') == 12
-    monkeypatch.setattr('calibration.tracking.of_run.check_columns', checked)
+    monkeypatch.setattr('calibration.analysis.tracking.run_track.check_columns', checked)
     run = read_run(next(folder.iterdir()))
     run.columns['time'] = 1.8e9 + 60.0 * np.arange(len(run))
     write_csv(run, folder / 'timed.csv')

@@ -1,27 +1,23 @@
 """What a night asks of an INDI or Alpaca server before it starts a graph, and where it goes on."""
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
+from fake_server import TELESCOPE, FakeServer, switch
 
-from alpaca_bridge.simulator import SimulatedTelescope
-from indi_bridge.server import SIMULATOR
-from indi_bridge.two_axes import TwoAxes
 from msg_tools.status import Progress
 from pointing_model.mounts import ALTAZ
-from pointing_model.observing.night_file import NightFile
-from pointing_model.observing.plan import parse_plan
-from pointing_model.sky import DEFAULT_SITE
+from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount import night
+from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
+from telescope_mount.bridges.indi.server import SIMULATOR
+from telescope_mount.bridges.indi.two_axes import TwoAxes
 from telescope_mount.night import STATE
+from telescope_mount.observing.night_file import NightFile
+from telescope_mount.observing.plan import parse_plan
 from telescope_mount.real_night import run_server_night
 from telescope_mount.server_night import ask_server, nodes_of, parse_camera, server_plan
-
-sys.path.append(str(Path(__file__).parents[1] / 'indi_bridge'))
-
-from fake_server import TELESCOPE, FakeServer, switch
 
 INFO = '<defText name="DRIVER_INTERFACE">5</defText>'
 SIMULATED = TELESCOPE.replace(INFO, f'{INFO}<defText name="DRIVER_EXEC">{SIMULATOR}</defText>')

@@ -2,19 +2,16 @@
 
 import json
 import shutil
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+from plate_solved import draw
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.plate_solved import solvers
-from pointing_model.run_files import iso_utc, read_run
-
-sys.path.append(str(Path(__file__).resolve().parents[2] / 'benchmarks'))
-from plate_solved import draw
+from pointing_model.runs.formats import iso_utc, read_run
+from pointing_model.runs.plate_solves import solvers
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)
@@ -146,7 +143,7 @@ def test_what_is_done_is_not_done_again(folder, ended):
 
 
 def test_what_was_solved_before_an_interruption_is_kept(folder, ended, monkeypatch):
-    from pointing_model.plate_solved.solvers import Solver
+    from pointing_model.runs.plate_solves.solvers import Solver
     where = folder('a', 'b', 'c')
     whole = Solver.solve
 

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import CASES
 
-from calibration.fit import fit_terms
+from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
-from pointing_model.plate_solved.images import NotThere, frame_of, read_header, solution_of
-from pointing_model.run_files import iso_utc, read_run
-from pointing_model.sky import Site, Weather, observed_to_icrs
+from pointing_model.runs.formats import iso_utc, read_run
+from pointing_model.runs.plate_solves.images import NotThere, frame_of, read_header, solution_of
+from pointing_model.sky.places import Site, Weather, observed_to_icrs
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)
 
-CASES = Path(__file__).resolve().parents[2].parent / 'shared' / 'cases'
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START = 1_795_000_000.0

@@ -12,16 +12,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
+from calibration.analysis.encoders.cross_check import UNJUDGED, Homing
 from calibration.live_apart import LiveApart
 from calibration.session import CalibrationSession
-from calibration.witnesses import UNJUDGED, Homing
 from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing, homing_to_cloud
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero_message import zero_to_joints
 from telescope_mount.cli import main

@@ -10,9 +10,9 @@ from rclpy.serialization import serialize_message
 from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
-from pointing_model.observing.pairing import RATE_OVER, Exposures, centred
-from pointing_model.run import PointingRun
-from pointing_model.run_messages import run_to_cloud
+from pointing_model.runs.messages import run_to_cloud
+from pointing_model.runs.run import PointingRun
+from telescope_mount.observing.pairing import RATE_OVER, Exposures, centred
 from telescope_mount.verify import _Check, _read
 
 SECOND = 10**9

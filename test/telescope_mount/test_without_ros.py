@@ -3,12 +3,11 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import LOG, ROOT
 
-LOG = Path(__file__).parents[1] / 'data' / 'sample_log'
-MMT = Path(__file__).parents[2] / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
+MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 NEED_ROS = ('night', 'observe', 'check-drivers', 'guard', 'lifecycle', 'watch', 'experiment',
             'close-the-loop --scenario ideal', f'replay {LOG}')
 SCRIPT = """
@@ -34,7 +33,7 @@ def ran():
     def run(commands, folder):
         done = subprocess.run(
             [sys.executable, '-c', SCRIPT, json.dumps([c.split() for c in commands])], cwd=folder,
-            capture_output=True, text=True, env={'PYTHONPATH': str(Path(__file__).parents[2])})
+            capture_output=True, text=True, env={'PYTHONPATH': str(ROOT)})
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
     return run

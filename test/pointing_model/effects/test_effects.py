@@ -1,12 +1,11 @@
 """Candidate effects against independent geometry; what they do when a driver is missing."""
 
 import json
-import sys
-from pathlib import Path
 
 import erfa
 import numpy as np
 import pytest
+from made_contexts import LATITUDE, LONGITUDE, make_columns, make_context
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
@@ -22,12 +21,8 @@ from pointing_model.effects import (
     steps,
     to_document,
 )
-from pointing_model.star_catalogue import load_catalogue
+from pointing_model.sky.star_catalogue import load_catalogue
 from pointing_model.terms import design
-
-sys.path.append(str(Path(__file__).parent))
-
-from made_contexts import LATITUDE, LONGITUDE, make_columns, make_context
 
 RNG = np.random.default_rng(7)
 

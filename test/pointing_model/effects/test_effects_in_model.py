@@ -2,11 +2,10 @@
 
 import json
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_contexts import make_columns, make_context
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
@@ -20,12 +19,8 @@ from pointing_model.effects import (
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_document import from_document
-from pointing_model.run import PointingRun
+from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL, TERMS, stacked_design
-
-sys.path.append(str(Path(__file__).parent))
-
-from made_contexts import make_columns, make_context
 
 RNG = np.random.default_rng(7)
 

@@ -2,18 +2,18 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from places import ROOT
 
 from msg_tools import NAMESPACE, topics
 from msg_tools.units import ARCSEC
-from pointing_model.mount_shape import ROOT
+from pointing_model.mount_shape import ROOT as FRAME
 from telescope_mount.watching.state import full_name
 
-CONFIG = Path(__file__).parents[3] / 'config'
+CONFIG = ROOT / 'config'
 BY_NAME = {full_name(NAMESPACE, topic): topic for topic in (
     *topics.ALL, topics.ROBOT_DESCRIPTION, topics.JOINTS, topics.MARKERS)}
 #: fields that the paths of series lead to, of each type of message
@@ -71,7 +71,7 @@ def test_the_script_listens_to_both_encoders(script):
 def test_panels_of_foxglove(layout):
     by_kind = {panel['panelType']: panel['config'] for panel in panels(layout['content'])}
     scene = by_kind['ThreeDee']
-    assert scene['followTf'] == scene['fixedFrame'] == ROOT
+    assert scene['followTf'] == scene['fixedFrame'] == FRAME
     assert {name: BY_NAME[name].type for name in scene['topics']} == {
         '/mount/markers': 'visualization_msgs/msg/MarkerArray',
         '/mount/observations': 'sensor_msgs/msg/PointCloud2'}
@@ -88,7 +88,7 @@ def test_panels_of_foxglove(layout):
 def test_displays_of_rviz():
     document = yaml.safe_load((CONFIG / 'telescope_mount.rviz').read_text(encoding='utf-8'))
     manager = document['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == ROOT
+    assert manager['Global Options']['Fixed Frame'] == FRAME
     types = {'MarkerArray': topics.MARKERS, 'RobotModel': topics.ROBOT_DESCRIPTION,
              'PointCloud2': topics.OBSERVATIONS}
     found = set()

@@ -3,11 +3,11 @@
 import io
 import json
 import re
-from pathlib import Path
 from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
+from places import LOG
 from rich.console import Console
 
 from msg_tools import topics
@@ -18,8 +18,6 @@ from telescope_mount.cli import main
 from telescope_mount.watching.drawing import ALARMS, Dashboard
 from telescope_mount.watching.log import of_log
 from telescope_mount.watching.state import Heard
-
-LOG = Path(__file__).parents[2] / 'data' / 'sample_log'
 
 
 @pytest.fixture(scope='module')

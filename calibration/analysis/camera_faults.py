@@ -1,0 +1,172 @@
+"""A camera that measures nothing, or whose axes are turned amid a night, from the rows alone.
+
+Of one that is turned, mirrored or exchanged: an observer points a star with what the stars before
+have shown, and the miss distance is what is left. Of a camera that measures C d where the star is d
+from the boresight, a row is off by (I - C^-1) m with the measured miss distance m: by 2 m in an
+axis that is mirrored. A sound camera has no such rows: what it measures is in the reading with it,
+and half of it at most in what the model leaves, as the other half was carried from the star before.
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.terms import stacked_design
+
+#: I - C^-1 of what is looked for: mirrored, upside down, exchanged, turned, half the scale
+SENSES = {
+    'x mirrored': ((2, 0), (0, 0)),
+    'y mirrored': ((0, 0), (0, 2)),
+    'x and y mirrored': ((2, 0), (0, 2)),
+    'x and y exchanged': ((1, -1), (-1, 1)),
+    'x and y exchanged and mirrored': ((1, 1), (1, 1)),
+    'turned by 90 deg': ((1, -1), (1, 1)),
+    'turned by -90 deg': ((1, 1), (-1, 1)),
+    'half the scale': ((-1, 0), (0, -1)),
+}
+TURNED_CAMERA = 'what the camera measured fits the pointing with {} alone'
+#: rows in a row with the same miss distance within so much are of a camera that measures nothing;
+#: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
+SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
+FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
+#: fewer rows are not judged, and so many at least are called wrong
+LEAST, FEWEST = 12, 2
+#: by so much a turned camera must explain the rows better, in squares of the noise, of which one
+#: row tells no more than the square of `CAP`: a star that was another one must not decide
+GAIN, CAP = 50.0, 6.0
+#: but where a row is beyond the first without the camera turned, and within the second with it
+CLEAR, EXPLAINED = 12.0, 3.0
+#: of the noise of an axis, rad, whatever the rows say
+LEAST_NOISE = 0.2 * ARCSEC
+#: rows that are looked at together, and again from the middle of them on; where the largest miss
+#: distance is so many times the usual one
+LOOK, GROWN = 100, 2.5
+#: looks for it, each without the rows that the one before found
+LOOKS = 4
+
+
+def turned_rows(rows):
+    """Rows whose miss distances are of a camera that was turned.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        In the order in which they were taken, with ``miss_x``, ``miss_y`` and ``run``.
+
+    Returns
+    -------
+    wrong : ndarray of bool, shape (n,)
+    sense : str
+        What has become of the camera in the last of them, of `SENSES`; '' where nothing has.
+    """
+    n = len(rows)
+    wrong, sense = np.zeros(n, bool), ''
+    off = np.hypot(rows['miss_x'], rows['miss_y'])
+    for begin in range(0, max(n - LOOK // 2, 1), LOOK // 2):
+        part = np.arange(begin, min(begin + LOOK, n))
+        there = off[part][np.isfinite(off[part])]
+        # what is wrong of a turned camera is carried to the next star, and grows
+        if len(there) >= LEAST and there.max() > GROWN * np.median(there):
+            found, name = _turned_of(rows.select(part))
+            wrong[part] |= found
+            sense = name or sense
+    return wrong, sense
+
+
+def _turned_of(rows):
+    """`turned_rows` of a part that is short."""
+    wrong, sense = np.zeros(len(rows), bool), ''
+    miss = np.stack((rows['miss_x'], rows['miss_y']))
+    left = _left(rows, np.isfinite(miss).all(axis=0))
+    for _ in range(LOOKS):
+        found = None if left is None else _best(left(wrong), miss, wrong)
+        if found is None:
+            break
+        begin, end, name = found
+        if wrong[begin:end].all() and name == sense:
+            break  # the same once more
+        wrong, sense = np.zeros(len(rows), bool), name
+        wrong[begin:end] = True
+    return wrong, sense
+
+
+def _left(rows, known):
+    """A function that gives what the usual terms leave of all rows, fitted to some; or None."""
+    places = np.stack((rows['az'], rows['el']))
+    known &= np.isfinite(places).all(axis=0) & np.isfinite(rows['az_enc'] + rows['el_enc'])
+    if known.sum() < LEAST:
+        return None
+    mount, (first, second) = rows.mount, np.where(known, places, 0.0)
+    cosine = np.cos(second)
+    columns = [*stacked_design(mount.names.physical, first, second, mount)]
+    for number in np.unique(rows['run'])[1:]:  # each power-on has a zero of its own
+        own, none = rows['run'] == number, np.zeros(len(rows))
+        columns += [np.append(own * cosine, none), np.append(none, own)]
+    columns = np.array(columns).T
+    y = np.append(wrap(rows['az_enc'] - first) * cosine, rows['el_enc'] - second)
+
+    def left(wrong):
+        used = np.tile(known & ~wrong, 2)
+        weights = used.astype(float)
+        for _ in range(5):  # a star that was another one must not hide the rest
+            root = np.sqrt(weights)
+            p = np.linalg.lstsq(columns * root[:, np.newaxis], np.where(used, y, 0.0) * root,
+                                rcond=1e-6)[0]
+            out = (y - columns @ p).reshape(2, -1)
+            far = np.hypot(*out) / max(_noise(out[:, known & ~wrong]), LEAST_NOISE)
+            weights = np.where(used, np.tile((1.0 - np.minimum(far / 6.0, 1.0)**2)**2, 2), 0.0)
+        return np.where(known, out, np.nan)
+    return left
+
+
+def _noise(left):
+    """1 sigma of an axis, of rows of which some are off."""
+    return 1.4826 * float(np.median(np.abs(left))) if left.size else 0.0
+
+
+def _best(left, miss, wrong):
+    """Begin, end and name of the rows that a turned camera explains best; None for none."""
+    kept = np.isfinite(left[0]) & ~wrong
+    if kept.sum() < LEAST // 2:
+        return None
+    noise, best = max(_noise(left[:, kept]), LEAST_NOISE), (GAIN, None)
+    for name, matrix in SENSES.items():
+        off = np.array(matrix, float) @ miss
+        plain, turned = np.nan_to_num(np.hypot(*left) / noise), np.nan_to_num(
+            np.hypot(*(left - off)) / noise)
+        gain = np.minimum(plain, CAP)**2 - np.minimum(turned, CAP)**2
+        explained = turned < EXPLAINED
+        gain[(plain > CLEAR) & explained] = 1.2 * GAIN
+        gain[(plain > EXPLAINED) & ~explained] = -EXPLAINED**2  # it is something else
+        total = np.append(0.0, np.cumsum(gain))
+        lowest = np.minimum.accumulate(total)
+        end = int(np.argmax(total - lowest))
+        begin = int(np.argmin(total[:end])) if end else 0
+        if end - begin >= FEWEST and total[end] - total[begin] > best[0]:
+            best = total[end] - total[begin], (begin, end, name)
+    return best[1]
+
+
+def frozen_rows(miss_x, miss_y):
+    """Rows whose miss distance is one that a camera does not measure: too little scatter.
+
+    Parameters
+    ----------
+    miss_x, miss_y : array_like, shape (n,)
+        Of the rows in the order in which they were taken, rad; NaN where it is not known.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True in stretches of at least `SAME_ROWS` rows, each within `SAME_WITHIN` of the one
+        before.
+    """
+    x, y = (np.asarray(v, float) for v in (miss_x, miss_y))
+    out = np.zeros(len(x), bool)
+    with np.errstate(invalid='ignore'):
+        same = (np.abs(np.diff(x)) <= SAME_WITHIN) & (np.abs(np.diff(y)) <= SAME_WITHIN)
+    begin = 0
+    for end in [*(np.flatnonzero(~same) + 1), len(x)]:
+        if end - begin >= SAME_ROWS:
+            out[begin:end] = True
+        begin = end
+    return out

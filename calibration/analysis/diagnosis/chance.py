@@ -1,0 +1,251 @@
+"""How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
+
+from functools import cached_property
+
+import numpy as np
+
+from .constants import FAR, NIGHTS, PRIOR
+from .memory_test import AgainstWander
+from .scores import best_of
+
+
+def pair_corrected(basis, residual):
+    """Residuals made as large as the noise: (I - H)^(-1/2) of each row's 2 x 2 block.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of what was fitted.
+    residual : ndarray, shape (2n,)
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+    """
+    n = len(residual) // 2
+    a, c, off = basis.blocks_of_rows()
+    a, c, off = np.clip(1.0 - a, 1e-3, 1.0), np.clip(1.0 - c, 1e-3, 1.0), -off
+    off = np.sign(off) * np.minimum(np.abs(off), 0.999 * np.sqrt(a * c))
+    # square root of [[a, off], [off, c]] is (M + s I) / t; invert that
+    s = np.sqrt(a * c - off * off)
+    t = np.sqrt(a + c + 2.0 * s)
+    ma, mc, mo = (a + s) / t, (c + s) / t, off / t
+    det = ma * mc - mo * mo
+    rx, ry = residual[:n], residual[n:]
+    return np.array([(mc * rx - mo * ry) / det, (ma * ry - mo * rx) / det])
+
+
+def normal_score(gain, dof, nu):
+    """Standard normal equivalent of gain / dof ~ F(dof, nu) (Paulson), to compare groups."""
+    a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
+    root = np.cbrt(gain / dof)
+    return ((1.0 - b) * root - (1.0 - a)) / np.sqrt(a + b * root * root)
+
+
+def _gain_of(z, dof, nu):
+    """The gain from which on `normal_score` is `z`: infinite where no gain is as much."""
+    a, b = 2.0 / (9.0 * dof), 2.0 / (9.0 * nu)
+    square = np.square(1.0 - b) - z * z * b
+    root = (1.0 - a) * (1.0 - b) + z * np.sqrt(np.maximum(
+        np.square(1.0 - b) * a + np.square(1.0 - a) * b - z * z * a * b, 0.0))
+    with np.errstate(divide='ignore', over='ignore'):
+        gain = dof * (root / square)**3
+    return np.where(square > 0.0, gain, np.inf if z > 0.0 else -np.inf)
+
+
+class ChanceTest:
+    """Is a group's score beyond what flipped residuals give to the best of all groups?
+
+    The residual that is flipped is that of the model *with* the group, corrected for the
+    leverage of all its columns: a strong effect does not hide itself. Scores are studentised
+    with a variance for each group from that residual (so that noise may differ from row to row),
+    moderated toward the common one of the axis with `PRIOR` rows (a group on few rows would
+    have a wild variance otherwise).
+
+    Parameters
+    ----------
+    state : State
+        Without the group.
+    scores : Scores
+        On that state.
+    group : int
+        The group to be tested.
+    """
+
+    def __init__(self, state, scores, group):
+        n, r = state.n, state.residual
+        own = scores.basis(group)
+        own = own[np.einsum('ij,ij->i', own, own) > 0.5]
+        e = pair_corrected(state.basis.with_common(own), r - (own @ r) @ own)
+        variance = np.mean(np.square(e), axis=1) + 1e-30
+        free = 1.0 - len(state.basis) / (2.0 * n)
+        self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
+        for groups, basis, dof in scores.bases:
+            pairs = basis[:, :, :n] * e[0] + basis[:, :, n:] * e[1]
+            v = pairs @ pairs.transpose(0, 2, 1)
+            x = basis[:, :, :n]
+            gram = x @ x.transpose(0, 2, 1)
+            kept = np.einsum('gdi,gdi->gd', basis, basis)[:, :, None] * np.eye(basis.shape[1])
+            common = variance[0] * gram + variance[1] * (kept - gram)
+            energy = np.einsum('gdi,gdi->gi', basis, basis)
+            energy = energy[:, :n] + energy[:, n:]
+            rows = np.square(dof) / np.maximum(np.square(energy).sum(axis=1), 1e-30) * free
+            rows = np.maximum(rows, 0.5)
+            share = (rows / (rows + PRIOR))[:, None, None]
+            whiten = _inverse_root(share * v + (1.0 - share) * common)
+            w = rows / (rows + PRIOR)
+            # degrees of freedom of that variance, and how fast a fitted group shrinks it
+            nu = 1.0 / (w * w / rows + (1.0 - w * w) / (n * free))
+            shrink = w / rows + (1.0 - w) / (n * free)
+            gain = np.square(np.einsum('gij,gj->gi', whiten, basis @ r)).sum(axis=1)
+            ok = dof > 0
+            self.all[groups[ok]] = normal_score(gain[ok], dof[ok], nu[ok])
+            pairs = (whiten @ pairs)[ok].astype(np.float32)  # thousands of flips: fast enough
+            self._parts.append((pairs, dof[ok], nu[ok], shrink[ok]))
+
+        #: score of the group, and of all (with this group's part out of the variance)
+        self.z = float(self.all[group])
+
+    def flipped_max(self, signs):
+        """Largest score of all groups in each flip.
+
+        Parameters
+        ----------
+        signs : ndarray, shape (B, n)
+            -1 and 1.
+
+        Returns
+        -------
+        ndarray, shape (B,)
+        """
+        best = np.full(len(signs), -np.inf)
+        for gain, dof, nu in self._gains(signs):
+            best = np.maximum(best, normal_score(gain, dof, nu).max(axis=1))
+        return best
+
+    def flipped_beyond(self, signs):
+        """How many flips reach the group's own score, and the largest score of all.
+
+        As of `flipped_max`, of which most time would go into cube roots of each flip and group.
+        """
+        reached, largest = np.zeros(len(signs), bool), -np.inf
+        for gain, dof, nu in self._gains(signs):
+            reached |= (gain >= _gain_of(self.z, dof, nu)).any(axis=1)
+            largest = max(largest, normal_score(gain.max(axis=0), dof, nu).max())
+        return int(np.count_nonzero(reached)), float(largest)
+
+    def _gains(self, signs):
+        """Of some groups after the others: gain of each flip (B, G), dof and nu of the groups."""
+        for pairs, dof, nu, shrink in self._parts:  # (G_d, d, n)
+            g, d, n = pairs.shape
+            step = max(1, 4_000_000 // max(len(signs) * d, 1))
+            for i in range(0, g, step):
+                s = signs @ pairs[i:i + step].reshape(-1, n).T
+                gain = np.square(s)
+                if d > 1:
+                    gain = gain.reshape(len(signs), -1, d).sum(axis=2)
+                # what the variance of this flip would be without the group's own part
+                yield (gain / np.maximum(1.0 - gain * shrink[i:i + step], 0.02),
+                       dof[i:i + step], nu[i:i + step])
+
+
+class Chance:
+    """Sign flips, drawn once and shared by all tests of a search.
+
+    Parameters
+    ----------
+    n : int
+        Rows.
+    count : int
+        Flips.
+    rng : numpy.random.Generator
+    whole : Chance, optional
+        Of all rows, where these are a part of them: nights that it has simulated count here too.
+    group : ndarray of int, shape (n,), optional
+        Rows of one group are flipped together: a star measured twice within minutes has its error
+        twice, and is no second witness.
+    """
+
+    def __init__(self, n, count, rng, whole=None, group=None):
+        group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
+        signs = rng.integers(0, 2, (count, group.max(initial=-1) + 1)).astype(np.float32)
+        self.signs = signs[:, group] * 2.0 - 1.0
+        self._rng, self._n = rng.spawn(1)[0], n
+        self._against, self._whole = {}, whole
+
+    @cached_property
+    def _normal(self):
+        return self._rng.standard_normal((NIGHTS, 2 * self._n))
+
+    def p_beyond_wander(self, problem, chosen, bank, groups, g):
+        """`AgainstWander.p` of a group, beside a choice of the same problem."""
+        # a curve without a cause, or that an effect changes, says no more than a wander
+        if bank is not problem.dictionary:
+            return 1.0
+        if self._whole is not None and problem.base.own is not None:
+            return 1.0  # of runs with terms of their own it takes minutes in all folds together
+        key = frozenset(chosen)
+        if key not in self._against:
+            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._simulated(key))
+        return self._against[key].p(g)
+
+    def _simulated(self, key):
+        """Noise to simulate nights with, or what the whole has found for a choice alike."""
+        known = {} if self._whole is None else {
+            chosen: test.by_chance for chosen, test in self._whole._against.items()
+            if test.has_simulated}
+        if not known:
+            return self._normal
+        # the largest ratios by chance hardly depend on what is in the model
+        return known[max(known, key=lambda chosen: len(chosen & key) - len(chosen ^ key))]
+
+    def p(self, state, scores, group, alpha=None):
+        """Family-wise p of a group: share of flips whose best score reaches its own.
+
+        Parameters
+        ----------
+        state : State
+            Without the group.
+        scores : Scores
+        group : int
+        alpha : float, optional
+            Stop when the share is certain to be above.
+        """
+        test = ChanceTest(state, scores, group)
+        count = len(self.signs)
+        limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
+        hits, start = 0, 0
+        for stop in (*range(200, count, 400), count):
+            reached, largest = test.flipped_beyond(self.signs[start:stop])
+            hits += reached
+            start = stop
+            if hits > limit:
+                return max((hits + 1) / (stop + 1), 1.0001 * alpha)
+            if test.z > largest + FAR:  # no flip will come near
+                break
+        return (hits + 1) / (count + 1)
+
+    def p_of_all(self, state, scores):
+        """Family-wise p of every group, with the residual that the best one leaves.
+
+        Returns
+        -------
+        ndarray, shape (G,)
+        """
+        group, _ = best_of(scores)
+        if group < 0 or not np.isfinite(scores.delta_bic[group]):
+            return np.ones(len(scores.dof))
+        test = ChanceTest(state, scores, group)
+        best = np.sort(test.flipped_max(self.signs))
+        hits = len(best) - np.searchsorted(best, test.all, side='left')
+        return (hits + 1.0) / (len(best) + 1.0)
+
+
+def _inverse_root(v):
+    """V^(-1/2) of a stack of symmetric matrices, on the part that is not (nearly) null."""
+    if v.shape[-1] == 1:
+        return np.where(v > 1e-9, 1.0 / np.sqrt(np.maximum(v, 1e-9)), 0.0)
+    values, vectors = np.linalg.eigh(v)
+    keep = values > 1e-6 * np.maximum(values[:, -1:], 1e-6)
+    factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+    return (vectors * factor[:, None, :]) @ vectors.transpose(0, 2, 1)

@@ -1,0 +1,135 @@
+"""Readings of a run with another clock or another site: what its places would be then."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mounts import Mount
+from pointing_model.sky.places import sidereal_time
+
+from .readings import Places
+
+#: hours that clocks of the zones differ from UTC by, beside whole and half ones
+_ODD_ZONES = (5.75, 8.75, 12.75, 13.75)
+_LARGEST_ZONE = 14.0
+_EQUATORIAL = ('equatorial', 'german')
+_TIMES, _SITE = 'times', 'site'
+_SET_SITE = 'set the site right'
+
+
+@dataclass(frozen=True, eq=False)
+class Elsewhere:
+    """The run as written, with catalogue places at another time or site.
+
+    Attributes
+    ----------
+    said : str
+        What is mistaken.
+    kind : {'times', 'site'}
+    advice : str
+        What to do then.
+    az, el : ndarray, shape (n,)
+        Catalogue places, radians; NaN where there is none.
+    mount : Mount
+        At that site.
+    turn : ndarray, shape (n,)
+        By which hour angles of the mount are others, that were made by the clock; radians.
+    """
+
+    said: str
+    kind: str
+    advice: str
+    az: np.ndarray
+    el: np.ndarray
+    mount: Mount
+    turn: np.ndarray = 0.0
+    mistakes, elsewhere = 1, True
+    catalogue = encoders = ()
+    offsets, exchanged = '', False
+
+    def places(self, az, el, az_enc, el_enc, held=False, **clock):
+        """As `Reading.places`; what is of the catalogue counts no more."""
+        reach = np.cos(self.el)
+        if held:
+            x = (np.remainder(az_enc - az + np.pi, 2.0 * np.pi) - np.pi) * np.cos(el)
+            return Places(self.az, self.el, self.az + x / reach, self.el + el_enc - el,
+                          np.ones(len(az)))
+        return Places(self.az, self.el, az_enc + self.turn, el_enc, np.abs(reach))
+
+    def text(self, zero=0.0, names=None):
+        """For people."""
+        return self.said
+
+
+def other_places(rows):
+    """Every other clock and site that a run may have.
+
+    Parameters
+    ----------
+    rows : FileRows
+
+    Returns
+    -------
+    list of Elsewhere
+    """
+    out = []
+    if rows.solved is not None:
+        site = rows.solved.site
+        out = [_of_stars(rows, *_clock(hours), site, hours) for hours in _zones()]
+        out += [_of_stars(rows, text, _SITE, _SET_SITE, other) for text, other in _sites(site)]
+        out = [one for one in out if one is not None]
+    elif rows.mount.kind in _EQUATORIAL:
+        az, el = rows.columns[:2]
+        out.append(Elsewhere('the latitude with the other sign', _SITE, _SET_SITE, az, el,
+                             Mount.equatorial(-rows.mount.latitude, rows.mount.kind)))
+    return out
+
+
+def _zones():
+    whole = np.arange(0.5, _LARGEST_ZONE + 0.5, 0.5).tolist()
+    return [sign * hours for hours in (*whole, *_ODD_ZONES) for sign in (1.0, -1.0)]
+
+
+def _clock(hours):
+    """What is mistaken, kind and advice of a clock so far ahead of UTC."""
+    minutes, size = round(60.0 * abs(hours)), f'{abs(hours):g} hour' + 's' * (abs(hours) != 1.0)
+    zone = f'{"+" if hours > 0.0 else "-"}{minutes // 60:02d}:{minutes % 60:02d}'
+    return (f'a clock {size} {"ahead of" if hours > 0.0 else "behind"} UTC (local time?)', _TIMES,
+            f'write the times in UTC, or with their zone, {zone}')
+
+
+def _sites(site):
+    """Sites that this one may be mistaken for."""
+    lat, lon = site.latitude, site.longitude
+    yield 'the longitude with the other sign', replace(site, longitude=-lon)
+    yield 'the latitude with the other sign', replace(site, latitude=-lat)
+    yield ('latitude and longitude with the other sign',
+           replace(site, latitude=-lat, longitude=-lon))
+    if abs(lon) <= 90.0 * DEG:
+        yield 'latitude and longitude exchanged', replace(site, latitude=lon, longitude=lat)
+
+
+def _of_stars(rows, text, kind, advice, site, hours=0.0):
+    """The run with the places of its stars seen from a site, `hours` earlier than its clock."""
+    solved = rows.solved
+    there = np.isin(rows.line, solved.lines)
+    if not there.any():
+        return None
+    stars = solved.at(rows.line[there])
+    try:
+        az, el = replace(stars, time=stars.time - 3600.0 * hours, site=site).observed()
+    except ValueError:  # beyond the tables of the Earth's rotation
+        return None
+    mount = rows.mount
+    if not mount.altaz:
+        if mount.kind in _EQUATORIAL:
+            mount = Mount.equatorial(site.latitude, mount.kind)
+        az, el = mount.axes_of(az, el)
+    turn = 0.0
+    if rows.reads_by_clock:
+        turn = sidereal_time(stars.time - 3600.0 * hours, site) - sidereal_time(stars.time,
+                                                                                solved.site)
+    places = np.full((3, len(rows.line)), np.nan)
+    places[:2, there], places[2, there] = (az, el), turn
+    return Elsewhere(text, kind, advice, *places[:2], mount, places[2])

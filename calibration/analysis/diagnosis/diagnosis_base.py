@@ -1,0 +1,381 @@
+"""What a diagnosis starts from: usable rows, the base model and its columns, decoder slips."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.analysis.fit import fit_terms
+from calibration.estimation.robust import GROSS
+from calibration.rows import usable
+from msg_tools.units import ARCSEC
+from pointing_model import geometry as rotation
+from pointing_model.context import Context
+from pointing_model.effects import period_of
+from pointing_model.effects.base import AXES
+from pointing_model.harmonics import basis, sky_factor
+from pointing_model.mounts import ALTAZ
+from pointing_model.runs.run import PointingRun
+from pointing_model.terms import known_terms, stacked_design
+
+from .linear_model import Columns
+
+_FARTHEST = 30  # bars or lines that a slip goes, at most
+_DRAWS = 19999  # outliers anywhere, behind the chance of slips
+_SETS = ('physical', 'standard6', 'index')  # of `mounts.Names`
+
+
+@dataclass(frozen=True)
+class Base:
+    """The declared model.
+
+    Attributes
+    ----------
+    terms : tuple of str
+    degree : int
+        Of the spherical harmonics of paper 000; 0: none.
+    own : tuple of str
+        Terms that each run fits for itself.
+    interpretation : {'zenith', 'printed'}
+        What the E of the harmonics is, see `pointing_model.harmonics`.
+    """
+
+    terms: tuple
+    degree: int = 0
+    own: tuple = ()
+    interpretation: str = 'zenith'
+
+    @classmethod
+    def parse(cls, text, own=(), mount=ALTAZ):
+        """From ``physical``, ``standard6``, ``index``, ``sh13``, ``sh1``..``sh4``, names of terms.
+
+        Parameters
+        ----------
+        text : str
+            Parts joined by ``+`` or ``,``. sh13 is sh4: degree 4 has 13 coefficients an axis.
+            ``sh4p``: with the paper's E as printed, else it is the zenith distance.
+        own : sequence of str
+            Terms that each run fits for itself.
+        mount : Mount, optional
+            Whose terms they are.
+
+        Raises
+        ------
+        ValueError
+            An unknown part.
+        """
+        terms, degree, interpretation = [], 0, 'zenith'
+        for part in re.split(r'[+,\s]+', text.strip()):
+            harmonics = re.fullmatch(r'sh(13|[1-4])(p?)', part)
+            if harmonics:
+                interpretation = 'printed' if harmonics.group(2) else 'zenith'
+                degree = 4 if harmonics.group(1) == '13' else int(harmonics.group(1))
+            else:
+                several = getattr(mount.names, part) if part in _SETS else (part,)
+                terms += [t for t in several if t not in terms]
+        known_terms(terms, mount)
+        known_terms(own, mount)
+        return cls(tuple(terms), degree, tuple(own), interpretation)
+
+    @property
+    def harmonic_count(self):
+        """Coefficients of the harmonics an axis."""
+        return 3 * self.degree + 1 if self.degree else 0
+
+    def names(self):
+        """For people and the result."""
+        return [*self.terms, *([self._series] if self.degree else [])]
+
+    @property
+    def _series(self):
+        return f'sh{self.degree}' + 'p' * (self.interpretation == 'printed')
+
+    def columns(self, context, run=None):
+        """First-order columns.
+
+        Parameters
+        ----------
+        context : Context
+        run : ndarray of int, shape (n,), optional
+            Needed for `own`.
+
+        Returns
+        -------
+        Columns
+        """
+        common = tuple(t for t in self.terms if t not in self.own)
+        az, el, mount = context.az, context.el, context.mount
+        rows = [stacked_design(common, az, el, mount)]
+        count = self.harmonic_count
+        if count:
+            functions = basis(az, el, self.interpretation)[:, :count].T
+            nothing = np.zeros_like(functions)
+            rows += [np.hstack((functions * sky_factor(el, self.interpretation), nothing)),
+                     np.hstack((nothing, functions))]
+        zeros = [common.index(t) for t in mount.names.index if t in common]
+        if not self.own:
+            return Columns(np.vstack(rows), zeros=zeros)
+        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run, zeros)
+
+
+@dataclass
+class Observations:
+    """The usable rows of one or several runs.
+
+    Attributes
+    ----------
+    run : PointingRun
+        All of them, in order.
+    encoder : {'enc', 'abs'}
+        Its columns that are diagnosed.
+    label : ndarray of int, shape (n,)
+        Number of the run, 0, 1, ...
+    runs : list
+        What the numbers stand for.
+    context : Context
+    observed : ndarray, shape (2n,)
+        Offsets, x then y, radians.
+    inverse_sigma : ndarray, shape (2n,), or None
+    excluded : list of dict
+        ``row``, ``reason`` and ``source``: the line in the file, or the row of a run without one.
+    notes : list of str
+    lines : ndarray of int, shape (n,)
+        Line of each row in its file, or its row in a run without one.
+    sources : ndarray of object, shape (n,)
+        That file, or None.
+    """
+
+    run: PointingRun
+    encoder: str
+    label: np.ndarray
+    runs: list
+    context: Context
+    observed: np.ndarray
+    inverse_sigma: np.ndarray | None
+    excluded: list
+    notes: list
+    lines: np.ndarray
+    sources: np.ndarray
+
+    def __len__(self):
+        return len(self.run)
+
+    def select(self, rows):
+        """Some of them (indices or a slice)."""
+        n = len(self)
+        where = np.arange(n)[rows]
+        both = np.concatenate((where, where + n))
+        return Observations(
+            self.run.select(rows), self.encoder, self.label[rows], self.runs,
+            self.context.select(rows), self.observed[both],
+            None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
+            self.lines[rows], self.sources[rows])
+
+    def excluding(self, i, reason):
+        """Entry of `excluded` for row `i`."""
+        return {'row': int(self.lines[i]), 'source': self.sources[i], 'reason': reason}
+
+
+def mount_of(runs):
+    """The mount of a run, or of the first of several."""
+    return (runs if isinstance(runs, PointingRun) else runs[0]).mount
+
+
+def observations(runs, encoder='enc'):
+    """Join runs and leave out what cannot be used, with the reason.
+
+    Parameters
+    ----------
+    runs : PointingRun or sequence of PointingRun
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    Observations
+
+    Raises
+    ------
+    ValueError
+        No usable row, or no such encoder.
+    """
+    runs = [runs] if isinstance(runs, PointingRun) else list(runs)
+    if not runs:
+        raise ValueError('no pointing run to diagnose; give at least one')
+    if not all(r.mount.agrees(runs[0].mount) for r in runs[1:]):
+        raise ValueError('the runs are of different mounts ('
+                         + ', '.join(sorted({r.mount.kind for r in runs}))
+                         + '; or of one kind at two latitudes): diagnose each mount alone')
+    notes = [note for r in runs for note in r.meta.get('notes', ())]
+    excluded = [{**e, 'source': r.meta.get('source')} for r in runs
+                for e in r.meta.get('excluded', ())]
+    names, label = _labels(runs)
+    guessed = next((r.meta['equinox_taken'] for r in runs
+                    if not r.meta.get('equinox_taken', {}).get('told', True)), None)
+    runs = _one_clock(runs, notes)
+    run = runs[0] if len(runs) == 1 else PointingRun.concatenate(runs)
+    lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
+    if lost:
+        notes.append(f'not in all runs, so not used: {", ".join(lost)}')
+    columns = dict(run.columns)
+    if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
+        columns['run'] = label
+    columns['row'] = np.arange(len(run))
+    run = PointingRun(columns, {**run.meta, 'equinox_taken': guessed} if guessed else run.meta)
+    good = usable(run, encoder)
+    lines, sources = _places(runs)
+    bad = [{'row': int(lines[e['row']]), 'source': sources[e['row']], 'reason': e['reason']}
+           for e in good.excluded]
+    inverse, rows = None if good.sigmas is None else 1.0 / good.sigmas, good.rows
+    if not len(rows):
+        raise ValueError(f'none of {len(run)} observations can be used'
+                         + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
+    # the context first: what a row inherits from the one before is lost with the selection
+    context = Context.of_run(run, encoder)
+    if bad:
+        context, run = context.select(rows), run.select(rows)
+    return Observations(run, encoder, label[rows], names, context,
+                        np.concatenate(run.offsets(encoder)), inverse, excluded + bad, notes,
+                        lines[rows], sources[rows])
+
+
+def _one_clock(runs, notes):
+    """Leave out the times where they count from different starts."""
+    clocks = {r.meta.get('time_is_utc', True) for r in runs if 'time' in r}
+    if len(clocks) < 2:
+        return runs
+    notes.append('time is UTC in some runs and counts from an arbitrary start in others: not used')
+    return [PointingRun({k: v for k, v in r.columns.items() if k != 'time'}, r.meta) for r in runs]
+
+
+def _places(runs):
+    """Line and file of each row of the joined runs."""
+    sources = np.array([r.meta.get('source') for r in runs], object)
+    return np.concatenate([r.lines for r in runs]), np.repeat(sources, [len(r) for r in runs])
+
+
+def _labels(runs):
+    """Names of the runs, and the number of the run of each row."""
+    names, labels = [], []
+    for i, r in enumerate(runs):
+        own = np.asarray(r['run']) if 'run' in r else np.zeros(len(r))
+        for value in np.unique(own):
+            names.append((i, value.item()))
+        values = np.unique(own)
+        labels.append(len(names) - len(values) + np.searchsorted(values, own))
+    several = len(runs) > 1
+    texts = [f'{runs[i].meta.get("source") or i}:{v:g}' if several and not isinstance(v, str)
+             else v for i, v in names]
+    return texts, np.concatenate(labels)
+
+
+def linearised(obs, base):
+    """Start of the exact rotations, and the offsets that they leave.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+
+    Returns
+    -------
+    start : dict of str to float
+        Coefficients of the geometric terms, radians.
+    left : ndarray, shape (2n,)
+        Radians.
+    feasible : ndarray of bool, shape (n,)
+    """
+    names = obs.run.mount.names
+    geometric = tuple(t for t in base.terms if t in names.terms)
+    if not geometric:
+        return {}, obs.observed, np.ones(len(obs), bool)
+    start = dict.fromkeys(geometric, 0.0)
+    try:
+        start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
+    except ValueError:
+        # directions that do not determine the rotations: from the indices alone
+        obs.notes.append('the directions do not determine all terms of the base: only '
+                         'predictions there have a meaning')
+        few = tuple(t for t in names.index if t in geometric)
+        if few:
+            start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
+    left, feasible = after_rotation(obs, start)
+    return start, left, feasible
+
+
+def after_rotation(obs, start):
+    """Offsets beyond the exact rotations, shape (2n,), and where the mount can look."""
+    x, y = rotation.offsets(obs.context.az, obs.context.el, start, obs.context.mount)
+    feasible = np.isfinite(x) & np.isfinite(y)
+    left = obs.observed - np.nan_to_num(np.concatenate((x, y)))
+    return left, feasible
+
+
+def decode_slips(obs, state, alpha):
+    """Gross outliers that are whole bars of the disc or lines of the grating off.
+
+    Looked for where the graduation is declared and the encoder's own reading is known. A gross
+    outlier can be near a multiple of a line by chance, and the finer the lines the sooner: the
+    likelihood ratio of "each other outlier of this axis is a slip" to "they lie anywhere between
+    two lines" is compared with what outliers anywhere give. Those that miss count against it.
+
+    Parameters
+    ----------
+    obs : Observations
+    state : State
+        Of the base.
+    alpha : float
+        Chance of any slip among outliers that are none, over all graduations and axes.
+
+    Returns
+    -------
+    list of (str, str, ndarray of int, ndarray of int, float)
+        Axis, graduation, rows (places in `obs`), multiples, chance.
+    """
+    graduation = obs.context.graduation
+    tests = [(kind, axis, i) for kind in ('bars', 'grating') for i, axis in enumerate(AXES)
+             if kind in graduation.get(axis, ()) and obs.context.get(f'reading_{axis}') is not None]
+    n = len(obs)
+    raw = state.raw.reshape(2, n).copy()
+    given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
+    noise = state.scale[:, None] / given
+    gross = np.abs(raw / noise) > GROSS
+    raw[0] /= obs.context.trig.cos_el
+    noise[0] /= np.abs(obs.context.trig.cos_el)
+    noise = np.hypot(noise, 0.2 * ARCSEC)
+    out, taken = [], np.zeros((2, n), bool)
+    for kind, axis, i in tests:
+        period = period_of(kind, graduation[axis][kind])
+        multiple = np.rint(raw[i] / period)
+        tried = gross[i] & ~taken[i] & (multiple != 0) & (np.abs(multiple) <= _FARTHEST)
+        if not tried.any():
+            continue
+        off = np.abs(raw[i] - multiple * period)
+        # a slip of this axis leaves the other one where it was, unless that has slipped too
+        clean = ~gross[1 - i] | taken[1 - i]
+        chance = min(len(tests) * _chance_of_slips(
+            np.where(clean, off, 0.5 * period)[tried], noise[i][tried], period), 1.0)
+        hit = tried & clean & (off < np.minimum(4.0 * noise[i], period / 12.0))
+        if hit.any() and chance <= alpha:
+            taken[i] |= hit
+            rows = np.flatnonzero(hit)
+            out.append((axis, kind, rows, multiple[rows].astype(int), chance))
+    return out
+
+
+def _chance_of_slips(off, noise, period):
+    """How often outliers anywhere between two lines are so near to lines.
+
+    Parameters
+    ----------
+    off, noise : ndarray, shape (k,)
+        Distance from the nearest line, and its standard deviation, radians.
+    period : float
+    """
+    def ratio(distance):
+        # of densities, half of the outliers being slips; noise beyond a line tells nothing
+        slip = period / (np.sqrt(2.0 * np.pi) * noise) * np.exp(-0.5 * (distance / noise)**2)
+        return np.log(0.5 + 0.5 * slip).sum(axis=-1)
+
+    rng = np.random.default_rng(0)  # the same rows give the same chance
+    anywhere = rng.uniform(0.0, 0.5 * period, (_DRAWS, len(off)))
+    return (int(np.count_nonzero(ratio(anywhere) >= ratio(off))) + 1) / (_DRAWS + 1)

@@ -1,0 +1,336 @@
+"""What a diagnosis says: the verdict, the effects, the errors before and after."""
+
+from dataclasses import dataclass, field
+from pathlib import PurePath
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.model import PointingModel
+from pointing_model.rms import rms
+
+from .constants import SET_WIDTH
+from .diagnosis_base import Base, Observations
+from .folds import radial_arcsec
+from .raw_errors import as_read, as_read_terms
+from .row_counts import RMS_KEYS, rows_told
+from .row_facts import unequal_scatter, worst_rows
+
+
+@dataclass
+class DiagnosedEffect:
+    """One effect of the verdict.
+
+    Attributes
+    ----------
+    fitted : FittedEffect
+    p_family, delta_bic, cv_gain_arcsec : float or None
+    alternatives : list of str
+        Effects that explain the run as well (within 6 of the best BIC).
+    aliases, rivals : list of str
+        Of these the ones that are the same curve in this run, and the ones that have another
+        cause (not that a backlash is complete after some degrees or at once).
+    ranking : list of dict
+        Every candidate with this effect left out: ``name``, ``driver``, ``axes``, ``delta_bic``,
+        ``in_set``; best first.
+    causes : list of dict
+        What it may be, as people are told it: ``cause``, ``effects`` (names), ``driver``, ``axes``,
+        ``delta_bic``, ``only_shape`` (even alone it is one possibility, see `Effect`), and
+        ``more_effects`` (so many more its model has); those within `SET_WIDTH` of the best, the
+        best first, and last those that take more effects. What people are told alike is one.
+    companions : dict of str to list of Effect
+        Of rivals that explain the run as well only with other effects beside them: these.
+    columns : ndarray, shape (k, 2, n)
+    contenders : list of dict
+        What lost its place to this effect, though it explains the rows as well alone: see
+        `contenders.Contender.entry`.
+    removes_arcsec : float or None
+        RMS on the sky that it takes off, beyond what the declared terms could.
+    """
+
+    fitted: FittedEffect
+    p_family: float
+    columns: np.ndarray
+    delta_bic: float | None = None
+    alternatives: list = field(default_factory=list)
+    aliases: list = field(default_factory=list)
+    rivals: list = field(default_factory=list)
+    ranking: list = field(default_factory=list)
+    cv_gain_arcsec: float | None = None
+    causes: list = field(default_factory=list)
+    companions: dict = field(default_factory=dict)
+    contenders: list = field(default_factory=list)
+    removes_arcsec: float | None = None
+
+    def to_dict(self):
+        """Entry of the JSON result."""
+        e = self.fitted.effect
+        names = e.coefficient_names
+        return {
+            'name': e.name, 'tpoint': e.tpoint, 'driver': e.driver, 'axes': e.axes,
+            'coefficients_arcsec': dict(zip(names, (self.fitted.coefficients / ARCSEC).tolist())),
+            'sigma_arcsec': dict(zip(names, (self.fitted.sigma / ARCSEC).tolist())),
+            'p_family': self.p_family, 'delta_bic': self.delta_bic,
+            'alternatives': self.alternatives, 'cv_gain_arcsec': self.cv_gain_arcsec,
+            'causes': self.causes, 'contenders': self.contenders,
+            'removes_rms_arcsec': self.removes_arcsec,
+        }
+
+
+@dataclass
+class Diagnosis:
+    """Result of `diagnose`.
+
+    Attributes
+    ----------
+    verdict : {'none', 'wanders', 'undecided', 'identified', 'ambiguous', 'unknown', 'refused'}
+    base : Base
+    observations : Observations
+        The rows that were used.
+    model, base_model : PointingModel
+        With and without the effects.
+    effects : list of DiagnosedEffect
+    before, after : dict
+        RMS of the JSON result.
+    residual_before, residual_after : ndarray, shape (2, n)
+        Radians, x and y.
+    weights : ndarray, shape (n,)
+        Robust; 0: set aside.
+    ranking : list of dict
+        Every candidate on what the base leaves, best first: ``name``, ``driver``, ``axes``,
+        ``delta_bic``, ``p_family``, ``in_set``.
+    untestable : list of (str, str)
+        What could not be tested, and why.
+    noise_floor_arcsec : float
+    excluded, next_observations, notes : list
+    detectable : list of dict or None
+        With the verdict ``none``: what these observations would have shown, see `detectable`.
+    cv_contiguous : dict
+        ``before``, ``after``: RMS in arcsec with folds contiguous in time.
+    run_terms : dict
+        Run -> terms that it fitted for itself, arcsec.
+    columns_alike : list of str
+        Readings of the columns that fit as well, see `input_check`.
+    caution : str
+        A sentence where the gain does not hold on some kind of rows left out.
+    wander : dict or None
+        Rows resemble their neighbours in time though no effect explains it, see
+        `unexplained.wander_entry`.
+    expected : dict or None
+        Error on fresh stars of the same night, see `expected.expected_error`.
+    held_out : list of dict
+        Runs held out, each for itself, see `facts.nights_held_out`.
+    no_star : list of list of str
+        Effects, each with the rivals that no observation tells it from, see
+        `next_observations.propose`.
+    unphysical : list of dict
+        Terms that no mount should have so, see `unphysical.unphysical`.
+    whole : bool
+        Whether the rows are what the encoders read, and nothing was taken off before.
+    """
+
+    verdict: str
+    base: Base
+    observations: Observations
+    model: PointingModel
+    base_model: PointingModel
+    effects: list
+    before: dict
+    after: dict
+    residual_before: np.ndarray
+    residual_after: np.ndarray
+    weights: np.ndarray
+    ranking: list
+    untestable: list
+    noise_floor_arcsec: float
+    excluded: list
+    notes: list
+    run_terms: dict
+    next_observations: list = field(default_factory=list)
+    detectable: list | None = None
+    cv_contiguous: dict = field(default_factory=dict)
+    columns_alike: list = field(default_factory=list)
+    caution: str = ''
+    wander: dict | None = None
+    expected: dict | None = None
+    held_out: list = field(default_factory=list)
+    no_star: list = field(default_factory=list)
+    unphysical: list = field(default_factory=list)
+    whole: bool = True
+
+    def told_of_wander(self, entry):
+        """Take `unexplained.wander_entry`."""
+        self.wander = entry
+        if self.verdict == 'none' and entry['slow']:
+            self.verdict = 'wanders'
+
+    @property
+    def _south(self):
+        """Whether the pole that is above the horizon is the southern one, where that matters."""
+        mount = self.observations.run.mount
+        return bool(not mount.altaz and mount.latitude < 0.0)
+
+    def to_dict(self):
+        """The JSON result; keys that do not apply are None."""
+        return {
+            **self.observations.run.mount.entries(), 'south': self._south,
+            'observations': len(self.observations), 'runs': len(self.observations.runs),
+            'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
+            'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
+            'effects': [e.to_dict() for e in self.effects], **rows_told(self).to_dict(),
+            'columns_alike': self.columns_alike, 'readings': [],
+            'excluded': _excluded(self.excluded, self.observations),
+            'next_observations': self.next_observations, 'detectable': self.detectable,
+            'wander': self.wander, 'expected': self.expected,
+            'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
+            'as_read_terms': as_read_terms(self) if self.whole else [],
+            'equinox': self.observations.run.meta.get('equinox_taken'),
+            'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
+            'held_out': self.held_out, 'no_star': self.no_star,
+            'unequal_scatter': unequal_scatter(self),
+            # what is left beside terms that were taken off before has any sign
+            'unphysical': self.unphysical if self.whole else [],
+            'approach_from': self.observations.run.meta.get('approach_from'),
+        }
+
+
+def _excluded(rows, obs):
+    """Row and reason; of several files, which."""
+    several = len({e.get('source') for e in rows} | set(obs.sources)) > 1
+    return [{'row': e['row'], 'reason': f'{PurePath(str(e["source"])).name}: {e["reason"]}'
+             if several and e.get('source') else e['reason']} for e in rows]
+
+
+def verdict_of(effects):
+    """Of what carries most of the gain: curves (unknown), or effects that have a name."""
+    if not effects:
+        return 'none'
+    curves = [e for e in effects if e.fitted.effect.kind == 'smooth']
+    named = [e for e in effects if e.fitted.effect.kind != 'smooth']
+    if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
+        return 'unknown'
+    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
+
+
+def concluded(obs, base, fits, made, effects, weights, taken, outlier, ranking, untestable, notes):
+    """`Diagnosis` from what either way of searching has found.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    fits : tuple of Fitted
+        Without and with the effects.
+    made : tuple
+        Of each fit what `made_model` gives.
+    effects : list of DiagnosedEffect
+    weights : ndarray, shape (n,)
+    taken : int
+        Degrees of freedom that the fit took.
+    outlier : str
+        Why the rows without weight are left out.
+    ranking, untestable, notes : list
+    """
+    keep = weights > 0.0
+    before, after = (fit.residual for fit in fits)
+    (base_model, _), (model, run_terms) = made
+    excluded = [obs.excluding(i, outlier) for i in np.flatnonzero(~keep)]
+    free = max(2 * np.count_nonzero(keep) - taken, 1)
+    floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
+    return Diagnosis(
+        verdict_of(effects), base, obs, model, base_model, effects, rms_entry(before, keep),
+        rms_entry(after, keep), before, after, weights, ranking, untestable, floor,
+        obs.excluded + excluded, notes, run_terms)
+
+
+def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
+    """`DiagnosedEffect` of a candidate, by the scores of all with it left out.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+    p : float
+    columns : ndarray, shape (k, 2, n)
+    effects : list of Effect
+        All candidates.
+    delta_bic : ndarray, shape (G,)
+    group : int
+        Which of them it is.
+    near, same : list of int
+        That explain the run as well, and that are the same curve.
+    """
+    def names(groups):
+        return list(dict.fromkeys(effects[k].name for k in groups))
+    own = fitted.effect.mechanism
+    # one curve may have two causes
+    rivals = [k for k in near if k not in same or own is None or effects[k].mechanism != own]
+    return DiagnosedEffect(fitted, p, columns, float(delta_bic[group]), names(near), names(same),
+                           names(rivals), lines_of(effects, delta_bic),
+                           causes=_causes(effects, delta_bic, [group, *near]))
+
+
+def cause_entry(e, delta_bic, names=None):
+    """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
+    return {'cause': e.cause_told, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
+            'look_at': e.look_at, 'effort': e.effort,
+            'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
+            'delta_bic': delta_bic, 'more_effects': 0}
+
+
+def _causes(effects, delta_bic, groups):
+    """`DiagnosedEffect.causes` of groups."""
+    out = {}
+    for k in sorted(groups, key=lambda k: -delta_bic[k]):
+        e = effects[k]
+        one = out.setdefault(e.cause_told, cause_entry(e, float(delta_bic[k]), ()))
+        if e.name not in one['effects']:
+            one['effects'].append(e.name)
+    return list(out.values())
+
+
+def rms_entry(residual, keep):
+    """Of the JSON result: RMS of the rows `keep` of residuals of shape (2, n), radians."""
+    x, y = (rms(r[keep]) / ARCSEC for r in residual)
+    return dict.fromkeys(RMS_KEYS) | {
+        'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y}
+
+
+def lines_of(effects, delta_bic):
+    """Ranking of scored effects, best first: the best member of each line.
+
+    Parameters
+    ----------
+    effects : list of Effect
+    delta_bic : ndarray, shape (G,)
+        -inf: cannot be told from the model.
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``group``.
+    """
+    out, seen = [], set()
+    best = delta_bic.max(initial=-np.inf)
+    for g in np.argsort(-delta_bic):
+        e = effects[g]
+        if np.isfinite(delta_bic[g]) and e.line not in seen:
+            seen.add(e.line)
+            out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
+                        'delta_bic': float(delta_bic[g]), 'group': int(g),
+                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
+    return out
+
+
+def ranking_of(effects, delta_bic, p):
+    """`lines_of` with the family-wise p of each, shape (G,), in place of its group."""
+    lines = lines_of(effects, delta_bic)
+    for line in lines:
+        line['p_family'] = float(p[line.pop('group')])
+    return lines
+
+
+def hidden(effects, dof):
+    """Name of the effects that a run cannot tell from the base's terms, and why."""
+    return list({e.name: e.alias or 'it is the same as terms of the base on these directions'
+                 for e, d in zip(effects, dof) if d == 0}.items())

@@ -1,0 +1,351 @@
+"""Causes that explain a run equally well, told apart by stars that are asked for.
+
+After a diagnosis with an ambiguous verdict each star that comes is judged by the members of the
+sets alone: each is fitted with all terms to all rows, and a member is out that is `TOLD` behind the
+best. Until one is left, or no star that could be had is likely to tell more, the best next star is
+asked for. What is said follows from the diagnosis and the rows alone, not from the way there.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
+from pointing_model.effects import smooths
+from pointing_model.effects.base import readable
+
+from .alternative_choice import less_likely
+from .constants import DISTINCT, SET_WIDTH, SLOW
+from .diagnosis_base import observations
+from .discriminating_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
+from .linear_model import fit_state
+from .memory_test import follows, swollen
+from .problem import Choice, Problem
+from .scores import Bank
+from .subspaces import overlap
+from .working_run import Work
+
+#: stars that are asked for at most
+MOST_STARS = 15
+_RIVALS = 6  # that a star is chosen for
+_NEWCOMERS = 4  # of no set, that may come in
+
+
+@dataclass
+class Question:
+    """One set: its best member, and how the others stand.
+
+    Attributes
+    ----------
+    best : str
+    out : dict of str to float
+        Members that are out, and how far behind they are, in 2 ln(likelihood ratio).
+    open, stays : dict of str to float
+        That may still be told from the best, and those that no star here is likely to tell.
+    same : list of str
+        Of `stays`: of the same mechanism as the best, and no other cause.
+    needed : dict of str to str
+        Of the nearest that stay what would tell them, '' where nothing would that is known here.
+    """
+
+    best: str
+    out: dict = field(default_factory=dict)
+    open: dict = field(default_factory=dict)
+    stays: dict = field(default_factory=dict)
+    same: list = field(default_factory=list)
+    needed: dict = field(default_factory=dict)
+
+    @property
+    def state(self):
+        """`ASKS`, `ONE_CAUSE` or `CANNOT`."""
+        if self.open:
+            return ASKS
+        return CANNOT if set(self.stays) - set(self.same) else ONE_CAUSE
+
+    def sentence(self):
+        """How it stands, for people."""
+        if self.state == ONE_CAUSE:
+            return f'one cause is left: {readable(self.best)}'
+        if self.state == ASKS:
+            return (f'{readable(self.best)}, or '
+                    + ', '.join(f'{readable(n)} ({d:.1f} behind)' for n, d in self.open.items()))
+        others = ' or '.join(readable(n) for n in self.stays if n not in self.same)
+        return (f'{readable(self.best)} or {others} cannot be told from here; '
+                + ', '.join(f'{readable(name)}: ' + (f'it needs {what}' if what else
+                                                     'on all stars they look alike')
+                            for name, what in self.needed.items()))
+
+    def to_dict(self):
+        """JSON-ready."""
+        return {'state': self.state, 'best': self.best, 'out': self.out, 'open': self.open,
+                'stays': self.stays, 'same': self.same, 'needed': self.needed,
+                'says': self.sentence()}
+
+
+@dataclass
+class Judgement:
+    """How the sets stand by the rows so far, and what to observe next.
+
+    Attributes
+    ----------
+    questions : list of Question
+    request : dict or None
+        ``az_deg``, ``el_deg`` and so on as of `next_observations.propose`, and ``magnitude``
+        (None: any), ``before`` (what to observe before it, a short move away, or None),
+        ``separates``, ``differ_sigma`` (by how much they do there, of the noise of a star) and
+        ``why``.
+    """
+
+    questions: list
+    request: dict | None = None
+
+    @property
+    def state(self):
+        """`ASKS` while any set does; `CANNOT` where one cannot be told; else `ONE_CAUSE`."""
+        states = {q.state for q in self.questions}
+        return next((s for s in (ASKS, CANNOT) if s in states), ONE_CAUSE)
+
+    def sentence(self):
+        """For people."""
+        return '; '.join(q.sentence() for q in self.questions)
+
+    def to_dict(self):
+        """JSON-ready."""
+        return {'state': self.state, 'says': self.sentence(), 'request': self.request,
+                'sets': [q.to_dict() for q in self.questions]}
+
+
+class Apart:
+    """Tells the members of the sets of a diagnosis apart.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        With the verdict ``ambiguous``.
+    hours : float
+        That may be waited for a star.
+    elevations : (float, float), optional
+        That the mount can look at, rad; by default where the rows are.
+    least_chance : float
+        That the stars that are left tell a pair apart, below which none is asked for.
+
+    Raises
+    ------
+    ValueError
+        The diagnosis leaves nothing open.
+    """
+
+    def __init__(self, diagnosis, hours=0.0, elevations=None,
+                 least_chance=LEAST_CHANCE):
+        self._base, self._alpha = diagnosis.base, 0.01
+        self._encoder, self._seen = diagnosis.observations.encoder, len(diagnosis.observations)
+        self._hours, self._elevations, self._least = hours, elevations, least_chance
+        found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
+        self._effects = [e.fitted.effect for e in found]
+        self._sets = {i: [e.fitted.effect.name, *e.rivals] for i, e in enumerate(found)
+                      if e.rivals and e.fitted.effect.kind == 'effect'}
+        self._companions = {i: e.companions for i, e in enumerate(found)}
+        if not self._sets:
+            raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
+                             'tell apart')
+
+    def judge(self, runs, most=MOST_STARS, ask=True):
+        """How the sets stand by all rows.
+
+        Parameters
+        ----------
+        runs : PointingRun or sequence of PointingRun
+            The rows of the diagnosis and those since.
+        most : int
+            Stars since the diagnosis, at most.
+        ask : bool
+            Whether a star is wanted; without, what is left open stays open.
+
+        Returns
+        -------
+        Judgement
+        """
+        obs = observations(runs, self._encoder)
+        stars = max(most - (len(obs) - self._seen), 0)
+        work = Work(obs, self._base, self._alpha, curves=False)
+        bank = Bank([*work.problem.dictionary.effects, *smooths(obs.context)], obs.context)
+        effects, matches = list(self._effects), {}
+        for _ in range(2 if len(effects) > 1 else 1):  # the second sees what the first has changed
+            for i in self._sets:
+                others = [e for j, e in enumerate(effects) if j != i]
+                matches[i] = _Match(work.problem, obs, bank, others, self._sets[i],
+                                    self._companions[i])
+                effects[i] = matches[i].best
+        questions, asked = [], None
+        for match in matches.values():
+            question, points = self._question(match, obs, stars, ask)
+            questions.append(question)
+            if points and asked is None:
+                asked = self._request(*points, obs)
+        return Judgement(questions, asked)
+
+    def _question(self, match, obs, stars, ask):
+        question = Question(match.best.name)
+        close = []
+        for effect, behind in match.rivals:
+            if behind >= TOLD:
+                question.out[effect.name] = behind
+            else:
+                close.append((effect, behind))
+        if not ask:
+            question.open.update((e.name, behind) for e, behind in close)
+            return question, None
+        pairs = []
+        points = Points(obs, drivers_of([match.best, *(e for e, _ in close)]), self._hours,
+                        self._elevations)
+        for effect, behind in close[:_RIVALS]:
+            pair = match.pair(obs, self._base, effect, points, behind)
+            if stars and pair.chance(stars) >= self._least:
+                pairs.append(pair)
+                question.open[effect.name] = behind
+            else:
+                question.stays[effect.name] = behind
+                if effect.mechanism and effect.mechanism == match.best.mechanism:
+                    question.same.append(effect.name)
+        question.open.update((e.name, d) for e, d in close[_RIVALS:] if pairs)
+        question.stays.update((e.name, d) for e, d in close[_RIVALS:] if not pairs)
+        if question.state == CANNOT:
+            for effect, behind in [one for one in close if one[0].name not in question.same][:3]:
+                drivers = drivers_of([match.best, effect])
+
+                def make(effect=effect, behind=behind, drivers=drivers, **options):
+                    points = Points(obs, drivers, elevations=self._elevations, **options)
+                    return match.pair(obs, self._base, effect, points, behind)
+                question.needed[effect.name] = needed(make, MOST_STARS)
+        return question, (pairs, points, stars, question) if pairs else None
+
+    def _request(self, pairs, points, stars, question, obs):
+        differ = [pair.differ() for pair in pairs]
+        weight = np.array([np.exp(-0.5 * max(pair.behind, 0.0)) for pair in pairs])
+        total = (weight / weight.sum()) @ differ
+        free = ~points.taken(obs.context, range(self._seen, len(obs)))
+        # nobody waits longer than it takes to be likely to tell
+        for hours in np.unique(points.later):
+            soon = points.later <= hours
+            if hours == points.later.max() or max(p.chance(stars, soon) for p in pairs) >= ENOUGH:
+                break
+        if stars < 2:  # a short move takes two
+            soon &= ~points.short
+        free &= soon
+        j = int(np.argmax(np.where(free if free.any() else soon, total, -1.0)))
+        nearest = list(question.open)[0]
+        row = points.request(j)
+        row['separates'] = [question.best, nearest]
+        row['differ_sigma'] = round(float(np.sqrt(differ[0][j])), 2)
+        row['why'] = (f'to tell {readable(question.best)} from {readable(nearest)}: '
+                      f'{pairs[0].behind:.1f} apart of {TOLD:g}, and here they differ by '
+                      f'{row["differ_sigma"]:.1f} sigma of a star')
+        return row
+
+
+class _Match:
+    """The members of one set on all rows, with everything else in the model.
+
+    Those that have companions of their own are judged with these.
+
+    Attributes
+    ----------
+    best : Effect
+    rivals : list of (Effect, float)
+        The nearest first, and how far behind they are.
+    """
+
+    def __init__(self, problem, obs, bank, others, members, companions):
+        self._problem, self._others, self._obs = problem, others, obs
+        n = problem.n
+        self._whole = Problem(
+            problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others]),
+            problem.b, problem.inverse_sigma, bank, problem.curves, problem.sequence)
+        lines = [e.line for e in bank.effects]
+        taken = {e.line for e in others}
+        # in order: equals must not change places from process to process
+        ours = [line for line, e in zip(lines, bank.effects) if e.name in members]
+        ours = [line for line in dict.fromkeys(ours) if line not in taken]
+        plain = self._whole.plain
+
+        def of(state):
+            scores = bank.score(state)
+            tops = _tops(lines, scores.delta_bic)
+            return scores, tops, max((tops[one] for one in ours),
+                                     key=lambda g: round(scores.delta_bic[g], 6))
+
+        state = plain.state([])
+        for _ in range(2):  # weighted as with the best in the model: without it rows look wrong
+            weights = plain.state([Choice(of(state)[-1])]).weights
+            state = plain.state([], weights)
+        scores, tops, best = of(state)
+        self._state = plain.state([Choice(best)], weights)
+        if follows(problem.sequence, bank, best, state):
+            wandering = self._whole.state([], weights)
+            if wandering.wander and swollen(bank, state, wandering)[best] > SLOW:
+                wander = self._whole.state([Choice(best)], weights).wander
+                scores, tops, best = of(self._whole.state([], weights, wander=wander))
+                self._state = self._whole.state([Choice(best)], weights)
+        gains = scores.delta_bic
+        close = [g for line, g in tops.items()
+                 if line not in ours and line not in taken
+                 and bank.effects[g].kind == 'effect' and gains[g] > gains[best] - SET_WIDTH]
+        close = [g for g in sorted(close, key=lambda g: -gains[g])[:_NEWCOMERS]
+                 if self._in_its_place(bank, scores, best, g)]
+        rivals = [tops[line] for line in ours if tops[line] != best and gains[tops[line]] > -np.inf]
+        # of so few rows n ln(ratio) is too much: the noise is known from those beyond the terms
+        cost = (scores.dof + bank.scan_cost) * np.log(n)
+        free = 1.0 - len(self._state.basis) / (2.0 * n)
+        behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
+        self.best = bank.effects[best]
+        stand = [(bank.effects[g], float(behind[g])) for g in (*rivals, *close)]
+        self._with_companions(stand, companions, free)
+        self.rivals = sorted(((e, max(value, 0.0)) for e, value in stand),
+                             key=lambda one: one[1])
+
+    def _with_companions(self, stand, companions, free):
+        """Judge members with companions of their own by whole models; the best of these leads."""
+        problem, n = self._problem, self._problem.n
+
+        def model(effects):
+            design = problem.base.added([e.columns(self._obs.context).reshape(-1, 2 * n)
+                                         for e in effects])
+            return design, fit_state(design, problem.b, problem.inverse_sigma)
+
+        def scanned(effects):
+            return sum(e.scanned for e in effects if e.scan is not None)
+
+        first, lead = [*self._others, self.best], None
+        for k, (e, value) in enumerate(stand):
+            if e.name in companions:
+                second = [*companions[e.name], e]
+                models = model(first), model(second)
+                misfit, (size, other), _ = less_likely(problem.b, *zip(*models))
+                more = other + scanned(second) - size - scanned(first)
+                stand[k] = e, min(value, float(free * misfit + more * np.log(n)))
+                if stand[k][1] < min(0.0, 0.0 if lead is None else stand[lead][1]):
+                    lead = k
+        if lead is None:
+            return
+        e, ahead = stand[lead]
+        stand[:] = [(other, value - ahead) for other, value in stand if other is not e]
+        stand.append((self.best, -ahead))
+        self.best, self._others = e, companions[e.name]
+        self._state = model([*self._others, e])[1]
+
+    def _in_its_place(self, bank, scores, best, other):
+        """Whether a candidate of no set would stand in the place of the best, not beside it."""
+        if overlap(scores.basis(best), scores.basis(other))[1] <= DISTINCT:
+            return False
+        beside = bank.score(self._whole.plain.state([Choice(other)]), gains_only=True)
+        return beside.delta_bic[best] < SET_WIDTH
+
+    def pair(self, obs, base, rival, points, behind):
+        """`Pair` of the best and a rival."""
+        return Pair(self._problem, obs, base, self._state, (self.best, rival), self._others,
+                    points, behind)
+
+
+def _tops(lines, gains):
+    """Of each line the group that gains most, dict."""
+    return {lines[g]: g for g in np.argsort(gains, kind='stable')}

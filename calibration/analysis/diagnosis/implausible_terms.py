@@ -1,0 +1,99 @@
+"""Terms with a sign or a size that no mount should have, and what the rows say of why."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.analysis.harmonic_fit import rows_of_terms
+from calibration.analysis.term_notes import suspicious
+from msg_tools.units import ARCSEC
+
+from .cause_models import sound_with
+from .correlated_noise import White
+from .linear_model import solve
+from .page_figures import some_rows
+
+
+def unphysical(result):
+    """Facts of each term, declared or found, that stands out.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    list of dict
+        As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
+        value without the effects; of a negative TF `refraction_in_place` as ``refraction``, and
+        `by_cause.sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
+        that a term has without the effects, and that they only leave in doubt, the value is the
+        one without, and ``beside_effects_arcsec`` the other.
+    """
+    rows = rows_of_terms(result.model)
+    rows += [{'name': 'TX', 'value_arcsec': float(one.fitted.coefficients[0]) / ARCSEC,
+              'sigma_arcsec': float(one.fitted.sigma[0]) / ARCSEC} for one in result.effects
+             if one.fitted.effect.coefficient_names == ('TX',)]
+    out = suspicious(rows) + _in_doubt(result, rows)
+    for one in out:
+        one['altaz'] = result.observations.run.mount.altaz
+        if result.effects and one['name'] in result.base_model.terms and (
+                'beside_effects_arcsec' not in one):
+            one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC
+        if one['name'] == 'TF':
+            one['refraction'] = refraction_in_place(result)
+            one['sound_with'] = [] if 'beside_effects_arcsec' in one else sound_with(
+                result.effects, 'TF')
+    return out
+
+
+def _in_doubt(result, rows):
+    """Terms of a wrong sign without the effects, which have it beside them too, if less surely."""
+    if not result.effects:
+        return []
+    known = {row['name'] for row in suspicious(rows)}
+    beside = {row['name']: row['value_arcsec'] for row in rows}
+    return [{**one, 'beside_effects_arcsec': beside[one['name']]} for one in suspicious(
+        rows_of_terms(result.base_model))
+        if one['what'] == 'sign' and one['name'] not in known
+        and beside.get(one['name'], 0.0) * one['value_arcsec'] > 0.0]
+
+
+def refraction_in_place(result):
+    """What a wrong refraction, cot E, does in place of TF and beside it, without the effects.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``value_arcsec`` of TX, fitted in place of TF with the other declared terms,
+        ``delta_bic``: how much better that fits, and ``beside_arcsec``: TF with TX beside it;
+        None where TX is declared, or TF is each run's own.
+    """
+    base, obs = result.base, result.observations
+    if 'TF' not in base.terms or 'TF' in base.own or 'TX' in base.terms:
+        return None
+    rows, both = some_rows(result)
+    other = replace(base, terms=tuple('TX' if t == 'TF' else t for t in base.terms))
+    with_tf, with_tx = (one.columns(obs.context, obs.label).rows(both) for one in (base, other))
+    at = [t for t in base.terms if t not in base.own].index('TF')
+    scale = [max(float(np.sqrt(np.mean(np.square(r[rows])))), 1e-15)
+             for r in result.residual_before]
+    white = White(np.concatenate([np.sqrt(result.weights[rows]) / s for s in scale]))
+    # what all other terms do lies in both models
+    b = result.residual_before.reshape(-1)[both] + (
+        result.base_model.terms['TF'] * with_tf.common[at])
+    left = [float(np.square(white(one.left_of(b, white))).sum()) for one in (with_tf, with_tx)]
+    return {'value_arcsec': _coefficient(with_tx, at, b, white),
+            'delta_bic': float(len(both) * np.log(max(left[0], 1e-300) / max(left[1], 1e-300))),
+            'beside_arcsec': _coefficient(with_tf.added([with_tx.common[at:at + 1]]), at, b, white)}
+
+
+def _coefficient(columns, at, b, white):
+    """One of the common ones of a fit to `b`, arcsec."""
+    found = solve(columns.common, b, white) if columns.own is None \
+        else columns.solver(white)(b)[0]
+    return float(found[at]) / ARCSEC

@@ -1,0 +1,285 @@
+"""Whether the columns of a run are what they are named, told before anything is concluded.
+
+The seven physical terms are fitted robustly to the run as written and in other readings
+(`readings`). A misfit is a robust scatter, and those of two readings compare as likelihoods do:
+each divided by what its offsets on the sky gain from a unit of the columns as written.
+"""
+
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.runs.formats import NoUsableRow
+from pointing_model.runs.run import PointingRun
+
+from .clock_and_site import other_places
+from .file_rows import FileRows
+from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
+from .readings import MIRRORED, SOUTH, Reading, double_readings, doubt_sentences, single_readings
+from .usual_effects import USUAL
+
+#: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
+#: leaves 37, the next 13; a loose mount of an amateur 90.
+ABSURD = 1800.0
+#: arcsec; a reading that leaves less than a detector could see, or more than any mount, is no fit
+_FITS = (0.05, 600.0)
+#: how many times better, and by which log-likelihood, another reading must fit a run that would
+#: pass as written. Of 73 measured runs none is read otherwise beyond 0.8 times as well, but for a
+#: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
+#: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
+_BETTER, _LIKELIER = 1.25, 15.0
+#: the same where common effects are fitted too (`USUAL`)
+_WITH_EFFECTS = (1.15, 10.0)
+#: of `USUAL` the run as written may have so many in place of a mistake
+_MOST_EFFECTS = 2
+#: times the best misfit, or log-likelihood, within which two readings cannot be told apart
+_ALIKE, _AS_LIKELY = 1.05, 3.0
+_NEAR = 3.0  # times the best misfit in first order, of readings of a run that fits as written
+_WRONG = {'columns': 'the columns are not what they are named', 'times': 'the times are not UTC',
+          'site': 'the site is wrong'}
+_DAY = 18.0  # hours that azimuths in hours span
+#: deg: hour angles and declinations of rows on a strip along the meridian, as nobody observes
+_STRIP, _STRIP_LONG, _STRIP_ROWS = 13.0, 60.0, 12
+_FIELD = 2.0 * DEG  # a run within it tells nothing of its columns
+
+
+class MistakenColumns(ValueError):
+    """The columns of a run are not what they are named.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    readings : list of dict
+        ``reading`` and ``rms_arcsec`` of those that fit, the best first.
+    rows_read, rows_used : int
+        As written.
+    """
+
+    def __init__(self, text, readings=(), rows_read=0, rows_used=0):
+        super().__init__(text)
+        self.readings, self.rows_read, self.rows_used = list(readings), rows_read, rows_used
+
+
+@dataclass
+class Checked:
+    """What the check of a sound run says.
+
+    Attributes
+    ----------
+    alike : list of str
+        Readings that fit as well.
+    notes : list of str
+    """
+
+    alike: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+
+    @classmethod
+    def of(cls, each):
+        """Of several runs of one mount: readings that fit all of them as well, notes of each."""
+        alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
+                 if all(text in one.alike for one in each)]
+        return cls(alike, [note for one in each for note in one.notes])
+
+    def warnings(self, names):
+        """The notes, and a sentence of readings that fit as well; `names` of the mount."""
+        return [*self.notes, *doubt_sentences(self.alike, names)]
+
+
+def check_columns(runs, encoder='enc'):
+    """See that the columns of runs are what they are named.
+
+    Parameters
+    ----------
+    runs : PointingRun or sequence of PointingRun
+        Each is judged alone, by what the columns of its file hold (``meta['as_written']``).
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    Checked
+
+    Raises
+    ------
+    MistakenColumns
+        The run as written does not fit, or another reading fits far better.
+    """
+    runs = [runs] if isinstance(runs, PointingRun) else list(runs)
+    return Checked.of([_Check(run, encoder).judged() for run in runs if f'az_{encoder}' in run])
+
+
+@contextmanager
+def naming_columns():
+    """What is read within: a file of which no row can be used is told by what its columns are.
+
+    Raises
+    ------
+    MistakenColumns
+        In place of `NoUsableRow`, if a reading fits.
+    """
+    try:
+        yield
+    except NoUsableRow as error:
+        if error.run is not None:
+            check_columns(error.run)
+        raise
+
+
+class _Check:
+    """Of one run."""
+
+    def __init__(self, run, encoder):
+        self.rows = rows = FileRows(run, encoder)
+        self.mount, self.fits = rows.mount, ReadingFits(rows)
+        self.physical, self.effects = rows.mount.names.physical, USUAL[rows.mount.kind]
+
+    def judged(self):
+        """`Checked`; raises MistakenColumns."""
+        if len(self.rows.label) < FEW or self._in_a_field():
+            return Checked()
+        written = self.fits.fit(Reading(), centred=False)
+        far = self.rows.misplaced > MOST_LEFT_OUT * self.rows.rows_read
+        if written is None or written.rms_arcsec > ABSURD or far:
+            self._explain(written, far)
+            return Checked()
+        south = self.mount.altaz and abs(np.remainder(written.zeros[0], 2.0 * np.pi)
+                                         - np.pi) < SOUTH
+        others = self.fits.best([r for r in self._single() if r != MIRRORED], _NEAR)
+        if south:
+            self._refuse(written, [self.fits.fit(Reading())])
+        # the mirror image of a mount is one, to the last digit: no fit is needed
+        out = Checked()
+        out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
+        for other in others:
+            self._compare(other, written, others, out)
+        elsewhere = _likeliest([fit for fit in others if fit.reading.elsewhere
+                                and fit.better_than(written)[0] > 1.0 / _ALIKE])
+        if not out.notes and elsewhere and elsewhere.better_than(written)[1] > -_AS_LIKELY:
+            out.notes.append(
+                f'{self.rows.where}{elsewhere.text} would fit as well, with {_sizes(elsewhere)} in '
+                f'place of {_sizes(written)}: make sure of the {elsewhere.reading.kind}')
+        return out
+
+    def _compare(self, other, written, others, out):
+        """Refuse the run as written if the other is what it is; note what may be."""
+        times, likelier = other.better_than(written)
+        if other.far_better_than(written, _BETTER, _LIKELIER) and other.rms_arcsec < _FITS[1]:
+            if self._is_clear(other.reading) or self._needed(other, written):
+                alike = _alike(others)
+                self._refuse(written, alike if other in alike else [other])
+            if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere:
+                out.notes.append(
+                    f'{self.rows.where}{other.text} would fit to {other.rms_arcsec:.1f} '
+                    f'arcsec, where the seven terms leave {written.rms_arcsec:.1f}; an effect '
+                    f'that they lack may do so too: make sure of the {other.reading.kind}')
+            else:
+                out.alike.append(other.text)
+        elif not other.reading.elsewhere and (times > 1.0 / _ALIKE or likelier > -_AS_LIKELY):
+            out.alike.append(other.text)
+
+    def _single(self):
+        return [*single_readings(self.rows.held, self.mount, self.rows.lst is not None),
+                *other_places(self.rows)]
+
+    def _in_a_field(self):
+        """Whether the catalogue places are as good as one place, however they are read."""
+        return all(np.ptp(c) < _FIELD for c in self.rows.columns[:2])
+
+    def _is_clear(self, reading):
+        """Whether numbers read as hours, or radians of the first axis, span what those span.
+
+        Azimuths over 0 to 24, as no dome's slit does; hour angles within half a day of the
+        meridian, where declinations span the sky.
+        """
+        first, second = (np.asarray(v) / DEG for v in self.rows.columns[:2])
+        if not set(reading.catalogue) & {'hours', 'radians of the first'} or (
+                'swapped' in reading.catalogue):
+            return False
+        if self.mount.altaz:
+            return 'hours' in reading.catalogue and first.min() >= 0.0 and np.ptp(first) > _DAY
+        return len(first) >= _STRIP_ROWS and np.ptp(first) < _STRIP and np.ptp(second) > _STRIP_LONG
+
+    def _needed(self, other, written):
+        """Whether common effects in place of the other reading do not fit as well.
+
+        Either some in the run as written, against none in the other, or all in both.
+        """
+        terms, amended = self.physical, written
+        for _ in range(_MOST_EFFECTS):
+            fits = [fit for fit in (self.fits.fit(Reading(), False, terms + group)
+                                    for group in self.effects if group[0] not in terms)
+                    if fit is not None]
+            if fits:
+                amended = min([amended, *fits], key=lambda fit: fit.misfit)
+                terms = amended.terms
+        if other.far_better_than(amended, *_WITH_EFFECTS):
+            return True
+        most = (2 * len(written.places[0]) - 8) * 2 // 3
+        terms = self.physical
+        for group in self.effects:
+            terms += group if len(terms + group) <= most else ()
+        fits = [self.fits.fit(Reading(), False, terms), self.fits.fit(other.reading, True, terms)]
+        return None not in fits and fits[1].far_better_than(fits[0], *_WITH_EFFECTS)
+
+    def _explain(self, written, far):
+        """Refuse what does not fit as written; return where its rows fit but are too few."""
+        fits = self.fits.best([Reading(), *self._single(), *double_readings(
+            self.rows.held, self.mount, self.rows.lst is not None)])
+        fits = _alike([fit for fit in fits
+                       if _FITS[0] < fit.rms_arcsec < _FITS[1] and fit.explains()])
+        if fits or not far or written is None or written.rms_arcsec > ABSURD:
+            self._refuse(written, fits)
+
+    def _refuse(self, written, fits):
+        left = 'do not fit' if written is None else f'leave {_size(written.rms_arcsec)}'
+        kinds = list(dict.fromkeys(fit.reading.kind for fit in fits))
+        what = ', or '.join(_WRONG[kind] for kind in kinds) \
+            or 'catalogue and encoders do not belong together'
+        used, read = self.rows.rows_used, self.rows.rows_read
+        text = f'{self.rows.where}{what}: {used} of {read} rows can be used as written, and {left}'
+        said = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
+        if len(fits) > 1:
+            text += f'. These readings fit, and cannot be told apart: {said}'
+        elif fits:
+            text += f'. Read otherwise they fit: {said}'
+        else:
+            text += '. No other reading that was tried fits'
+        advice = 'look at the columns and at the rows' if not fits else fits[0].reading.advice \
+            if len(kinds) == 1 else 'set right which of them it is'
+        raise MistakenColumns(
+            f'{text}. Nothing was concluded; {advice}',
+            [{'reading': fit.text, 'rms_arcsec': fit.rms_arcsec} for fit in fits], read, used)
+
+
+def _alike(fits):
+    """The best and those that cannot be told from it; of these the ones with fewest mistakes."""
+    best = _likeliest(fits)
+    one = _likeliest([fit for fit in fits if fit.reading.mistakes < 2])
+    if one is not None and not best.far_better_than(one, _BETTER, _LIKELIER):
+        best = one
+    near = []
+    for fit in fits:
+        times, likelier = fit.better_than(best)
+        if likelier > -_AS_LIKELY or times > 1.0 / _ALIKE and not fit.reading.elsewhere:
+            near.append(fit)
+    fewest = min((fit.reading.mistakes for fit in near), default=0)
+    return [fit for fit in near if fit.reading.mistakes == fewest]
+
+
+def _likeliest(fits):
+    best = fits[0] if fits else None
+    for fit in fits:
+        best = fit if fit.better_than(best)[1] > 0.0 else best
+    return best
+
+
+def _sizes(fit):
+    zero, tilt = (size / DEG for size in fit.sizes)
+    return f'a zero of {zero:.3g} deg and a tilt of {tilt:.3g}'
+
+
+def _size(arcsec):
+    return f'{arcsec:.1f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.1f} deg'

@@ -1,0 +1,379 @@
+"""What to observe next, so that effects which explain a run equally well come apart.
+
+For two members of a set, each is taken as the truth in turn and the other (with all terms of the
+model) is fitted to what the truth would give. What that fit cannot follow, squared and in units
+of the noise, is the expected separation in 2 ln(likelihood ratio). The next observation is where
+the two disagree most; it is added, and the fit repeated (T-optimal design of Atkinson and
+Fedorov, 1975, one point after the other). What the rows so far say is no expectation: it is the
+difference of the scores by which the members are one set, and what is expected is added to it.
+"""
+
+from copy import copy
+
+import numpy as np
+
+from msg_tools.units import DEG, covered, wrap
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond
+from pointing_model.sky.skyline import Horizon
+
+from .dark_hours import dark_hours, next_night, utc_of
+from .linear_model import solve
+
+_COUNT = 6  # for each ambiguous effect
+_RIVALS = 4
+_WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
+MIN_GAP = 3.0 * DEG
+_LATER = (0.25, 2.0, 6.0)  # hours
+#: the first axis of a mount that is no alt-azimuth one is asked to go so much farther than it has
+BEYOND = 5.0 * DEG
+CLEAR = 3.0 * DEG  # a star is near the place, not at it
+SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
+
+
+def propose(problem, obs, base, found, stands, contenders=None):
+    """Observations that separate the best effect from the strongest rival that they can separate.
+
+    Parameters
+    ----------
+    problem : Problem
+    obs : Observations
+    base : Base
+    found : Found
+    stands : list of Standing
+    contenders : list of list of int, optional
+        Of each choice: groups that lost their place to it and leave its cause open all the same.
+
+    Returns
+    -------
+    proposals : list of dict
+        ``az_deg``, ``el_deg`` (of the horizon; of another mount than an alt-azimuth one its own
+        angles too, such as ``ha_deg``, ``dec_deg``, and ``through_pole``), ``approach_az``,
+        ``approach_el`` (0: either), ``last_move_deg`` (of both axes, against the move before;
+        None: any), ``after_hours`` (since the last row; None: at any time), ``utc`` (then; None:
+        at any time, or not known), ``next_night`` (none of these hours is dark tonight),
+        ``separates`` (two
+        names), and ``separation_before``: delta BIC between them by the rows there are;
+        ``separation_after``: the same to be expected with all proposals so far.
+    none : list of list of str
+        An effect and its strongest rivals, where no observation tells it from any.
+    """
+    out, none, grid = [], [], _grid(obs)
+    for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
+        others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
+        bank, group = choice.family(problem, found.chosen)
+        own = bank.effects[group].cause_told
+        look_at = bank.effects[group].look_at
+        # what people are told as another cause, and look for elsewhere, comes first, what takes
+        # more effects last
+        rivals = [] if choice.curve else sorted(
+            [*stand.alternatives, *(contenders[i] if contenders else ())],
+            key=lambda k, bank=bank, own=own, look_at=look_at, more=stand.larger: (
+                bank.effects[k].cause_told == own, bank.effects[k].look_at == look_at, k in more))
+        for rival in rivals[:_RIVALS]:
+            *pair, shared = _members(problem, choice.effect(problem), others, bank.effects[rival],
+                                     stand.companions.get(rival))
+            proposals = _separate(problem, obs, base, found, pair, shared, grid,
+                                  abs(stand.every[group] - stand.every[rival]))
+            last = proposals[-1]
+            if last['separation_after'] > last['separation_before'] + _WORTH:
+                out += proposals
+                break
+        else:
+            tried = [bank.effects[k] for k in rivals[:_RIVALS]]
+            if tried and tried[0].cause_told != own:
+                none.append([choice.effect(problem).name, *dict.fromkeys(
+                    e.name for e in tried if e.cause_told != own)])
+    return out, none
+
+
+def _members(problem, best, others, rival, companions):
+    """What the models of an effect and of its rival have alone, each itself first, and in common.
+
+    A rival may have companions of its own (see `rechosen`), a list of Choice, else None.
+    """
+    if companions is None:
+        return [best], [rival], others
+    own = [choice.effect(problem) for choice in companions]
+    both = {e.name for e in own} & {e.name for e in others}
+    return ([best, *(e for e in others if e.name not in both)],
+            [rival, *(e for e in own if e.name not in both)],
+            [e for e in others if e.name in both])
+
+
+def _grid(obs):
+    """Possible observations: the sky, both approaches, soon and late, after a long move or a short.
+
+    Returns
+    -------
+    context : Context
+    later : ndarray
+        Hours after the last row.
+    short : ndarray of bool
+        Reached by a move of `SHORT` back on the one before.
+    tomorrow : bool
+        Whether tonight no dark hour is left.
+    """
+    mount, above = obs.context.mount, obs.context.on_horizon()[1]
+    low = max(15.0 * DEG, float(above.min()))
+    high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
+    tonight = dark_hours(obs.context, _LATER)
+    az, el, s_az, s_el, later, short = places_under(
+        obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0],
+        tonight or next_night(obs.context, _LATER), [False, True])
+    columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
+    known = obs.context.columns
+    time = obs.context.get('time')
+    if time is not None:
+        columns['time'] = np.nanmax(time) + 3600.0 * later
+        hours = obs.context.get('run_hours')
+        if hours is not None:
+            columns['run_hours'] = hours[np.nanargmax(time)] + later
+    else:
+        columns['order'] = np.ones_like(az)
+    temperature = obs.context.get('temperature')
+    if temperature is not None:
+        columns['temperature'] = forecast(time, temperature, columns.get('time'), len(az))
+    if 'run' in known:
+        columns['run'] = np.full(len(az), known['run'][-1])
+    for axis in ('az', 'el'):
+        columns[f'travel_{axis}'] = np.where(short, SHORT, np.inf)
+        columns[f'before_{axis}'] = -columns[f'approach_{axis}']
+    context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
+    context.raw_reading = obs.context.raw_reading
+    return context, later, short, not tonight
+
+
+def places_under(known, low, high, *conditions):
+    """Places on the sky for an observation, each under all conditions.
+
+    Of a mount that is no alt-azimuth one, as far as its first axis has turned in the rows: beyond,
+    the counterweight may be up. Behind the skyline, where it is known, is none.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    low, high : float
+        Elevations between which the places are, rad.
+    *conditions : sequence
+        The values of each.
+
+    Returns
+    -------
+    az, el : ndarray, shape (m,)
+        Angles of the axes, rad; the conditions change fastest.
+    *values : ndarray, shape (m,)
+        Of each condition.
+    """
+    mount = known.mount
+    beyond = np.unique(is_beyond(known.el)) if not mount.altaz else [False]
+    side, az, el = (v.ravel() for v in np.meshgrid(
+        beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
+    if not mount.altaz:
+        az, el = mount.axes_of(az, el, side)
+        seen = turned_to(known.az, az)
+        az, el = (on_turn(known.az, az[seen]), el[seen]) if seen.any() else (known.az, known.el)
+    if known.skyline:
+        free = above_skyline(known.skyline, *Context(az, el, mount=mount).on_horizon())
+        az, el = (az[free], el[free]) if free.any() else (known.az, known.el)
+    values = [v.ravel() for v in np.meshgrid(*conditions, indexing='ij')]
+    each = len(values[0])
+    return np.repeat(az, each), np.repeat(el, each), *(np.tile(v, len(az)) for v in values)
+
+
+def above_skyline(corners, az, el):
+    """Whether places of the horizon (rad) are `CLEAR` of a skyline, up and to both sides."""
+    beside = CLEAR / np.maximum(np.cos(el), CLEAR / np.pi)
+    return el > Horizon(-0.5 * np.pi, corners).highest(az, beside) + CLEAR
+
+
+def turned_to(seen, angles):
+    """Whether an axis has been within `BEYOND` of some angles, or between: shape of `angles`, bool.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (n,)
+        Where it has been, rad; it is taken never to have been in the largest gap between two of
+        them.
+    angles : ndarray
+        rad.
+    """
+    first, span = covered(seen)
+    return np.mod(angles - first + BEYOND, 2.0 * np.pi) <= span + 2.0 * BEYOND
+
+
+def on_turn(seen, angles):
+    """Angles on the turn on which an axis has been: what grows with it has no jump between."""
+    middle = 0.5 * (seen.min() + seen.max())
+    return middle + wrap(angles - middle)
+
+
+def forecast(time, temperature, then, n):
+    """Temperature as far as the night's course tells it: the last of it, never beyond its range."""
+    good = np.isfinite(temperature)
+    if time is None or good.sum() < 5:
+        return np.full(n, np.nanmean(temperature))
+    slope, level = np.polyfit((time[good] - time[good].mean()) / 3600.0, temperature[good], 1)
+    guess = level + slope * (then - time[good].mean()) / 3600.0
+    return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
+
+
+def _separate(problem, obs, base, found, pair, others, grid, before):
+    context, later, short, tomorrow = grid
+    m = len(context)
+    views = views_of(problem, obs, base, found.state, pair, others, context)
+    start = min(v.separation() for v in views)
+    proposals, used = [], np.zeros(m, bool)
+    for _ in range(_COUNT):
+        gain = np.min([v.disagreement() for v in views], axis=0)
+        j = int(np.argmax(np.where(used, -1.0, gain)))
+        by_az, by_el, by_time, by_move = _matters(gain, j, len(np.unique(later)))
+        near = np.hypot((context.az - context.az[j]) * np.cos(context.el[j]),
+                        context.el - context.el[j]) < MIN_GAP
+        used |= near & ((later == later[j]) | (not by_time)) & ((short == short[j]) | (not by_move))
+        for v in views:
+            v.add(j)
+        timed = by_time and 'time' in context.columns
+        after = before + min(v.separation() for v in views) - start
+        proposals.append({
+            **place_of(context, j),
+            'approach_az': int(context.columns['approach_az'][j]) if by_az else 0,
+            'approach_el': int(context.columns['approach_el'][j]) if by_el else 0,
+            'last_move_deg': float(SHORT / DEG) if by_move and short[j] else None,
+            'after_hours': float(later[j]) if timed else None,
+            'utc': utc_of(obs.context, later[j]) if timed else None,
+            'next_night': timed and tomorrow,
+            'separates': [member[0].name for member in pair],
+            'separation_before': float(before), 'separation_after': float(after)})
+    return proposals
+
+
+def views_of(problem, obs, base, state, pair, others, context):
+    """Either member of a pair as the truth, and how far the other can follow it.
+
+    Parameters
+    ----------
+    problem : Problem
+    obs : Observations
+    base : Base
+    state : State
+        By which the rows are weighted.
+    pair : sequence of sequence of Effect, length 2
+        The members: an effect, and what its model alone has besides.
+    others : sequence of Effect
+        What else is in both models.
+    context : Context
+        Observations that might be made.
+
+    Returns
+    -------
+    list of View
+        The first member true, the second true.
+    """
+    n, m = problem.n, len(context)
+    # they are observed in the last run, with its terms
+    last = int(np.searchsorted(np.unique(obs.label), obs.label[-1]))
+    grid_base = base.columns(context, np.full(m, obs.label[-1]))
+    shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
+    shared_grid = [grid_base.common, *(e.columns(context).reshape(-1, 2 * m) for e in others)]
+    rows = [shared.common]
+    if shared.own is not None:
+        rows.append(shared.own_of(last))
+        shared_grid.append(grid_base.own)
+    rows = [np.vstack(rows), *(_stacked(member, obs.context) for member in pair),
+            problem.b[None]]
+    shared_rows, *sides, b = (_beyond_other_runs(shared, state.white(r), state.white, last)
+                              for r in rows)
+    sides = [(r, _stacked(member, context)) for r, member in zip(sides, pair)]
+    noise = _noise(state, problem, context)
+    shared_grid = np.vstack(shared_grid)
+    return [View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise) for k in (0, 1)]
+
+
+def _stacked(effects, context):
+    return np.vstack([e.columns(context).reshape(-1, 2 * len(context)) for e in effects])
+
+
+def place_of(context, j):
+    """Where a proposal is: ``az_deg``, ``el_deg`` of the horizon, and a mount's own angles."""
+    place = [round(float(context.get(name)[j] / DEG), 6) % 360.0
+             for name in ('azimuth', 'elevation')]
+    return {'az_deg': place[0], 'el_deg': place[1], **_side(context, j)}
+
+
+def _side(context, j):
+    """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
+    mount = context.mount
+    if mount.altaz:
+        return {}
+    angles = mount.on_travel(context.az[j], context.el[j])
+    return {**{f'{name}_deg': round(float(angle / DEG), 6)
+               for name, angle in zip(mount.names.columns, angles)},
+            'through_pole': bool(is_beyond(context.el[j]))}
+
+
+def _matters(gain, j, hours):
+    """Whether the approaches, the time (of so many) and the last move change what `j` tells."""
+    shape = (2, 2, hours, 2)
+    here = gain.reshape(-1, *shape)[j // np.prod(shape)]
+    by_az, by_el, by_time, by_move = (
+        bool(np.any(np.ptp(here, axis=axis) > 0.01 * gain[j])) for axis in range(4))
+    return by_az, by_el, by_time or hours == 1, by_move  # one hour has nothing beside it
+
+
+def _beyond_other_runs(shared, rows, white, last):
+    """Whitened rows without what the runs but the last can fit for themselves."""
+    if shared.own is None:
+        return rows
+    return shared.own_basis(white(shared.own), last).off(rows, in_place=True)
+
+
+def _noise(state, problem, context):
+    """Noise of each axis of new observations, shape (2, m), radians; what wanders is a part."""
+    n, noise = problem.n, np.repeat(state.scale[:, None], len(context), axis=1)
+    for axis, one in enumerate(state.wander):
+        on_sky = context.trig.cos_el if one.angle else 1.0
+        noise[axis] = np.sqrt(one.scale**2 + one.variance * np.square(on_sky))
+    if problem.inverse_sigma is None:
+        return noise
+    return noise / np.array([problem.inverse_sigma[:n].mean(),
+                             problem.inverse_sigma[n:].mean()])[:, None]
+
+
+class View:
+    """One member of the pair is true; how well can the other follow it. Rows are whitened."""
+
+    def __init__(self, shared, shared_grid, truth, rival, b, noise):
+        p = solve(np.vstack((shared, truth[0])), b, np.copy)
+        coefficients = p[len(shared):]
+        self._signal = coefficients @ truth[0]
+        self._signal_grid = coefficients @ truth[1]
+        self._rows = np.vstack((shared, rival[0]))
+        self._grid = np.vstack((shared_grid, rival[1]))
+        self._noise, self._m = noise, truth[1].shape[1] // 2
+
+    def _fit(self):
+        return solve(self._rows, self._signal, np.copy)
+
+    def separation(self):
+        left = self._signal - self._fit() @ self._rows
+        return float(left @ left)
+
+    def disagreement(self):
+        """Of each point, if nothing is refitted after it, shape (m,)."""
+        left = (self._signal_grid - self._fit() @ self._grid).reshape(2, -1)
+        return np.square(left / self._noise).sum(axis=0)
+
+    def add(self, j, stars=1.0):
+        """Observe point `j`, or so many stars at it."""
+        at = [j, j + self._m]
+        n = self._rows.shape[1] // 2
+        place = [n, 2 * n]  # behind the x and behind the y rows
+        noise = self._noise[:, j] / np.sqrt(stars)
+        self._rows = np.insert(self._rows, place, self._grid[:, at] / noise, axis=1)
+        self._signal = np.insert(self._signal, place, self._signal_grid[at] / noise)
+
+    def copy(self):
+        """The same, to add to."""
+        return copy(self)

@@ -1,0 +1,321 @@
+"""How many of the rows that were read a diagnosis rests on, and what the others did."""
+
+from dataclasses import dataclass, replace
+from pathlib import PurePath
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+from pointing_model.runs.copies import SAME
+
+from .reading_fits import MOST_LEFT_OUT
+
+#: reasons of rows that whoever wrote the file took back
+_TAKEN_BACK = ('commented out', 'rejected by')
+#: of the entries ``before`` and ``after`` of a result
+RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
+            'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
+_NAMED = 5  # outliers in a sentence, at most
+_REASONS = 12  # lines of rows left out, at most
+
+
+@dataclass
+class RowsTold:
+    """Of one diagnosis.
+
+    Attributes
+    ----------
+    read : int
+        Rows that the files offer; not those that are rejected in the file.
+    used : int
+        Rows with weight in the fit.
+    copies : int
+        Rows that are there twice.
+    outliers : list of dict
+        ``row`` (the line in the file), ``source`` (of several files), ``star`` (its number
+        or name, where a fit has it), ``x_arcsec``, ``y_arcsec``:
+        how far from the model, on the sky; the farthest first.
+    rms_with : float or None
+        Radial RMS in arcsec with the outliers.
+    word : {'row', 'line'}
+        What their numbers count: lines of a file, or rows of a run without one.
+    taken_back : int
+        Rows that whoever wrote the file took back; they are none of those read.
+    """
+
+    read: int
+    used: int
+    copies: int
+    outliers: list
+    rms_with: float | None
+    word: str = 'row'
+    taken_back: int = 0
+
+    @property
+    def too_few(self):
+        """Whether more than a third is left out."""
+        offered = self.read - self.copies
+        return offered - self.used > MOST_LEFT_OUT * offered
+
+    @property
+    def lost(self):
+        """Rows read and not used."""
+        return self.read - self.used
+
+    @property
+    def refusal(self):
+        """Why no effect is claimed then."""
+        return (f'{self.used} of {self.read} rows could be used. With more than a third left out '
+                'no effect is claimed: what the others show may come from what is wrong with '
+                'those. Look at the rows left out, and at the columns.')
+
+    def to_dict(self):
+        """Keys of the JSON result."""
+        return {'rows_read': self.read, 'rows_used': self.used, 'outliers': self.outliers,
+                'rms_with_outliers_arcsec': self.rms_with, 'rows_are': self.word,
+                'rows_taken_back': self.taken_back}
+
+
+def rows_told(result):
+    """Count the rows of a diagnosis.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    RowsTold
+    """
+    obs = result.observations
+    sources = obs.sources if len(set(obs.sources)) > 1 else None
+    return _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
+                 word=row_word(obs.run))
+
+
+def rows_of_fit(run, result):
+    """Count the rows of a fit, as `rows_told`.
+
+    Parameters
+    ----------
+    run : PointingRun
+    result : FitResult
+
+    Returns
+    -------
+    RowsTold
+    """
+    usable = np.isfinite(result.residual_x)
+    left = np.stack((result.residual_x, result.residual_y))[:, usable]
+    return _told(left, result.weights[usable],
+                 [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable],
+                 stars=run['star'][usable] if 'star' in run else None, word=row_word(run))
+
+
+def excluded_of_fit(run, result):
+    """Rows that a fit did not have and those that it could not use: ``row`` in the file, reason."""
+    return [*run.meta.get('excluded', ()),
+            *({**one, 'row': run.lines[one['row']]} for one in result.excluded)]
+
+
+def row_word(run):
+    """What the numbers of a run's rows count: ``line``s of its file, or ``row``s."""
+    return 'row' if run.meta.get('lines') is None else 'line'
+
+
+def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
+    lost, copies = _lost(excluded)
+    away = np.flatnonzero(~(weights > 0.0))
+    away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
+    outliers = [{'row': int(lines[i]),
+                 **({} if sources is None else {'source': PurePath(str(sources[i])).name}),
+                 **({} if stars is None else _named(stars[i])),
+                 'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
+                for i in away]
+    n = left.shape[1]
+    return RowsTold(
+        n + lost, n - len(away), copies, outliers,
+        float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word,
+        len(excluded) - lost)
+
+
+def _named(star):
+    """Entry of a star that has a number or a name."""
+    if isinstance(star, str):
+        return {'star': str(star)}
+    return {'star': int(star)} if np.isfinite(star) else {}
+
+
+def _lost(excluded):
+    """How many rows are left out, but for those taken back; how many of them are copies."""
+    reasons = [e['reason'] for e in excluded if not e['reason'].startswith(_TAKEN_BACK)]
+    return len(reasons), sum(reason.startswith(SAME) for reason in reasons)
+
+
+def rows_of_reader(run):
+    """Count the rows of a run by what its reader left out, as `rows_told`.
+
+    Parameters
+    ----------
+    run : PointingRun
+
+    Returns
+    -------
+    RowsTold
+    """
+    lost, copies = _lost(run.meta.get('excluded', ()))
+    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run),
+                    len(run.meta.get('excluded', ())) - lost)
+
+
+def claimed(result):
+    """The diagnosis, or one that claims no effect where more than a third of the rows is left out.
+
+    Parameters
+    ----------
+    result : Diagnosis
+
+    Returns
+    -------
+    Diagnosis
+        Its verdict is ``refused`` then, its model that of the base.
+    """
+    told = rows_told(result)
+    if not told.too_few:
+        return result
+    return replace(
+        result, verdict='refused', effects=[], model=result.base_model,
+        after=dict(result.before), residual_after=result.residual_before, next_observations=[],
+        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None,
+        expected=None, no_star=[])
+
+
+def refused_document(error):
+    """The JSON result where the columns are not what they are named.
+
+    Parameters
+    ----------
+    error : MistakenColumns
+
+    Returns
+    -------
+    dict
+        The keys of `Diagnosis.to_dict`; what does not apply is None.
+    """
+    nothing = dict.fromkeys(RMS_KEYS)
+    return {
+        'observations': error.rows_used, 'runs': None, 'base_terms': None, 'verdict': 'refused',
+        'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
+        'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
+        'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
+        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
+        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
+        'equinox': None, 'unequal_scatter': None,
+        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
+        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
+        'rows_taken_back': 0}
+
+
+def used_sentence(told):
+    """First line of what people read.
+
+    Parameters
+    ----------
+    told : dict
+        With ``rows_used``, ``rows_read``, ``rows_taken_back``.
+
+    Returns
+    -------
+    str
+    """
+    more = told.get('rows_taken_back')
+    return f'{told["rows_used"]} of {told["rows_read"]} rows used' + (
+        f'; {more} more {"is" if more == 1 else "are"} commented out or rejected in the file'
+        if more else '')
+
+
+def expected_sentence(document):
+    """The error to be expected of the model, from a document with ``expected``; None if unknown."""
+    told = document.get('expected')
+    if not told:
+        return None
+    return (f'expected on fresh stars in the {told.get("within", "half hour")} after: '
+            f'{told["rms_arcsec"]:.2f} arcsec radial, {told["low_arcsec"]:.2f} to '
+            f'{told["high_arcsec"]:.2f} in {100 * told["confidence"]:.0f} % of cases')
+
+
+def outlier_sentence(document):
+    """Which rows are outliers, and what they do to the RMS; empty where there is none.
+
+    Parameters
+    ----------
+    document : dict
+        With ``outliers``, ``rms_with_outliers_arcsec``, ``after`` and ``rows_are``.
+
+    Returns
+    -------
+    str
+    """
+    rows = document.get('outliers') or []
+    if not rows:
+        return ''
+    word = document.get('rows_are') or 'row'
+    named = ', '.join(
+        (f'{row["source"]} ' if 'source' in row else '')
+        + f'{word} {row["row"]} ({_star(row)}'
+        f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
+        for row in rows[:_NAMED])
+    more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
+    what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
+    return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
+            f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
+            f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
+
+
+def _star(row):
+    return f'star {row["star"]}, ' if 'star' in row else ''
+
+
+def far_text(arcsec):
+    """An amount of error in words."""
+    return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
+
+
+def left_out_lines(excluded, several=False, word='row'):
+    """Which rows are left out and why: a line for each reason.
+
+    Parameters
+    ----------
+    excluded : list of dict
+        ``row`` (the line in the file), ``reason``, ``source``.
+    several : bool
+        Whether there are several files: the line says which.
+    word : str
+        As of `RowsTold`.
+
+    Returns
+    -------
+    list of str
+    """
+    reasons = {}
+    for one in excluded:
+        source = PurePath(str(one['source'])).name if several and one.get('source') else ''
+        reasons.setdefault((source, one['reason']), []).append(one['row'])
+    lines = [f'{source}{": " if source else ""}{word}{"s" * (len(rows) > 1)} {listed(rows)} '
+             f'left out: {reason}' for (source, reason), rows in reasons.items()]
+    if len(lines) <= _REASONS:
+        return lines
+    others = list(reasons.values())[_REASONS:]
+    return [*lines[:_REASONS], f'{sum(map(len, others))} {word}s more left out, for {len(others)} '
+            'other reasons (--json FILE has them all)']
+
+
+def listed(rows, limit=10):
+    """Numbers as text, neighbours as a range: 3, 7-9; of many the first and how many."""
+    rows = sorted(set(rows))
+    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
+    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
+    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
+    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
+    return ', '.join(texts[:limit]) + more

@@ -1,0 +1,290 @@
+"""What a diagnosis did to single rows, and to nights that it has not seen: facts for people."""
+
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+from scipy.special import chdtrc
+
+from calibration.estimation.robust import sigma_of
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import arcsec
+from pointing_model.mounts import KINDS
+from pointing_model.rms import rms
+
+from .constants import BAD_NIGHT
+from .reading_fits import MOST_LEFT_OUT
+
+_FOOT = 1.01  # times as far off, from where a row is said to be worse
+#: rows in each of three bands of elevation, at least, of which it is said that they scatter
+#: differently; chance that noise makes them, and how many times as much one must scatter
+_FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
+#: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
+_BY_CHANCE = 0.05
+
+
+def worst_rows(diagnosis):
+    """The worst of the rows that count, before and after.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``before`` and ``after``: each with ``row``, ``source`` (of several files), ``az_deg``,
+        ``el_deg`` (of the axes of the mount), ``before_arcsec`` and ``after_arcsec``. None
+        without an effect.
+    """
+    used = np.flatnonzero(diagnosis.weights > 0.0)
+    if not diagnosis.effects or not len(used):
+        return None
+    obs = diagnosis.observations
+    sizes = {when: np.hypot(*getattr(diagnosis, f'residual_{when}')) / ARCSEC
+             for when in ('before', 'after')}
+    several = len(set(obs.sources)) > 1
+    az, el = np.degrees(obs.run['az']), np.degrees(obs.run['el'])
+    if obs.run.mount.altaz:
+        az = np.mod(az, 360.0)
+    return {when: {'row': int(obs.lines[i]), 'az_deg': float(az[i]), 'el_deg': float(el[i]),
+                   **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
+                   **{f'{key}_arcsec': float(one[i]) for key, one in sizes.items()}}
+            for when, size in sizes.items() for i in [used[np.argmax(size[used])]]}
+
+
+def unequal_scatter(diagnosis):
+    """Whether what is left of an axis scatters otherwise at other elevations.
+
+    Of three bands with as many rows each, by the ranks of the absolute residuals (Kruskal and
+    Wallis 1952, J. Am. Stat. Assoc. 47, 583).
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``axis`` (x, y), ``p`` and ``bands``, from low to high: ``from_deg``, ``to_deg`` of
+        elevation and ``rms_arcsec``. None where it does not, or where rows are too few.
+    """
+    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    elevation = diagnosis.observations.context.on_horizon()[1]
+    if len(rows) < 3 * _FEWEST_IN_BAND:
+        return None
+    rows = rows[np.argsort(elevation[rows], kind='stable')]
+    bands, best = np.array_split(np.arange(len(rows)), 3), None
+    for axis, left in zip('xy', diagnosis.residual_after[:, rows]):
+        ranks = np.empty(len(rows))
+        ranks[np.argsort(np.abs(left), kind='stable')] = np.arange(1.0, len(rows) + 1.0)
+        off = sum(len(band) * (ranks[band].mean() - 0.5 * (len(rows) + 1.0))**2 for band in bands)
+        p = 2.0 * float(chdtrc(2.0, 12.0 * off / (len(rows) * (len(rows) + 1.0))))
+        sizes = [float(rms(left[band])) / ARCSEC for band in bands]
+        if p < _UNEQUAL and max(sizes) > _TIMES * min(sizes) and (best is None or p < best['p']):
+            ends = np.degrees(elevation[rows])
+            best = {'axis': axis, 'p': p, 'bands': [
+                {'from_deg': float(ends[band[0]]), 'to_deg': float(ends[band[-1]]),
+                 'rms_arcsec': size} for band, size in zip(bands, sizes)]}
+    return best
+
+
+def scatter_sentence(document):
+    """An `unequal_scatter` of a document in words; '' without one."""
+    found = document.get('unequal_scatter')
+    if not found:
+        return ''
+    bands = found['bands']
+    word = KINDS[document.get('mount') or 'altaz'].axes['xy'.index(found['axis'])]
+    told = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
+                     f'{band["to_deg"]:.0f}°' for band in bands)
+    lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
+    return (f'What is left in {word} is not the same at all elevations: {told} (RMS). '
+            + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
+               'Seeing grows toward the horizon only, so this is no noise of the sky: something '
+               'is left there that no effect here describes.'))
+
+
+def worst_sentence(document):
+    """Whether the effects made the worst row worse, or another row the worst; '' where neither.
+
+    Parameters
+    ----------
+    document : dict
+        With ``worst_rows``, ``rows_are`` and ``mount``.
+
+    Returns
+    -------
+    str
+        '' too where noise alone would have a row as far off among so many.
+    """
+    rows = document.get('worst_rows')
+    if not rows:
+        return ''
+    before, after = rows['before'], rows['after']
+    word = document.get('rows_are') or 'row'
+    axes = KINDS[document.get('mount') or 'altaz'].axes
+
+    def named(row):
+        text = (f'{row["source"]} ' if 'source' in row else '') + f'{word} {row["row"]}'
+        if 'az_deg' not in row:
+            return text
+        return f'{text} ({axes[0]} {row["az_deg"]:.0f}°, {axes[1]} {row["el_deg"]:.0f}°)'.replace(
+            '-', '−')
+
+    def moved(row):
+        return f'{arcsec(row["before_arcsec"])} before, {arcsec(row["after_arcsec"])} after'
+
+    def worse(row):
+        return row['after_arcsec'] > max(_FOOT * row['before_arcsec'], by_chance)
+    by_chance = _worst_by_chance(document)
+    same = before == after
+    said = []
+    if worse(before):
+        said.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
+    if not same and worse(after):
+        said.append(f'Now the worst row is {named(after)}: {moved(after)}.')
+    if not said:
+        return ''
+    return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
+
+
+def _worst_by_chance(document):
+    """How far off the worst of so many rows is by noise alone at most, as a rule; arcsec."""
+    left, count = document.get('after') or {}, document.get('observations')
+    sigma = max(left.get('rms_x_arcsec') or 0.0, left.get('rms_y_arcsec') or 0.0)
+    return float(sigma * np.sqrt(2.0 * np.log(count / _BY_CHANCE))) if count else 0.0
+
+
+@dataclass
+class HeldNight:
+    """A run held out, judged for itself.
+
+    Attributes
+    ----------
+    name : str
+    rows, set_aside : int
+        Rows, and of these the ones that are outliers among all runs held out.
+    before, after : dict
+        ``radial``, ``x``, ``y``: RMS of all its rows, arcsec.
+    typical : ndarray, shape (2,)
+        Robust scatter of x and y with the effects, arcsec.
+    """
+
+    name: str
+    rows: int
+    set_aside: int
+    before: dict
+    after: dict
+    typical: np.ndarray
+
+    def to_dict(self, bad):
+        """JSON-ready."""
+        return {'run': self.name, 'rows': self.rows, 'set_aside': self.set_aside,
+                'before': _entry(self.before), 'after': _entry(self.after), 'bad': bad}
+
+
+def _entry(values):
+    return {f'rms_{"" if key == "radial" else key + "_"}arcsec': value
+            for key, value in values.items()}
+
+
+def nights_held_out(obs, left, kept, result):
+    """Each run held out for itself, and whether it is bad.
+
+    A night is bad whose robust scatter is `BAD_NIGHT` times that which the others have, with the
+    run that was fitted as one of them, or of which more than a third are outliers.
+
+    Parameters
+    ----------
+    obs : Observations
+        Of the runs held out.
+    left : sequence of ndarray, shape (2, n)
+        What the model leaves there without and with the effects, radians.
+    kept : ndarray of bool, shape (n,)
+        No outliers.
+    result : Diagnosis
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``rows``, ``set_aside``, ``before`` and ``after`` (``rms_arcsec``,
+        ``rms_x_arcsec``, ``rms_y_arcsec`` of all its rows) and ``bad``: None, or ``times`` the
+        others' scatter in ``x`` and ``y``.
+    """
+    nights = []
+    for label in np.unique(obs.label):
+        rows = obs.label == label
+        nights.append(HeldNight(_name(obs, rows), int(rows.sum()), int((rows & ~kept).sum()),
+                                *(_axes(one[:, rows]) for one in left),
+                                _scatter(left[1][:, rows])))
+    own = _scatter(result.residual_after[:, result.weights > 0.0])
+    out = []
+    for i, night in enumerate(nights):
+        others = np.median([own, *(n.typical for j, n in enumerate(nights) if j != i)], axis=0)
+        times = night.typical / np.maximum(others, 1e-9)
+        many = night.set_aside > MOST_LEFT_OUT * night.rows
+        bad = many or np.hypot(*night.typical) > BAD_NIGHT * np.hypot(*others)
+        out.append(night.to_dict(dict(zip('xy', times.tolist())) if bad else None))
+    return out
+
+
+def bad_nights(document, axes):
+    """A sentence for each bad night.
+
+    Parameters
+    ----------
+    document : dict
+        With ``held_out``.
+    axes : sequence of str
+        What x and y are called.
+
+    Returns
+    -------
+    list of str
+    """
+    nights = document.get('held_out') or []
+    good = [night for night in nights if not night['bad']]
+    said = []
+    for night in nights:
+        if not night['bad']:
+            continue
+        after, times = night['after'], night['bad']
+        each = ', '.join(
+            f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
+            + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
+               else 'as the others') for key, word in zip('xy', axes))
+        said.append(f'The night {night["run"]} is bad: {each}'
+                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
+                       'outliers' if night['set_aside'] else '') + '. Judge the model without it'
+                    + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
+                       + _together(good, 'after') + f' (before {_together(good, "before")}).'
+                       if good else '.'))
+    return said
+
+
+def _together(nights, when):
+    rows = np.array([night['rows'] for night in nights], float)
+    squares = np.array([night[when]['rms_arcsec'] for night in nights])**2
+    return f'{np.sqrt(rows @ squares / rows.sum()):.2f}\u2033'
+
+
+def _name(obs, rows):
+    run = obs.runs[int(obs.label[rows][0])]
+    if isinstance(run, str) and ':' in run:
+        path, _, number = run.rpartition(':')
+        name = PurePath(path).name
+        several = sum(isinstance(r, str) and r.rpartition(':')[0] == path for r in obs.runs) > 1
+        return f'{name}, run {number}' if several else name
+    source = PurePath(str(obs.sources[np.flatnonzero(rows)[0]])).name
+    return source if len(obs.runs) == 1 else f'{source}, run {run:g}' \
+        if isinstance(run, (int, float)) else str(run)
+
+
+def _axes(residual):
+    x, y = (float(rms(one)) / ARCSEC for one in residual)
+    return {'radial': float(np.hypot(x, y)), 'x': x, 'y': y}
+
+
+def _scatter(residual):
+    return np.array([float(sigma_of(one)) for one in residual]) / ARCSEC

@@ -1,0 +1,274 @@
+"""Days in one file: which rows are a session, and what each session fits for itself.
+
+Between two nights a zero is set anew, a receiver is mounted again, the structure settles: what is
+one file need not be one mount. Rows before and after a gap of hours are sessions with zeros of
+their own unless one zero explains them as well; what else moves from session to session is chosen
+the same way, by BIC.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.runs.run import PointingRun
+
+from .constants import DISTINCT, EIGEN, LIVE
+from .diagnosis_base import Base, linearised, mount_of, observations
+from .linear_model import fit_state
+from .subspaces import orthonormal
+
+#: gaps that may end a session, h: a break, the day between two nights, a day without observing
+GAPS = (3.0, 6.0, 12.0)
+#: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
+#: tube and the axes stand
+_MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
+#: stretches that each session is divided in, to leave one out; a shorter session is not judged
+_PARTS, _LONG_ENOUGH = 3, 9
+#: rows that the question is put to, at most
+_ROWS = 10000
+
+
+class Arranged(NamedTuple):
+    """Runs with their sessions numbered.
+
+    Attributes
+    ----------
+    runs : list of PointingRun
+        Their notes say what was done.
+    own_terms : tuple of str
+        Terms that each session (or run) fits for itself.
+    hours : float or None
+        A gap longer than this begins a session; None: the runs are as they were given.
+    """
+
+    runs: list
+    own_terms: tuple
+    hours: float | None = None
+
+
+def in_sessions(run, hours):
+    """A run with its sessions numbered, and a note of how many there are.
+
+    Raises
+    ------
+    ValueError
+        No number of hours above 0, or no time in some row: with the file.
+    """
+    if not hours > 0.0:
+        raise ValueError(f'sessions at gaps of {hours:g} h: give a number of hours above 0')
+    source = run.meta.get('source', 'run')
+    try:
+        out = run.in_sessions(hours)
+    except ValueError as err:
+        raise ValueError(f'{source}: {err}') from None
+    return _noted(out, f'{len(np.unique(out["run"]))} sessions, at gaps of more than {hours:g} h')
+
+
+def split(runs, hours):
+    """`in_sessions` of a run, or of each of several."""
+    return [in_sessions(run, hours) for run in
+            ([runs] if isinstance(runs, PointingRun) else runs)]
+
+
+def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc'):
+    """Number the sessions, and choose what each fits for itself.
+
+    Parameters
+    ----------
+    runs : PointingRun or sequence of PointingRun
+    base : str
+        The declared model.
+    own_terms : sequence of str, optional
+        Terms that each session fits for itself; by default chosen: the zeros, and of CA, AN with
+        AW, TF and NPAE what pays by BIC.
+    sessions : float, optional
+        A gap longer than so many hours ends a session. By default one of `GAPS`, or none of
+        them, whichever BIC likes best. 0: none, and the zeros alone are each run's own.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    Arranged
+
+    Raises
+    ------
+    ValueError
+        See `in_sessions` and `observations`.
+    """
+    runs = [runs] if isinstance(runs, PointingRun) else list(runs)
+    if sessions is not None and sessions != 0.0:
+        runs = split(runs, sessions)
+    if sessions == 0.0:
+        return Arranged(runs, _default(runs, own_terms))
+    gaps = GAPS if sessions is None else ()
+    ways = [(None, runs)] + [(gap, parts) for gap in gaps for parts in [_split(runs, gap)] if parts]
+    # of two gaps that make the same sessions the shorter one is said
+    ways = [way for i, way in enumerate(ways)
+            if not any(_count(way[1]) == _count(earlier) for _, earlier in ways[:i])]
+    if own_terms is not None and len(ways) == 1:
+        return Arranged(runs, tuple(own_terms), sessions)
+    if len(ways) == 1 and _count(runs) < 2:
+        return Arranged(runs, _default(runs, own_terms), sessions)
+    trial = _Trial(ways[min(len(ways) - 1, 1)][1], base, encoder)
+    found = [(*trial.best(parts, own_terms), gap, parts) for gap, parts in ways]
+    # more sessions than were given must pay, and predict stretches that are left out
+    found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
+    _, _, own, gap, parts = min(found, key=lambda one: one[0])
+    if gap is None and len(ways) > 1:
+        parts = [_noted(run, f'gaps of more than {ways[1][0]:g} h, but sessions with zeros of '
+                        'their own explain the rows no better: taken as one (--sessions HOURS '
+                        'makes them sessions)') for run in parts]
+    elif gap is not None:
+        parts = [_noted(run, f'{len(np.unique(run["run"]))} sessions, at gaps of more than '
+                        f'{gap:g} h: zeros of their own explain the rows better (--sessions 0 '
+                        'takes them as one)') if 'run' in run else run for run in parts]
+    if own_terms is None and set(own) - set(mount_of(runs).names.index):
+        parts[0] = _noted(parts[0], f'each session has its own {", ".join(own)}: they move from '
+                          'session to session (--own says otherwise)', '')
+    return Arranged(parts, own, gap or sessions)
+
+
+def _noted(run, text, where=None):
+    """The run with a remark."""
+    if where is None:
+        where = f'{Path(run.meta.get("source", "run")).name}: '
+    meta = {**run.meta, 'notes': [*run.meta.get('notes', ()), where + text]}
+    return PointingRun(run.columns, meta)
+
+
+def _count(runs):
+    """Runs in `runs`, by file and column."""
+    return sum(len(np.unique(run['run'])) if 'run' in run else 1 for run in runs)
+
+
+def _default(runs, own_terms):
+    if own_terms is not None:
+        return tuple(own_terms)
+    return mount_of(runs).names.index if _count(runs) > 1 else ()
+
+
+def _split(runs, hours):
+    """All runs split at gaps, or None where no run has one."""
+    out = []
+    for run in runs:
+        time = np.asarray(run.get('time'), float)
+        out.append(run.in_sessions(hours) if np.isfinite(time).all() else run)
+    return out if _count(out) > _count(runs) else None
+
+
+class _Trial:
+    """Fits with terms of each session's own, all with the weights of one robust fit.
+
+    A fit that may call rows outliers that another has explained would win by it.
+
+    Parameters
+    ----------
+    runs : list of PointingRun
+        With the sessions that have the most freedom.
+    base : str
+    encoder : {'enc', 'abs'}
+    """
+
+    def __init__(self, runs, base, encoder):
+        self._base, self._encoder = base, encoder
+        obs = self._observations(runs)
+        self._context, self._n = obs.context, len(obs)
+        self._mount = obs.run.mount
+        self._terms = Base.parse(base, (), self._mount).terms
+        self._order = np.arange(self._n) if obs.context.get('time') is None \
+            else np.argsort(np.argsort(obs.context.get('time'), kind='stable'))
+        self._left = linearised(obs, Base.parse(base, (), self._mount))[1]
+        columns = Base.parse(base, self._mount.names.index, self._mount).columns(
+            obs.context, obs.label)
+        state = fit_state(columns, self._left, obs.inverse_sigma)
+        given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
+        self._root = given * np.concatenate([np.sqrt(state.weights) / s for s in state.scale])
+        self._live = state.weights > LIVE
+
+    def _observations(self, runs):
+        obs = observations(runs, self._encoder)
+        if len(obs) > _ROWS:
+            obs = obs.select(np.arange(len(obs))[::-(-len(obs) // _ROWS)])
+        return obs
+
+    def best(self, runs, own_terms):
+        """Score of these sessions, and the own terms that reach it.
+
+        Parameters
+        ----------
+        runs : list of PointingRun
+        own_terms : sequence of str or None
+            None: to be chosen.
+
+        Returns
+        -------
+        tuple
+            (BIC, RMS of stretches left out, own terms).
+        """
+        label = np.unique(self._observations(runs).label, return_inverse=True)[1]
+        if label.max() == 0:
+            return (*self._score((), label), own_terms or ())
+        if own_terms is not None:
+            return (*self._score(tuple(own_terms), label), tuple(own_terms))
+        names = self._mount.names
+        own = names.index
+        groups = [g for g in (tuple(map(names.named, group)) for group in _MOVING)
+                  if set(g) <= set(self._terms)]
+        bic, left_out = self._score(own, label)
+        while groups:
+            tried = [(*self._score(own + group, label), group) for group in groups]
+            tried = [one for one in tried if one[0] < bic and one[1] < left_out]
+            if not tried:
+                break
+            bic, left_out, group = min(tried)
+            own += group
+            groups.remove(group)
+        return bic, left_out, own
+
+    def _score(self, own, label):
+        """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
+        columns = Base.parse(self._base, own, self._mount).columns(self._context, label)
+        live = int(self._live.sum())
+        residual, count = self._fit(columns, label, self._root)
+        if 2 * live < count + 4:
+            return np.inf, np.inf
+        rss = np.square(residual * self._root).reshape(2, -1).sum(axis=1) + 1e-30
+        bic = live * float(np.log(rss / live).sum()) + count * np.log(live)
+        place, size = np.empty(self._n, int), np.empty(self._n, int)
+        for session in range(label.max() + 1):
+            rows = np.flatnonzero(label == session)
+            place[rows[np.argsort(self._order[rows])]] = np.arange(len(rows))
+            size[rows] = len(rows)
+        judged = self._live & (size >= _LONG_ENOUGH)
+        total = 0.0
+        for part in range(_PARTS):
+            out = np.tile(place * _PARTS // size == part, 2)
+            left, _ = self._fit(columns, label, np.where(out, 0.0, self._root))
+            total += np.square((left * self._root)[out & np.tile(judged, 2)]).sum()
+        return bic, np.sqrt(total / max(judged.sum(), 1))
+
+    def _fit(self, columns, label, root):
+        """What is left of all rows, shape (2n,), and how many coefficients were determined."""
+        common, b = columns.common, self._left
+        white, left, count, blocks = common * root, b * root, 0, []
+        length = np.sqrt(np.square(white).sum(axis=1))
+        for session in range(label.max() + 1) if columns.own is not None else ():
+            rows = np.flatnonzero(label == session)
+            both = np.concatenate((rows, rows + self._n))
+            basis = orthonormal(columns.own[:, both] * root[both])
+            count += len(basis)
+            blocks.append(both)
+            left[both] -= (left[both] @ basis.T) @ basis
+            white[:, both] -= (white[:, both] @ basis.T) @ basis
+        white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
+        scale = np.where(white.any(axis=1), length, 1.0)[:, None]
+        p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
+        count += np.count_nonzero(white.any(axis=1))
+        out = b - p @ common
+        for both in blocks:
+            own = columns.own[:, both]
+            # what the rows of a session hardly determine is taken as zero
+            a = (own * root[both]).T
+            out[both] -= np.linalg.lstsq(a, out[both] * root[both], rcond=DISTINCT)[0] @ own
+        return out, count

@@ -1,0 +1,195 @@
+"""External check: fit on half of the stars, judge on the others (paper 000)."""
+
+from functools import partial
+
+import numpy as np
+
+from pointing_model.rms import rms_arcsec
+from pointing_model.runs.run import PointingRun
+from pointing_model.zero import NO_ZERO, zero_in_force
+from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
+
+from ..finished import Finished
+from ..rows import by_run
+from .fit import fit_terms
+from .harmonic_fit import Recipe
+
+
+def split_half(run, seed=0):
+    """Choose half of the rows, spread over the sky like the whole.
+
+    Within each night (column ``run``, if present) the rows are sorted into bands of equal number
+    in elevation and by azimuth within a band; of each pair of neighbours a coin takes one.
+
+    Parameters
+    ----------
+    run : PointingRun
+    seed : int
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        The rows to fit; the others are the check. Of an odd number the coin decides who gets
+        the odd row.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two rows.
+    """
+    n = len(run)
+    if n < 2:
+        raise ValueError(f'{n} observations cannot be split in halves; observe more')
+    rng = np.random.default_rng(seed)
+    night = np.asarray(run['run']) if 'run' in run else np.zeros(n)
+    used = np.zeros(n, bool)
+    odd = rng.integers(2)  # alternates, so that odd nights do not all favour one half
+    for number in np.unique(night):
+        rows = np.flatnonzero(night == number)
+        bands = max(1, round(np.sqrt(len(rows) / 4.0)))
+        order = rows[np.argsort(run['el'][rows], kind='stable')]
+        az = np.mod(run['az'], 2.0 * np.pi)
+        # every band but the last has an even number, so that no pair straddles two
+        size = 2 * int(np.ceil(len(rows) / bands / 2.0))
+        sequence = np.concatenate([
+            band[np.argsort(az[band], kind='stable')]
+            for band in (order[i:i + size] for i in range(0, len(order), size))])
+        pairs = len(sequence) // 2
+        coin = rng.integers(2, size=pairs)
+        used[sequence[2 * np.arange(pairs) + coin]] = True
+        if len(sequence) % 2:
+            used[sequence[-1]] = bool(odd)
+            odd = 1 - odd
+    return used
+
+
+def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
+    """Fit each half of a run and judge it on the other: every row is held out once.
+
+    Parameters
+    ----------
+    run : PointingRun
+    seed : int
+        Of `split_half`.
+    encoder : {'enc', 'abs'}
+    zero : RunZero or Zeros
+        Of the encoder; it must hold for any row.
+    options
+        For `fit_terms`.
+
+    Returns
+    -------
+    Rms
+        arcsec on the sky, rows that were rejected in a fit included.
+
+    Raises
+    ------
+    ValueError
+        A half has too few rows for the fit.
+    """
+    used = split_half(run, seed)
+    left = np.empty((2, len(run)))
+    for half in (used, ~used):
+        model = fit_terms(run.select(half), encoder=encoder, zero=zero, **options).model
+        left[:, ~half] = model.residuals(run.select(~half), encoder=encoder, zero=zero)
+    return rms_arcsec(*left)
+
+
+def checked_by_halves(run, result, names, encoder='enc', robust=True):
+    """`external_check` of a fit, on the rows that it used; None where they are too few for it.
+
+    Parameters
+    ----------
+    run : PointingRun
+    result : FitResult
+        Of terms to `run`.
+    names : sequence of str
+        The terms.
+    encoder, robust
+        As of the fit.
+    """
+    used = run.select(result.weights > 0.0)
+    if len(used) < 4 * len(names):
+        return None
+    return external_check(used, names=names, encoder=encoder, robust=robust)
+
+
+def rms_of(model, run, zero):
+    """RMS of a model's residuals on a run, dict: ``x``, ``y``, ``radial``, arcsec."""
+    return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
+
+
+def power_on_check(rows, reference, first, measured, change, notes, finished=None, other=None):
+    """The paper's check, from one power-on to the next: its coefficients on later stars.
+
+    Parameters
+    ----------
+    rows : PointingRun
+    reference : PointingModel or None
+        Of an earlier night: it is judged on all stars then, before and after Polaris.
+    first : Zeros
+        By their exposures alone, one of each power-on; empty without any.
+    measured : Zeros
+        Those of power-ons with such exposures, MeasuredZero.
+    change : callable
+        ``change(rows, before, after, model)`` gives the change of the zero, a MeasuredZero.
+    notes : list of str
+        Gets a line where a power-on has too few stars.
+    finished : Finished, optional
+        Has the checks of power-ons that are over.
+    other : (str, str, callable), optional
+        Another kind of model: its name, such as ``harmonics of``, all that it is of, as its
+        degree, and ``fit(rows, recipe)``, which gives a `HarmonicFit`.
+
+    Returns
+    -------
+    list of dict
+        ``check``, a sentence, and the RMS as `rms_of` gives it.
+    """
+    stars = rows.select(~is_for_zero(rows))
+    if not first:
+        return []
+    if reference is not None:
+        label = 'model of the earlier night on all stars of tonight'
+        way = ways(measured.values())
+        way = way if way == BY_POLARIS else f'the zero by {way}'
+        return [{'check': f'{label}, before {way}',
+                 **rms_of(reference, stars, zero_in_force(reference))},
+                {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
+    kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
+    if other is not None:
+        kinds.append((other[0], lambda part, zero: other[2](
+            part, Recipe(zero, run_zeros=False)).model))
+    finished = Finished() if finished is None else finished
+    out, parts = [], by_run(rows)
+    numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
+    for before, after in zip(numbers, numbers[1:]):
+        pair, way = (parts[before], parts[after]), ways([measured[int(after)]])
+        found, said = finished.once(
+            ('check', after), (*pair, first[before].angles, way, other and other[1]),
+            partial(_from_to, *pair, before, after, first[before], way, change, kinds))
+        out += found
+        notes += said
+    return out
+
+
+def _from_to(then, later, before, after, old, way, change, kinds):
+    """Checks of models of a power-on on another, and what could not be checked."""
+    out, notes = [], []
+    both, stars = PointingRun.concatenate([then, later]), later.select(~is_for_zero(later))
+    for kind, fit in kinds:
+        try:
+            model = fit(then, old)
+        except ValueError as err:
+            notes.append(f'external check: {err}')
+            continue
+        new = old.plus(*change(both, before, after, model).angles)
+        label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
+        out.append({'check': f'{label}, with the old zero', **rms_of(model, stars, old)})
+        out.append({'check': f'{label}, zero by {way}', **rms_of(model, stars, new)})
+    return out, notes
+
+
+def ways(zeros):
+    """By which ways some MeasuredZero were set, in words: ``Polaris``, ``stars``."""
+    return ' or '.join(dict.fromkeys(zero.by.partition(' (')[0] for zero in zeros))

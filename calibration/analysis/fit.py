@@ -1,0 +1,377 @@
+"""Least-squares fits: the pointing terms, the geometric ones as exact rotations; the harmonics."""
+
+import functools
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.context import Context
+from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
+from pointing_model.rotations import in_turn
+from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
+from pointing_model.zero import NO_ZERO, RunZero, Zeros
+
+from ..estimation.gauss_newton import Linear, gauss_newton
+from ..estimation.least_squares import need_rows, uncertainty_of, weighted_solve
+from ..estimation.run_columns import MANY, RunColumns
+from ..rows import UNREACHABLE, mild_sigmas, usable
+from .fit_result import make_result
+from .rotation_offsets import Rotating
+
+#: Directions in the space of the (column-scaled) coefficients whose singular value is below this
+#: part of the largest are not determined by the stars, and left out. Measured for the seven terms:
+#: 30 stars over the sky 1e-2 to 3e-2, a field of 5 degrees 1.2e-4, one of 1 degree 5e-6, the
+#: circle of Polaris 9e-6. So it parts a field, which determines something, from one direction.
+RCOND = 1e-5
+#: As `RCOND`, for the harmonics. The functions themselves have 1.8e-4 (200 stars above 20
+#: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
+RCOND_HARMONICS = 1e-4
+
+_LINEAR = ('IA', 'IE', 'TF')  # alone, of an alt-azimuth mount
+
+
+class LinearFit(NamedTuple):
+    """Result of `fit_first_order`; radians."""
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    residual_x: np.ndarray
+    residual_y: np.ndarray
+    rank: int
+
+
+def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND,
+                    mount=ALTAZ):
+    """Linear least-squares fit of first-order terms to on-sky offsets.
+
+    The bare fit, for many stars or many fits; `fit_terms` is the one with everything.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Catalogue place, radians.
+    x, y : ndarray, shape (n,)
+        Encoder - catalogue on the sky, radians; finite.
+    names : sequence of str, length k
+        Terms to fit.
+    sx, sy : ndarray, shape (n,), optional
+        1-sigma noise of x and y, radians. Without them all rows weigh the same and the
+        covariance is scaled by the measured scatter of each axis.
+    rcond : float
+        Relative singular value below which a direction is left out.
+    mount : Mount, optional
+        Whose axes the places are of.
+
+    Returns
+    -------
+    LinearFit
+
+    Raises
+    ------
+    ValueError
+        Too few rows, an unknown term, or only one of `sx` and `sy`.
+    """
+    n = len(az)
+    need_rows(n, len(names), sx is not None)
+    if (sx is None) != (sy is None):
+        raise ValueError('a sigma of one axis only; give sx and sy, or none')
+    rows = stacked_design(names, np.asarray(az), np.asarray(el), mount)
+    b = np.concatenate((x, y))
+    base = None
+    if sx is not None:
+        sigma = np.empty(2 * n)
+        sigma[:n], sigma[n:] = sx, sy
+        base = 1.0 / np.square(sigma)
+    solution = weighted_solve(rows, b, base, rcond)
+    covariance = uncertainty_of(solution, base, None, base is not None).covariance
+    r = solution.residual
+    return LinearFit(solution.p, covariance, r[:n], r[n:], solution.rank)
+
+
+def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder='enc',
+              zero=NO_ZERO, run_zeros=False, rcond=RCOND, provenance=None):
+    """Fit pointing terms to a run.
+
+    Gauss-Newton: the geometric terms act as exact rotations (`pointing_model.geometry`) and are
+    linearised only inside the iteration; all other terms are linear.
+
+    Parameters
+    ----------
+    run : PointingRun
+        The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
+        the same. Rows with values that are not finite are left out and listed.
+    names : sequence of str, optional
+        Terms to fit, of `terms.terms_of` the run's mount; by default its physical ones.
+    held : PointingModel, or dict of str to float, optional
+        What is known already and held fixed: a model with all that it has (terms, harmonics,
+        effects), or values of terms, radians. It is in the model of the result, with the
+        covariance that it came with (none for a dict); how its errors act on the fitted terms
+        is not counted. A term in both is fitted on top: the model has the sum and the
+        covariance of this fit, `FitResult.coefficients` what was added.
+    robust : bool
+        Downweight rows far from the fit: Huber to find the noise of each axis (median absolute
+        residual), then Tukey's bisquare of the radial distance at that noise.
+    geometry : {'rotation', 'first_order'}, optional
+        Exact rotations, or first-order columns throughout; by default that of `held`, or
+        rotations.
+    encoder : {'enc', 'abs'}
+        The encoder columns to fit.
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
+    run_zeros : bool
+        Fit with the terms how far the zero of each run (column ``run``) lies from that of the
+        first: `FitResult.run_zeros`.
+    rcond : float
+        Relative singular value below which a direction is left out and reported.
+    provenance : dict, optional
+        Kept in the model beside what the fit itself writes.
+
+    Returns
+    -------
+    FitResult
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, an unknown term, geometry or encoder, or no convergence.
+    """
+    mount = run.mount
+    names = mount.names.physical if names is None else tuple(names)
+    known_terms(names, mount)
+    if not names:
+        raise ValueError('no term to fit; name at least one, for instance '
+                         f'{mount.names.index[0]}')
+    base = held if isinstance(held, PointingModel) else _model_of(held, geometry or 'rotation',
+                                                                  mount)
+    if geometry not in (None, base.geometry):
+        base = replace(base, geometry=geometry)
+    turning = [own for name in names for own, _ in [mount.names.terms.get(name, ('IA', 1))]
+               if own not in _LINEAR or (own == 'TF' and not mount.altaz)]
+    linear = base.geometry == 'first_order' or not turning
+    used = usable(run, encoder, zero)
+    turned = {}
+    if held is not None:
+        if not linear:
+            turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
+        used = _beyond(base, turned, used, run, encoder)
+    el, n = used.el, len(used.rows)
+    trig = Trig(used.az, el, mount)
+    runs = np.unique(run['run'][used.rows]) if run_zeros else ()
+    terms, names = names, names + _names_of_zeros(runs, mount)
+    zeros_of_axes = [i for i, name in enumerate(names) if name.split('[')[0] in mount.names.index]
+    observed = np.empty(2 * n)
+    np.subtract(used.az_enc, used.az, out=observed[:n])
+    np.multiply(in_turn(observed[:n]), trig.cos_el, out=observed[:n])
+    if trig.side is not None:
+        observed[:n] *= trig.side
+    np.subtract(used.el_enc, el, out=observed[n:])
+    first_order = stacked_design(terms, used.az, el, mount, trig)
+    if len(names) > len(terms):
+        first_order = _with_zeros(first_order, run['run'][used.rows], runs, el)
+    solved = gauss_newton(
+        Linear(observed, first_order) if linear
+        else Rotating(trig, terms, turned, observed, first_order, mount),
+        used.sigmas, robust, rcond, mild_sigmas(used), zeros_of_axes)
+
+    def make_model(p, covariance, facts):
+        return _on_top(base, terms, p, covariance, facts)
+
+    facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
+    if held is not None:
+        facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
+    result = make_result(run, names, used, solved, make_model, provenance, facts)
+    return _with_run_zeros(result, runs, len(terms)) if run_zeros else result
+
+
+def _names_of_zeros(runs, mount):
+    """How far the zero of each run but the first lies from its, as coefficients."""
+    return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
+
+
+def _with_zeros(terms, labels, runs, el):
+    """Columns of the terms, shape (k, 2n), with those of the zeros: an ndarray or RunColumns."""
+    if len(runs) >= MANY:
+        return RunColumns.of(terms, labels, el)
+    return np.vstack((terms, _columns_of_zeros(labels, runs, el)))
+
+
+def _columns_of_zeros(labels, runs, el):
+    """Their columns, shape (2 * (len(runs) - 1), 2n)."""
+    member = labels == runs[1:, None]
+    nothing = np.zeros_like(member, float)
+    zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
+                     axis=1)
+    return zeros.reshape(-1, 2 * len(el))
+
+
+def _with_run_zeros(result, runs, first):
+    """With the zeros of the runs, whose coefficients begin at `first`."""
+    zeros = [RunZero(0.0, 0.0, run=float(number)) for number in runs[:1]]
+    for at, number in zip(range(first, len(result.coefficients), 2), runs[1:]):
+        az, el = result.coefficients[at:at + 2].tolist()
+        zeros.append(RunZero(az, el, result.covariance[at:at + 2, at:at + 2], float(number)))
+    return replace(result, run_zeros=Zeros(zeros))
+
+
+def _model_of(values, geometry, mount):
+    if values:
+        return PointingModel(values, geometry=geometry, mount=mount)
+    return _nothing(geometry, mount)
+
+
+@functools.cache  # a fit of 30 stars takes 0.1 ms, and this 5 % of it
+def _nothing(geometry, mount):
+    return PointingModel({}, geometry=geometry, mount=mount)
+
+
+def _beyond(held, turned, used, run, encoder):
+    """Rows with the encoder angles that a held model leaves, but for its terms `turned`."""
+    known = replace(held, terms={n: v for n, v in held.terms.items() if n not in turned},
+                    covariance=None)
+    context = Context.of_run(run, encoder) if known.effects else None
+    x, y = (v[used.rows] for v in known.offsets(run['az'], run['el'], context))
+    left = wrap(used.az_enc - used.az) * np.cos(used.el) - x
+    return used._replace(
+        az_enc=used.az + left / np.cos(used.el), el_enc=used.el + (used.el_enc - used.el - y),
+    ).only(np.isfinite(left) & np.isfinite(y), UNREACHABLE)
+
+
+def _on_top(held, terms, p, covariance, facts):
+    """The held model with the fitted terms."""
+    k = len(terms)
+    if not held.terms:
+        return PointingModel(dict(zip(terms, p[:k].tolist())), covariance[:k, :k],
+                             held.harmonics, facts, held.geometry, held.effects,
+                             held.mount)
+    values = dict(held.terms)
+    values.update({name: values[name] + v if name in values else v
+                   for name, v in zip(terms, p[:k].tolist())})
+    names = list(values)
+    joint = np.zeros((len(names), len(names)))
+    joint[:len(held.terms), :len(held.terms)] = held.covariance
+    places = [names.index(name) for name in terms]
+    joint[places], joint[:, places] = 0.0, 0.0
+    joint[np.ix_(places, places)] = covariance[:k, :k]
+    return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects,
+                         held.mount)
+
+
+def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, after=None,
+                  zero=NO_ZERO, run_zeros=False, encoder='enc', robust=True,
+                  rcond=RCOND_HARMONICS):
+    """Fit the 13 spherical harmonics an axis of paper 000 (eq. 6-8).
+
+    Least squares of the error on the sky in both interpretations, so that their residuals
+    compare; f_A = delta-A sin E of the printed one is weighted accordingly.
+
+    Parameters
+    ----------
+    run : PointingRun
+    interpretation : {'zenith', 'printed'}
+        What the paper's E means (see `pointing_model.harmonics`).
+    degree : int
+        The series ends there, with 4, 7, 10 or 13 coefficients an axis.
+    held : PointingModel, optional
+        Fit what this model leaves (physical terms first); the result has its terms and effects.
+    after : FitResult, optional
+        Fit what this fit of terms to the same rows leaves, in place of `held`. What its
+        coefficients have taken is no uncertainty of these: the covariance is without it, and
+        what the model says of its prediction is that of both together.
+    zero : RunZero or Zeros
+        To subtract from the encoder's angles.
+    run_zeros : bool
+        As of `fit_terms`.
+    encoder : {'enc', 'abs'}
+        The encoder columns to fit.
+    robust : bool
+        As of `fit_terms`.
+    rcond : float
+        Relative singular value below which a direction is left out and reported: with few stars
+        the series is ill-conditioned.
+
+    Returns
+    -------
+    FitResult
+        ``names`` begin with A0..A12, B0..B12, or as many as the degree has; ``model`` has what
+        `held` has, and the harmonics.
+
+    Raises
+    ------
+    ValueError
+        Too few usable rows, unknown interpretation or degree, `held` has harmonics, or the mount
+        is no alt-azimuth one.
+    """
+    if not run.mount.altaz:
+        raise ValueError('the harmonics are functions of azimuth and elevation, of alt-azimuth '
+                         f'mounts; this one is {run.mount.kind}: leave them out')
+    held = held if after is None else after.model
+    if held is not None and held.harmonics is not None:
+        raise ValueError('the model has harmonics already; fit them to its terms alone')
+    names = names_of(degree)
+    k = len(names)
+    used = usable(run, encoder, zero)
+    if held is not None:
+        context = Context.of_run(run, encoder) if held.effects else None
+        at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
+        used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
+        at_az, at_el = at[:, used.rows]
+    else:
+        at_az, at_el = used.az, used.el
+    az, el = used.az, used.el
+    observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
+    rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
+    runs = np.unique(run['run'][used.rows]) if run_zeros else ()
+    if len(runs) > 1:
+        rows = _with_zeros(rows, run['run'][used.rows], runs, el)
+    solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond, mild_sigmas(used))
+
+    def make_model(p, covariance, facts):
+        covariance = covariance[:k, :k]
+        if after is not None:
+            covariance = _without_taken(covariance, solved, after, run, used)
+        harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
+        if held is None:
+            return PointingModel({}, None, harmonics, facts, mount=run.mount)
+        facts = {**facts, 'terms': held.provenance}
+        return replace(held, harmonics=harmonics, provenance=facts)
+
+    facts = {'method': f'harmonics, {interpretation} reading', 'degree': degree,
+             'encoder': encoder, 'rcond': rcond}
+    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, solved, make_model,
+                         None, facts)
+    if run_zeros:
+        result = _with_run_zeros(result, runs, k)
+    if after is not None:
+        result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
+    return result
+
+
+def _without_taken(covariance, solved, after, run, used):
+    """Covariance of harmonics of what an earlier fit to the same rows has left.
+
+    Residuals of that fit have no part along its columns T: of (H+ H+') sigma^2 the part
+    H+ T cov(p_T) (H+ T)' is missing, and the harmonics are independent of its coefficients.
+    """
+    terms = tuple(name for name in after.names if '[' not in name)
+    labels = run['run'][used.rows] if len(after.names) > len(terms) else None
+    taken = stacked_design(terms, used.az, used.el, run.mount)
+    if labels is not None:
+        taken = np.vstack((taken, _columns_of_zeros(labels, np.unique(labels), used.el)))
+    weights = solved.base
+    if solved.row_weights is not None:
+        both = np.concatenate((solved.row_weights, solved.row_weights))
+        weights = both if weights is None else both * weights
+    weighted = np.asarray(solved.rows)
+    weighted = weighted if weights is None else weighted * weights
+    onto = solved.solution.inverse @ (weighted @ taken.T)
+    if solved.basis is not None:
+        onto = solved.basis @ onto
+    onto = onto[:len(covariance)]
+    left = covariance - onto @ after.covariance @ onto.T
+    # both noises are measured: along what was taken nothing is left, but for their difference
+    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T

@@ -1,0 +1,267 @@
+"""What a fit gives: the model, how good it is, and what the stars did not determine."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+from pointing_model.mounts import rows_by_side
+from pointing_model.rms import rms, rms_arcsec
+from pointing_model.zero import Zeros
+
+from ..estimation.degeneracy import Undetermined
+from ..estimation.few_rows import FEW, interval_factor
+from ..estimation.least_squares import spectrum_of, uncertainty_of
+
+_NOTHING = 1e-9  # of the largest number of a direction: rounding
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted model and how good it is.
+
+    Attributes
+    ----------
+    model : PointingModel
+        What was fitted (on top of the model it was fitted on).
+    names : tuple of str, length k
+        The fitted coefficients.
+    coefficients : ndarray, shape (k,)
+        Radians; of a term that was held too, what was added to it.
+    covariance : ndarray, shape (k, k)
+        Radians^2. Directions in `dropped` are not in it: those of `undetermined` are what they
+        are beside the ones that are held at zero, and only predictions among the observed stars
+        have a meaning.
+    covariance_from : {'given sigmas', 'measured scatter'}
+        What the covariance is scaled by.
+    scatter : tuple of float
+        Noise of x and y, radians (per axis, with the degrees of freedom that the fit took).
+    rank : int
+    singular_values : ndarray, shape (k,)
+        Of the first-order design, weighted by the sigmas, with columns of unit length,
+        descending.
+    dropped : list of dict
+        Directions below `rcond`: ``text`` with the main terms, ``direction``,
+        ``relative_singular_value``.
+    residual_x, residual_y : ndarray, shape (n,)
+        On the sky, radians, a row of the run each; NaN in excluded rows.
+    weights : ndarray, shape (n,)
+        Robust weight of each row, 0 (rejected or excluded) to 1.
+    excluded : list of dict
+        ``row`` and ``reason`` of the rows that could not be used.
+    robust : bool
+        Whether rows were downweighted (never with fewer than 1.5 values a coefficient) or, where
+        they are few, judged (`few_rows`).
+    iterations : int
+    freedom : ndarray, shape (k,)
+        Degrees of freedom of each standard error; infinite from given sigmas.
+    undetermined : tuple of str
+        Coefficients with a share in `dropped`: see `undetermined.Undetermined`.
+    raised : list of dict
+        Sigmas that were taken larger than they are given, see `rows.Usable`.
+    run_zeros : Zeros, optional
+        By how much the zero of each run lies above that of the first, with its covariance.
+    """
+
+    model: PointingModel
+    names: tuple
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    covariance_from: str
+    scatter: tuple
+    rank: int
+    singular_values: np.ndarray
+    dropped: list
+    residual_x: np.ndarray
+    residual_y: np.ndarray
+    weights: np.ndarray
+    excluded: list
+    robust: bool
+    iterations: int
+    freedom: np.ndarray
+    undetermined: tuple = ()
+    raised: list = ()
+    run_zeros: Zeros | None = None
+
+    @property
+    def sigma(self):
+        """Standard errors of the coefficients, radians, shape (k,); NaN of undetermined ones."""
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        sigma[[self.names.index(name) for name in self.undetermined]] = np.nan
+        return sigma
+
+    @property
+    def degrees_of_freedom(self):
+        """Values of the rows with a weight, less the coefficients that they determine."""
+        return 2 * int(np.count_nonzero(self.weights > 0.0)) - self.rank
+
+    @property
+    def few(self):
+        """Whether sigmas mislead for want of rows: 95 % are not within two of them."""
+        return self.degrees_of_freedom < FEW and self.covariance_from == 'measured scatter'
+
+    @property
+    def within95(self):
+        """How far from the truth a coefficient is in 95 % of cases, radians, shape (k,).
+
+        `sigma` times the point of Student's t for its degrees of freedom.
+        """
+        return self.sigma * interval_factor(self.freedom)
+
+    def term_rows(self, interval=None):
+        """``name``, ``value_arcsec``, ``sigma_arcsec`` of each coefficient; JSON-ready.
+
+        Parameters
+        ----------
+        interval : bool, optional
+            With ``within95_arcsec`` and ``degrees_of_freedom`` (of its sigma; None: the noise is
+            known); by default where the rows are `few`.
+        """
+        rows = [{'name': name, 'value_arcsec': float(value) / ARCSEC,
+                 'sigma_arcsec': float(sigma) / ARCSEC if np.isfinite(sigma) else None}
+                for name, value, sigma in zip(self.names, self.coefficients, self.sigma)]
+        if self.few if interval is None else interval:
+            for row, wide, dof in zip(rows, self.within95, self.freedom):
+                known = row['sigma_arcsec'] is not None
+                row['within95_arcsec'] = float(wide) / ARCSEC if known else None
+                row['degrees_of_freedom'] = float(dof) if known and np.isfinite(dof) else None
+        for row in rows:
+            if row['name'] in self.undetermined:
+                row['undetermined'] = True
+        return rows
+
+    @property
+    def correlations(self):
+        """Correlation matrix of the coefficients, shape (k, k); NaN of undetermined ones."""
+        sigma = self.sigma
+        sigma = np.where(sigma <= 0.0, 1.0, sigma)
+        return self.covariance / np.outer(sigma, sigma)
+
+    @property
+    def condition(self):
+        """Condition number of the design with columns of unit length."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
+
+    @property
+    def rejected(self):
+        """Indices of the rows that the robust fit gave no weight, without the excluded ones."""
+        return np.flatnonzero((self.weights == 0.0) & np.isfinite(self.residual_x))
+
+    def rms_arcsec(self, rejected=True):
+        """RMS of the residuals on the fitted rows.
+
+        Parameters
+        ----------
+        rejected : bool
+            Whether rows that the robust fit rejected are in it.
+
+        Returns
+        -------
+        Rms
+            arcsec on the sky; `n` is the number of rows.
+        """
+        keep = slice(None) if rejected else self.weights > 0.0
+        return rms_arcsec(self.residual_x[keep], self.residual_y[keep])
+
+
+def _dropped(spectrum, rank, names, basis=None):
+    """Directions that the data do not determine, in words."""
+    out = []
+    for i in range(len(spectrum.s) - rank):
+        row = spectrum.vectors[:, i] / spectrum.scale
+        if basis is not None:
+            row = basis @ row
+        row = row / row[np.argmax(np.abs(row))]
+        main = [(name, float(v)) for name, v in zip(names, row) if abs(v) >= 0.1]
+        main.sort(key=lambda pair: -abs(pair[1]))
+        out.append({
+            'text': ' '.join(f'{v:+.2f} {name}' for name, v in main),
+            'direction': dict(main),
+            'relative_singular_value': float(spectrum.s[i] / (spectrum.s[-1] or 1.0)),
+        })
+    return out
+
+
+def make_result(run, names, used, solved, make_model, provenance, notes):
+    """`FitResult` of a solution.
+
+    Parameters
+    ----------
+    run : PointingRun
+    names : sequence of str, length k
+    used : rows.Usable
+    solved : least_squares.Solved
+    make_model : callable
+        ``make_model(p, covariance, facts) -> PointingModel``.
+    provenance : dict or None
+        Of the caller's, kept in the model.
+    notes : dict
+        What the fit itself writes into the provenance.
+    """
+    rows_used, sigmas, excluded = used.rows, used.sigmas, used.excluded
+    solution, basis, feasible = solved.solution, solved.basis, solved.feasible
+    row_weights = solved.row_weights
+    n, lost = len(rows_used), feasible.size - int(np.count_nonzero(feasible))
+    all_feasible = not lost
+    if row_weights is not None and lost:
+        row_weights = row_weights * feasible
+    noise = solved.base, row_weights
+    if solved.few:  # rows count in full or are lost
+        lost = lost if row_weights is None else int(np.count_nonzero(row_weights == 0.0))
+        noise = solved.base, None
+    covariance, scatter, freedom = uncertainty_of(solution, *noise, sigmas is not None, basis, lost)
+    r = solution.residual
+    if n == len(run):
+        residual_x, residual_y = r[:n], r[n:]  # nobody else has it
+        w = np.ones(n) if row_weights is None else row_weights
+    else:
+        residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
+        residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
+        w[rows_used] = 1.0 if row_weights is None else row_weights
+    if not all_feasible:
+        lost = rows_used[~feasible]
+        residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
+        excluded = excluded + [
+            {'row': int(i), 'reason': 'nearer to the zenith than the collimation lets the mount '
+                                      'look'} for i in lost]
+        excluded.sort(key=lambda e: e['row'])
+    if sigmas is not None:
+        x_unit, y_unit = (rms(s) for s in (sigmas[:n], sigmas[n:]))
+        scatter = scatter[0] * x_unit, scatter[1] * y_unit
+    dropped, left_open = _dropped(solved.spectrum, len(solution.p), names), solved.undetermined
+    if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
+        both = np.concatenate((row_weights, row_weights))
+        both = both if solved.base is None else both * solved.base
+        inner = spectrum_of(solved.rows, both, solution.normal)
+        dropped += _dropped(inner, solution.rank, names, basis)
+        if len(inner.s) == len(left_open.fitted):
+            left_open = left_open.more(Undetermined.of(inner, solution.rank))
+    undetermined = tuple(names[i] for i in left_open.terms)
+    fitted = rms_arcsec(residual_x, residual_y)
+    covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
+    facts = {
+        **notes,
+        'source': run.meta.get('source'),
+        'rows': fitted.n,
+        'rows_excluded': len(excluded),
+        'robust': row_weights is not None,
+        'covariance_from': covariance_from,
+        'rank': solution.rank,
+        'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
+        **(provenance or {}),
+    }
+    model = make_model(solved.p, covariance, facts)
+    of_terms = [{name: value for name, value in zip(names, one.tolist())
+                 if abs(value) > _NOTHING and name in model.terms} for one in left_open.directions]
+    model = replace(model, directions=(*model.directions, *filter(None, of_terms)), undetermined=[
+        name for name in model.terms if name in {*model.undetermined, *undetermined}],
+        sides=rows_by_side(run.mount, run['el'][w > 0.0]))
+    return FitResult(
+        model=model, names=tuple(names),
+        coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
+        scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
+        dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
+        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations,
+        freedom=freedom, undetermined=undetermined, raised=used.raised)

@@ -1,0 +1,237 @@
+"""A season judged: causes, wander, the season in hindsight and a night to come."""
+
+from dataclasses import dataclass, replace
+from datetime import datetime, timezone
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+
+from ..tracking.first_stars import PAST, RATES, past_document, rates_document
+from ..tracking.history import past_of_runs, rates_of_nights
+from .season_causes import ALPHA, candidates, choose_causes
+from .season_filter import Smoothed, Told, Wander, forecast, smoothed
+from .season_nights import Nights, days, table_rows
+
+#: stars with times of their own of a night that tells how fast terms wander
+TELLING = 12
+_DAY = 86400.0
+_YEAR = 365.25
+
+
+@dataclass(frozen=True)
+class SeasonJudged:
+    """What is known of a season.
+
+    Attributes
+    ----------
+    season : Nights
+    causes : list of causes.Found
+    wander : Wander
+    hindsight : Smoothed
+    tonight : float
+        UTC, s.
+    mean : ndarray, shape (k,)
+        Terms foretold for then, rad.
+    covariance : ndarray, shape (k, k)
+        rad^2.
+    notes : list of str
+    """
+
+    season: Nights
+    causes: list
+    wander: Wander
+    hindsight: Smoothed
+    tonight: float
+    mean: np.ndarray
+    covariance: np.ndarray
+    notes: list
+
+    def coefficients(self):
+        """Of each cause: values and 1 sigma, rad, shapes (terms, m)."""
+        out, at = [], 0
+        sigma = np.sqrt(np.diag(self.hindsight.coefficient_covariance))
+        for found in self.causes:
+            shape = len(found.cause.terms), found.cause.shape.shape[1]
+            part = slice(at, at + shape[0] * shape[1])
+            out.append((self.hindsight.coefficients[part].reshape(shape),
+                        sigma[part].reshape(shape)))
+            at = part.stop
+        return out
+
+    def sentences(self):
+        """One for each cause, for people."""
+        return [_sentence(self.season, found, *own)
+                for found, own in zip(self.causes, self.coefficients())]
+
+    def model(self):
+        """`PointingModel` of the night to come: the terms foretold with their covariance.
+
+        In its provenance stands what a tracked night begins with, see `tracking.opening`.
+        """
+        told = {}
+        if all(night.run is not None for night in self.season.nights):
+            past, rates = past_and_rates(self.season, self.mean)
+            noise = past.noise / ARCSEC
+            told = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past_document(past),
+                    **({RATES: rates_document(rates)} if rates else {})}
+        return PointingModel(
+            dict(zip(self.season.names, self.mean.tolist())), self.covariance,
+            mount=self.season.mount, provenance={
+                'source': f'foretold from {len(self.season.nights)} nights, the last of '
+                          f'{date_of(self.season.nights[-1].time)}',
+                'for': date_of(self.tonight), **told})
+
+    def document(self):
+        """All of it, JSON-ready; angles in arcsec."""
+        names, k = self.season.names, len(self.season.names)
+        sigma = np.sqrt(np.diag(self.covariance))
+        own = np.sqrt(np.maximum(np.array([np.diag(c) for c in self.hindsight.covariances]), 0.0))
+        nights = table_rows(self.season)
+        for i, night in enumerate(nights):
+            off = self.hindsight.innovations[i]
+            night['in_hindsight_arcsec'] = dict(zip(
+                names, (self.hindsight.levels[i] / ARCSEC).tolist()))
+            night['in_hindsight_sigma_arcsec'] = dict(zip(names, (own[i] / ARCSEC).tolist()))
+            night['off_foretold_sigmas'] = {
+                name: None if np.isnan(v) else float(v) for name, v in zip(names, off)}
+        return {
+            'mount': self.season.mount.kind, 'terms': list(names), 'nights': nights,
+            'causes': [{
+                'kind': found.cause.kind, 'what': found.cause.text, 'p': found.p,
+                'terms': {names[term]: {'arcsec': (value / ARCSEC).tolist(),
+                                        'sigma_arcsec': (spread / ARCSEC).tolist()}
+                          for term, value, spread in zip(found.cause.terms, *values)},
+                'unit': found.cause.unit, 'sentence': sentence}
+                for found, values, sentence in zip(self.causes, self.coefficients(),
+                                                   self.sentences())],
+            'wander': {name: {'walk_arcsec_per_root_day': float(self.wander.walk[i]) / ARCSEC,
+                              'night_arcsec': float(self.wander.scatter[i]) / ARCSEC}
+                       for i, name in enumerate(names)},
+            'tonight': {
+                'time': date_of(self.tonight),
+                'terms_arcsec': dict(zip(names, (self.mean / ARCSEC).tolist())),
+                'sigma_arcsec': dict(zip(names, (sigma / ARCSEC).tolist())),
+                'covariance_arcsec2': (self.covariance / ARCSEC**2).reshape(k, k).tolist()},
+            'notes': [*self.season.notes, *self.notes]}
+
+
+def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA):
+    """Find what moves the terms of a season, and foretell a night.
+
+    Parameters
+    ----------
+    season : Nights
+    declared : sequence of (float, str)
+        UTC (s) of what was done to the mount, and what.
+    tonight : float, optional
+        UTC, s; by default a day after the last night.
+    causes : dict of str to float, optional
+        Columns of that night, as far as they are known.
+    alpha : float
+        Chance that a cause is found in a season without any.
+
+    Returns
+    -------
+    SeasonJudged
+
+    Raises
+    ------
+    ValueError
+        A night to come that is not after the last, a column that no night has.
+    """
+    nights, k = season.nights, len(season.names)
+    tonight = nights[-1].time + _DAY if tonight is None else tonight
+    if tonight < nights[-1].time:
+        raise ValueError(f'{date_of(tonight)} is before the last night, of '
+                         f'{date_of(nights[-1].time)}: ask for a later one')
+    for name in causes or {}:
+        if not any(name in night.causes for night in nights):
+            raise ValueError(f'no night has a column {name}')
+    day = days(nights)
+    told = Told(day, np.array([night.values for night in nights]),
+                np.array([night.covariance for night in nights]),
+                np.zeros((len(nights), k, 0)))
+    notes = []
+    steps = [((when - nights[0].time) / _DAY, text) for when, text in declared]
+    for at, text in steps:
+        if not day[0] < at <= day[-1]:
+            notes.append(f'{text}: no night before or after it')
+    found, wander = choose_causes(told, candidates(season, day, steps), alpha)
+    if found:
+        told = told._replace(columns=np.concatenate(
+            [entry.cause.columns(k) for entry in found], axis=2))
+    hindsight = smoothed(told, wander)
+    at = (tonight - nights[0].time) / _DAY
+    unknown = sorted({entry.cause.text for entry in found if entry.cause.kind == 'column'}
+                     - set(causes or {}))
+    if unknown:
+        notes.append(f'{", ".join(unknown)} of the night to come is not known: taken as the mean '
+                     'of the season (--tonight COLUMN=VALUE)')
+    columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
+    mean, covariance = forecast(hindsight, wander, at - day[-1],
+                                np.concatenate([np.zeros((k, 0)), *columns], axis=1))
+    return SeasonJudged(season, found, wander, hindsight, tonight, mean, covariance, notes)
+
+
+def past_and_rates(season, mean):
+    """What nights before say of one to come, and of how terms wander within one.
+
+    Parameters
+    ----------
+    season : Nights
+    mean : ndarray, shape (k,)
+        Terms that are foretold, rad.
+
+    Returns
+    -------
+    past : tracking.history.Past
+        Scatter from night to night as `past_of_runs` has it.
+    rates : tracking.history.Rates or None
+        None where no night has stars with times.
+    """
+    past = replace(past_of_runs([night.run for night in season.nights], season.names), mean=mean)
+    model = PointingModel(dict(zip(season.names, mean.tolist())), past.covariance,
+                          mount=season.mount)
+    told = [(model, run) for run in (_timed(night.run) for night in season.nights)
+            if len(run) >= TELLING]
+    return past, rates_of_nights(told, noise=past.noise) if told else None
+
+
+def _timed(run):
+    """Rows with times of their own, in order."""
+    if 'time' not in run:
+        return run.select(np.zeros(0, int))
+    _, first = np.unique(run['time'], return_index=True)
+    return run.select(first[np.isfinite(run['time'][first])])
+
+
+def date_of(time, other=None):
+    """A day in words; with the time of the day where `other` is of the same."""
+    day = datetime.fromtimestamp(time, timezone.utc)
+    if other is not None and datetime.fromtimestamp(other, timezone.utc).date() == day.date():
+        return day.strftime('%Y-%m-%d %H:%M')
+    return day.strftime('%Y-%m-%d')
+
+
+def _sentence(season, found, value, sigma):
+    cause, names = found.cause, season.names
+    moved = ', '.join(f'{names[term]} by {v[0] / ARCSEC:+.1f} ± {s[0] / ARCSEC:.1f}″'
+                      for term, v, s in zip(cause.terms, value, sigma))
+    if cause.kind in ('step', 'declared'):
+        after = int(np.argmax(cause.shape[:, 0]))
+        begin, end = season.nights[after - 1].time, season.nights[after].time
+        between = f'between {date_of(begin, end)} and {date_of(end, begin)}'
+        if cause.kind == 'declared':
+            return f'{cause.text}: {moved}, {between}'
+        return f'{moved}, {between}: ask what was done to the mount then'
+    term, v, s = names[cause.terms[0]], value[0] / ARCSEC, sigma[0] / ARCSEC
+    if cause.kind == 'year':
+        size, turn = np.hypot(*v), np.arctan2(v[1], v[0]) / (2.0 * np.pi) * _YEAR
+        peak = season.nights[0].time + (turn % _YEAR) * _DAY
+        month = datetime.fromtimestamp(peak, timezone.utc).strftime('%B')
+        return f'{term} follows the time of the year: ± {size:.1f}″, highest in {month}'
+    if cause.kind == 'trend':
+        return f'{term} goes with time: {v[0]:+.2f} ± {s[0]:.2f}″ a year'
+    return f'{term} follows {cause.text}: {v[0]:+.2f} ± {s[0]:.2f}″ per unit of it'

@@ -1,0 +1,205 @@
+"""Nights of a season: the terms that each pointing run determines, its date and its causes."""
+
+import re
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.context import is_cause
+from pointing_model.rms import rms
+from pointing_model.runs.copies import without_copies
+
+from ..diagnosis import Checked, MistakenColumns, check_columns
+from ..fit import fit_terms
+
+#: a pause of so many hours in a run ends a night
+PAUSE_H = 6.0
+#: rows for each term that a night has at least
+ROWS_A_TERM = 2
+_STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_ ](\d{2})[-:]?(\d{2})(?:[-:]?(\d{2}))?)?')
+_DAY = 86400.0
+
+
+class Night(NamedTuple):
+    """What a night says of the terms.
+
+    Attributes
+    ----------
+    source : str
+        File, and the number of the night in it where it has several.
+    time : float
+        UTC, s since 1970.
+    rows : int
+        That were used.
+    values : ndarray, shape (k,)
+        Terms, rad.
+    covariance : ndarray, shape (k, k)
+        rad^2, of the fit alone.
+    rms : float
+        Of what the fit leaves, radial, rad.
+    causes : dict of str to (float, float)
+        Mean over the night of each column that may move the mount, and its scatter in it.
+    run : PointingRun
+        Its rows.
+    """
+
+    source: str
+    time: float
+    rows: int
+    values: np.ndarray
+    covariance: np.ndarray
+    rms: float
+    causes: dict
+    run: object = None
+
+
+class Nights(NamedTuple):
+    """A season in the order of time.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+        The terms.
+    mount : pointing_model.mounts.Mount
+    nights : list of Night
+    notes : list of str
+        What was left out, and why; what columns may be mistaken for.
+    columns : tuple of str
+        That are causes because the user says so.
+    """
+
+    names: tuple
+    mount: object
+    nights: list
+    notes: list
+    columns: tuple = ()
+
+
+def nights_of(runs, names=None, columns=()):
+    """Fit each night by itself; observations that two runs have count once.
+
+    Parameters
+    ----------
+    runs : iterable of PointingRun
+        Of one mount; ``meta['source']`` names each.
+    names : sequence of str, optional
+        Terms; by default the physical ones of the mount.
+    columns : sequence of str
+        Columns that are causes though their names do not say so.
+
+    Returns
+    -------
+    Nights
+
+    Raises
+    ------
+    ValueError
+        Runs of two mounts, a column that no run has, or fewer than three nights.
+    """
+    runs, notes = without_copies(runs)
+    found, checked, mount, seen = [], [], None, set()
+    for run in runs:
+        source = str(run.meta.get('source', 'run'))
+        if mount is None:
+            mount, first = run.mount, source
+            names = tuple(names or mount.names.physical)
+        elif not run.mount.agrees(mount):
+            raise ValueError(f'{source} is of another mount than {first}: make a season of each')
+        try:
+            checked.append(check_columns(run))
+        except MistakenColumns as error:
+            notes.append(f'{error} (left out)')
+            continue
+        for part, rows in _parts(run):
+            label = Path(source).name + (f' ({part})' if part else '')
+            night = _night(rows, names, label, columns, seen)
+            if isinstance(night, str):
+                notes.append(f'{label}: left out, {night}')
+            else:
+                found.append(night)
+    missing = set(columns) - seen
+    if missing:
+        raise ValueError(f'no run has a column {", ".join(sorted(missing))}')
+    if len(found) < 3:
+        raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
+                         + ('; '.join(notes[:3]) or 'give more runs'))
+    found.sort(key=lambda night: night.time)
+    notes += Checked.of(checked).warnings(mount.names)
+    return Nights(names, mount, found, notes, tuple(columns))
+
+
+def _parts(run):
+    """A run by its nights: number of each (0 where it is one), and its rows."""
+    time = run['time'] if 'time' in run else np.full(len(run), np.nan)
+    known = np.isfinite(time)
+    if not known.all() or len(run) < 2:
+        return [(0, run)]
+    order = np.argsort(time, kind='stable')
+    ends = np.flatnonzero(np.diff(time[order]) > PAUSE_H * 3600.0) + 1
+    if not len(ends):
+        return [(0, run)]
+    return [(k + 1, run.select(np.sort(rows))) for k, rows in enumerate(np.split(order, ends))]
+
+
+def _night(run, names, label, columns, seen):
+    """A `Night`, or why it is none."""
+    time = _time_of(run, label)
+    if time is None:
+        return 'no date: name the file YYYY-MM-DD or give the column time'
+    if len(run) < ROWS_A_TERM * len(names):
+        return f'{len(run)} rows for {len(names)} terms'
+    several = 'run' in run and len(np.unique(run['run'])) > 1
+    try:
+        fit = fit_terms(run, names, run_zeros=several)
+    except ValueError as err:
+        return str(err)
+    if fit.dropped:
+        return f'does not determine {fit.dropped[0]["text"]}'
+    k = len(names)
+    used = fit.weights > 0.0
+    causes = {}
+    for name in run.columns:
+        if name in columns or is_cause(name):
+            seen.add(name)
+            values = run[name][np.isfinite(run[name])]
+            if len(values):
+                causes[name] = float(values.mean()), float(values.std())
+    return Night(label, time, int(used.sum()), fit.coefficients[:k], fit.covariance[:k, :k],
+                 rms(fit.residual_x[used], fit.residual_y[used]), causes, run)
+
+
+def _time_of(run, label):
+    """UTC, s: of the rows, else of the caption or the name."""
+    if 'time' in run and np.isfinite(run['time']).any():
+        return float(np.nanmean(run['time']))
+    for text in (str(run.meta.get('caption', '')), label, str(run.meta.get('date', ''))):
+        for found in _STAMP.finditer(text):
+            year, month, day, hour, minute, second = (int(v or 0) for v in found.groups())
+            try:
+                return datetime(year, month, day, hour if found[4] else 12, minute, second,
+                                tzinfo=timezone.utc).timestamp()
+            except ValueError:  # other digits
+                continue
+    return None
+
+
+def days(nights):
+    """Days since the first night, shape (n,)."""
+    time = np.array([night.time for night in nights])
+    return (time - time[0]) / _DAY
+
+
+def table_rows(season):
+    """A dict for each night, JSON-ready."""
+    return [{'source': night.source, 'rows': night.rows,
+             'time': datetime.fromtimestamp(night.time, timezone.utc).isoformat(
+                 timespec='minutes'),
+             'rms_arcsec': night.rms / ARCSEC,
+             'terms_arcsec': dict(zip(season.names, (night.values / ARCSEC).tolist())),
+             'sigma_arcsec': dict(zip(season.names, (np.sqrt(np.diag(night.covariance))
+                                                     / ARCSEC).tolist())),
+             'causes': {name: mean for name, (mean, _) in night.causes.items()}}
+            for night in season.nights]

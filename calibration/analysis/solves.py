@@ -1,0 +1,369 @@
+"""What a plate-solved run says of its own rows: false solves, copies, the frame, the sigma."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import is_beyond
+from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE
+from pointing_model.runs.run import PointingRun
+
+from ..estimation.robust import sigma_of
+from .fit import fit_terms
+
+#: below so many rows nothing is judged: seven terms and a scatter need more
+FEW = 8
+#: a row is no pointing error beyond so many times the noise, and at least so far
+_FALSE, _FALSE_LEAST = 20.0, 60.0 * ARCSEC
+_MOST = 1.0 / 3.0  # of the rows, that may be false: beyond it nobody knows which are
+_TRIES, _SCORED = 300, 500  # pairs of rows that a rotation is tried from; rows it is judged on
+_SHARE = 0.6  # of the rows that must agree with it
+_NEAR, _NEAR_LEAST = 10.0, 0.2 * DEG  # and how near, beside those
+_LOST = 3.0 * DEG
+#: how many times better, and by which log-likelihood, another frame must fit; and by which the
+#: frame that none was declared for
+_BETTER, _LIKELIER, _TOLD = 1.25, 15.0, 10.0
+_FITS = 600.0  # arcsec; beyond it no frame fits
+_LEAST_NOISE = 1e-4 * ARCSEC
+_TILT = 1.0 * DEG  # no azimuth axis leans so far
+_HOURS = 24.0 * DEG
+_ROWS = 3000  # that are fitted, evenly, of many
+_DIGITS = 1e4  # places a degree: coordinates that all are multiples may be equal by rounding
+
+
+def judge_solves(run):
+    """Leave out what is no pointing of this mount, and see that the frame is what is said.
+
+    Parameters
+    ----------
+    run : PointingRun
+        With ``meta['solved']`` (`pointing_model.runs.plate_solves`); without it the run
+        comes back as it is.
+
+    Returns
+    -------
+    PointingRun
+        False solves and copied solutions are in ``meta['excluded']``. Where the solutions have a
+        sigma of their own, `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
+        ``meta['of_solves']`` says that this was done.
+
+    Raises
+    ------
+    ValueError
+        The places fit another frame far better than the one that was declared or taken, or no
+        frame was declared and the rows cannot tell it.
+    """
+    solved = run.meta.get('solved')
+    if solved is None:
+        return run
+    solved = solved.at(run.lines)
+    meta = dict(run.meta)
+    meta['notes'] = list(meta.get('notes', ()))
+    meta['of_solves'] = True
+    reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
+    names = meta.get('row_names') or {}
+    keep = np.array([i not in reasons for i in range(len(run))], bool)
+    meta['excluded'] = sorted(
+        [*meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': text}
+                                      for i, text in reasons.items())], key=lambda e: e['row'])
+    meta['excluded'] = [{**e, 'reason': f'{names[e["row"]]}: {e["reason"]}'}
+                        if e['row'] in names else e for e in meta['excluded']]
+    meta['lines'] = run.lines[keep]
+    run, solved = run.select(keep), solved.at(run.lines[keep])
+    run.meta = meta
+    _check_frame(run, solved)
+    if len(run) >= FEW:
+        _note_tilt(run)
+        run = _with_noise(run)
+    return run
+
+
+# ----------------------------------------------------------------------------------- false rows
+
+def _false_rows(run, solved, notes):
+    """Reason of each row that is no pointing, by its place in the run."""
+    left, noise = _from_the_others(run)
+    if left is None:
+        return {}
+    far = left > max(_FALSE * noise, _FALSE_LEAST)
+    copies = _copies(run, solved, left, far)
+    if len(set(np.flatnonzero(far)) | set(copies)) > _MOST * len(run):
+        notes.append(f'{int(far.sum())} of {len(run)} places are far from where the encoders '
+                     'point: with so many none is left out for it')
+        return {}
+    return {**{int(i): f'{_far(left[i])} from where the encoders point: a false solve, or a slip'
+               for i in np.flatnonzero(far)}, **copies}
+
+
+def _copies(run, solved, left, far):
+    """Rows whose solution is that of another row, to the last digit.
+
+    Places of a star that was centred again are the same too: there a copy must be far from where
+    the encoders point.
+    """
+    first, out = {}, {}
+    digits = np.degrees(solved.ra) * _DIGITS
+    unlike = solved.of_images and bool(np.any(np.abs(digits - np.rint(digits)) > 1e-3))
+    for i, place in enumerate(zip(solved.ra.tolist(), solved.dec.tolist())):
+        first.setdefault(place, []).append(i)
+    for rows in first.values():
+        if len(rows) == 1:
+            continue
+        rows = sorted(rows, key=lambda i: left[i])
+        for i in rows[1:]:
+            if far[i] or unlike:
+                out[i] = (f'the solution of row {run.lines[rows[0]]} copied, '
+                          f'{_far(left[i])} from where the encoders point')
+    return out
+
+
+def _from_the_others(run):
+    """How far each row lies from a mount that most rows agree on (radians), and their noise."""
+    sound = _of_one_mount(run)
+    if sound is None or sound.sum() < FEW:
+        return None, None
+    bare = _bare(run)
+    try:
+        model = fit_terms(_some(bare.select(sound))).model
+    except ValueError:
+        return None, None
+    x, y = bare.offsets()
+    px, py = model.offsets(bare['az'], bare['el'])
+    dx, dy = _wrapped(x - px, bare['el']), wrap(y - py)
+    noise = np.hypot(sigma_of(dx[sound]), sigma_of(dy[sound]))
+    left = np.hypot(dx, dy)
+    return np.where(np.isfinite(left), left, np.pi), float(noise)
+
+
+def _bare(run, **columns):
+    """Places and readings alone, `columns` in place of the run's; of the same mount."""
+    names = ('az', 'el', 'az_enc', 'el_enc')
+    return PointingRun({**{name: run[name] for name in names}, **columns}, {'mount': run.mount})
+
+
+def _some(run):
+    """Some of very many rows, evenly."""
+    if len(run) <= _ROWS:
+        return run
+    return run.select(np.linspace(0, len(run) - 1, _ROWS).astype(int))
+
+
+def _wrapped(x, el):
+    # through the pole the cosine is negative
+    reach = np.where(np.abs(np.cos(el)) > 1e-6, np.cos(el), 1e-6)
+    return wrap(x / reach) * reach
+
+
+def _of_one_mount(run):
+    """Rows that one rotation from places to readings holds, or None if none does for most.
+
+    The rotation is tried from pairs of rows: what a false solve says spoils only its own pairs.
+    """
+    az, el = run['az'], run['el']
+    away = run['az_enc'] - az
+    zero = np.angle(np.exp(1j * away).sum())
+    zero += np.median(wrap(away - zero))
+    lift = np.median(run['el_enc'] - el)
+    place = _vectors(az, el)
+    rng = np.random.default_rng(0)
+    pairs = rng.integers(0, len(run), (_TRIES, 2))
+    rows = rng.permutation(len(run))[:_SCORED]
+    best, least = None, _LOST
+    # elevations differ by a zero that is far, but not of a mount that is turned far
+    for zero_el in (lift, 0.0):
+        reading = _vectors(run['az_enc'] - zero, run['el_enc'] - zero_el)
+        turns = np.concatenate((np.eye(3)[None], _rotations(place[pairs], reading[pairs])))
+        scores = np.quantile(_apart(turns, place[rows], reading[rows]), _SHARE, axis=-1)
+        first = int(np.argmin(scores))
+        if scores[first] < least:
+            best, least = _apart(turns[first], place, reading), scores[first]
+    return None if best is None else best < max(_NEAR * least, _NEAR_LEAST)
+
+
+def _vectors(az, el):
+    return np.stack((np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)), axis=-1)
+
+
+def _rotations(before, after):
+    """Rotations of pairs of directions, shape (t, 2, 3), to others; not of pairs too near."""
+    frames, apart = [], np.ones(len(before), bool)
+    for first, second in ((pair[:, 0], pair[:, 1]) for pair in (before, after)):
+        normal = np.cross(first, second)
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        apart &= length[:, 0] >= 0.1
+        normal = normal / np.where(length > 0.0, length, 1.0)
+        frames.append(np.stack((first, normal, np.cross(first, normal)), axis=-1))
+    return (frames[1] @ frames[0].transpose(0, 2, 1))[apart]
+
+
+def _apart(turn, place, reading):
+    """Angles between places as rotations (..., 3, 3) turn them and readings, shape (..., n)."""
+    off = place @ np.swapaxes(turn, -1, -2) - reading
+    return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(off, axis=-1), 0.0, 1.0))
+
+
+def _far(angle):
+    if angle < 600.0 * ARCSEC:
+        return f'{angle / ARCSEC:.0f} arcsec'
+    return f'{angle / DEG:.2f} deg'
+
+
+# ---------------------------------------------------------------------------------------- frame
+
+@dataclass
+class _Fit:
+    what: str
+    misfit: float
+    rms_arcsec: float
+
+
+def _check_frame(run, solved):
+    """Refuse a frame that another fits far better than."""
+    frames = [solved.frame, *(f for f in (ICRS, MEAN_OF_DATE, OF_DATE, B1950)
+                              if f != solved.frame)]
+    where = run.meta.get('source', 'the run')
+    if len(run) < FEW:
+        if not solved.declared:
+            _undeclared(run, f'{len(run)} rows cannot tell it')
+        return
+    if len(run) > _ROWS:
+        lines = run.lines[np.linspace(0, len(run) - 1, _ROWS).astype(int)]
+        run, solved = _some(run), solved.at(lines)
+    taken, *others = [*(_fit_of(run, solved, frame) for frame in frames),
+                      _fit_of(run, solved, solved.frame, hours=True)]
+    others = sorted((fit for fit in others if fit is not None), key=lambda fit: fit.misfit)
+    lost = taken is None
+    if lost:
+        taken = _Fit(solved.frame.text, 0.0, 1.0 / ARCSEC)
+    if not others:
+        return
+    best = others[0]
+    gain = taken.misfit - best.misfit
+    if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER and best.rms_arcsec < _FITS:
+        _refuse_others(run, best)
+        said = 'the file says' if solved.declared else 'no frame is declared; taken are'
+        left = 'do not fit' if lost else f'leave {taken.rms_arcsec:.1f} arcsec'
+        raise ValueError(
+            f'{where}: {said} {taken.what}, where the seven terms {left}; as {best.what} the '
+            f'places leave {best.rms_arcsec:.1f} arcsec. Nothing was concluded; '
+            f'{_advice(run, best)}')
+    if not solved.declared:
+        if -2 * len(run) * gain < _TOLD:
+            _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
+                        f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
+        run.meta['notes'].append(
+            f'no frame is declared; {taken.what} leaves {taken.rms_arcsec:.1f} arcsec, the next, '
+            f'{best.what}, {best.rms_arcsec:.1f}: {taken.what} it is')
+
+
+def _refuse_others(run, best):
+    """Refuse a clock, a site or columns that fit better than another frame does."""
+    from .diagnosis import MistakenColumns, check_columns
+    try:
+        check_columns(run)
+    except MistakenColumns as error:
+        if error.readings and error.readings[0]['rms_arcsec'] < best.rms_arcsec:
+            raise
+
+
+def _advice(run, fit):
+    return 'give degrees' if fit.what == 'hours' else f'declare {_said(run, fit.what)} if so it is'
+
+
+def _said(run, frame):
+    """How a file says its frame."""
+    return f'"frame: {frame}"' if run.meta.get('format') == 'images' else f'"# frame: {frame}"'
+
+
+def _undeclared(run, why):
+    where = 'in the YAML' if run.meta.get('format') == 'images' else 'above the header row'
+    raise ValueError(
+        f'{run.meta.get("source", "the run")}: no frame of ra_deg, dec_deg is declared, and {why}; '
+        f'write {_said(run, "ICRS")} (or J2000, of date, ...) {where}')
+
+
+def _fit_of(run, solved, frame, hours=False):
+    """Misfit of the seven terms if the places were of `frame`, or their right ascension hours."""
+    ra = None
+    if hours:
+        if solved.ra.min() < 0.0 or solved.ra.max() > _HOURS:
+            return None
+        ra = 15.0 * solved.ra
+    try:
+        az, el = solved.observed(frame, ra)
+        az, el = run.mount.axes_of(az, el, is_beyond(run['el']))
+        # near the horizon a place of another frame may lie where refraction has no meaning
+        fitted = fit_terms(_bare(run, az=az, el=el))
+    except ValueError:
+        return None
+    fitting = np.isfinite(fitted.residual_x) & (fitted.weights > 0.0)
+    if 2 * fitting.sum() <= len(fitted.names):  # exactly, whatever they are
+        return None
+    noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
+             for v in (fitted.residual_x, fitted.residual_y)]
+    return _Fit('hours' if hours else frame.text, 0.5 * float(np.log(noise[0] * noise[1])),
+                float(np.hypot(*noise)) / ARCSEC)
+
+
+def _note_tilt(run):
+    """A note where the first axis would lean as none does: a clock, a longitude or a frame."""
+    try:
+        terms = fit_terms(_some(run)).model.terms
+    except ValueError:
+        return
+    names = run.mount.names
+    lean = {own: terms[own] for own, (same, _) in names.terms.items() if same in ('AN', 'AW')}
+    tilt = np.hypot(*lean.values())
+    if tilt > _TILT:
+        said = ', '.join(f'{name} {value / DEG:+.1f}' for name, value in lean.items())
+        run.meta['notes'].append(
+            f'the {names.axes[0]} axis would lean {tilt / DEG:.1f} deg ({said}): a clock that is '
+            'not UTC, or a wrong longitude or latitude, looks the same')
+
+
+# ---------------------------------------------------------------------------------------- sigma
+
+def _with_noise(run):
+    """`sigma_x`, `sigma_y` with the scatter that the solver's own sigma does not tell.
+
+    A solver knows the noise of its star images, not of seeing and mount: of weights by that alone
+    a few sharp images would take the whole fit. So each axis gets a variance beside, the most
+    likely one for what the seven terms leave.
+    """
+    if not run.meta.get('solver_sigma') or 'sigma_x' not in run or 'sigma_y' not in run:
+        return run
+    some = _some(run)
+    told, bare = some['sigma_x'], _bare(some)
+    for _ in range(2):
+        try:
+            fitted = fit_terms(bare)
+        except ValueError:
+            return run
+        used = fitted.weights > 0.0
+        inflate = np.sqrt(2.0 * used.sum() / max(2.0 * used.sum() - len(fitted.coefficients), 1.0))
+        extra = [_extra(inflate * r[used], told[used])
+                 for r in (fitted.residual_x, fitted.residual_y)]
+        bare = _bare(some, **{name: np.hypot(told, more)
+                              for name, more in zip(('sigma_x', 'sigma_y'), extra)})
+    told = run['sigma_x']
+    columns = {name: np.hypot(told, more) for name, more in zip(('sigma_x', 'sigma_y'), extra)}
+    out = PointingRun({**run.columns, **columns}, run.meta)
+    out.meta['notes'] = [*run.meta['notes'], (
+        f'solutions weigh by their own sigma ({told.min() / ARCSEC:.2g} to '
+        f'{told.max() / ARCSEC:.2g} arcsec) and the scatter beyond it: {extra[0] / ARCSEC:.2g} '
+        f'arcsec in azimuth, {extra[1] / ARCSEC:.2g} in elevation')]
+    return out
+
+
+def _extra(left, sigma):
+    """Standard deviation that `left` has beside `sigma`, by maximum likelihood."""
+    from scipy.optimize import minimize_scalar
+
+    def cost(extra):
+        variance = np.square(sigma) + extra * extra
+        return float(np.sum(np.log(variance) + np.square(left) / variance))
+    most = 3.0 * float(np.sqrt(np.mean(np.square(left)))) + _LEAST_NOISE
+    found = minimize_scalar(cost, bounds=(0.0, most), method='bounded',
+                            options={'xatol': 1e-3 * most})
+    return float(found.x) if found.fun < cost(0.0) else 0.0

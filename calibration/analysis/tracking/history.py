@@ -1,0 +1,214 @@
+"""What earlier runs say of tonight's terms, and earlier nights of how fast they wander."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.terms import design
+
+from .motion_causes import Settings
+from .tracker import Tracker
+
+#: degrees of freedom of the noise of stars: wrong ones must not count
+_FREEDOM = 4.0
+#: scale of that distribution which is likeliest for Gaussian pairs, in their sigmas
+_SCALE = 0.852
+#: 1 sigma that a term scatters by at least, from run to run, rad; it stands for so many runs
+_LEAST, _AS_RUNS = 0.3 * ARCSEC, 2.0
+#: how the terms may be before any run is known, 1 sigma, rad
+_BEFORE = 3000.0 * ARCSEC
+
+
+@dataclass(frozen=True)
+class Past:
+    """What the terms are in a run of which nothing is known yet.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+    mean : ndarray, shape (k,)
+        rad.
+    covariance : ndarray, shape (k, k)
+        Scatter from run to run and the error of the mean, rad^2.
+    noise : float
+        1 sigma of a star in each of x and y, rad.
+    last : ndarray, shape (k,)
+        Terms of the last run, rad.
+    last_covariance : ndarray, shape (k, k)
+        Of them, rad^2.
+    """
+
+    names: tuple
+    mean: np.ndarray
+    covariance: np.ndarray
+    noise: float
+    last: np.ndarray
+    last_covariance: np.ndarray
+
+
+def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
+    """Terms of each run, their mean and scatter from run to run, by maximum likelihood (EM).
+
+    Terms that a run does not determine are taken from the others: Dempster, Laird and Rubin 1977;
+    Laird and Ware 1982. Stars have Student's t noise (Lange, Little and Taylor 1989).
+
+    Parameters
+    ----------
+    runs : sequence of (PointingRun or (ndarray, ndarray))
+        In their order, at least one; of one mount. Or columns, shape (n, 2, k), and offsets,
+        shape (n, 2), rad.
+    names : sequence of str, length k
+        Terms; each should be in the dictionary of the mount.
+    memory : float
+        Runs after which one counts less by a factor e.
+    rounds : int
+        Of the EM.
+
+    Returns
+    -------
+    Past
+
+    Raises
+    ------
+    ValueError
+        No run.
+    """
+    if not len(runs):
+        raise ValueError('no earlier run: nothing is known of tonight')
+    runs = [rows_of(run, names) if hasattr(run, 'offsets') else run for run in runs]
+    k = len(names)
+    ages = np.arange(len(runs))[::-1]
+    share = np.exp(-ages / memory)
+    total = share.sum()
+    rows = [(h.reshape(-1, k), y.reshape(-1)) for h, y in runs]
+    mean, scatter, noise = np.zeros(k), np.eye(k) * _BEFORE**2, 5.0 * ARCSEC
+    weights = [np.ones(len(y)) for _, y in runs]
+    least = _AS_RUNS * _LEAST**2 * np.eye(k)
+    for turn in range(rounds + 1):
+        before = np.linalg.inv(scatter)
+        found, left, good = [], 0.0, 0.0
+        for place, (h, y) in enumerate(rows):
+            w = np.repeat(weights[place], 2)
+            covariance = np.linalg.inv(before + (h.T * w) @ h / noise**2)
+            terms = covariance @ (before @ mean + (h.T * w) @ y / noise**2)
+            found.append((terms, covariance))
+            off = y - h @ terms
+            square = off**2 + np.einsum('ij,jk,ik->i', h, covariance, h)
+            left, good = left + share[place] * (w @ square), good + share[place] * len(y)
+            weights[place] = (_FREEDOM + 2.0) / (
+                _FREEDOM + square.reshape(-1, 2).sum(axis=1) / noise**2)
+        if turn == rounds:
+            break
+        mean = sum(s * terms for s, (terms, _) in zip(share, found)) / total
+        scatter = (least + sum(s * (np.outer(t - mean, t - mean) + c)
+                               for s, (t, c) in zip(share, found))) / (total + _AS_RUNS)
+        if turn < 2:  # from nothing: what a run does not determine scatters no more than the rest
+            scatter = np.diag(np.diag(scatter))
+        noise = np.sqrt(left / good)
+    return Past(tuple(names), mean, scatter * (1.0 + np.sum(share**2) / total**2),
+                float(noise / _SCALE), *found[-1])
+
+
+def rows_of(run, names):
+    """Columns, shape (n, 2, k), and offsets, shape (n, 2), rad, of the finite rows of a run."""
+    offsets = np.stack(run.offsets(), axis=1)
+    good = np.isfinite(offsets).all(axis=1) & np.isfinite(run['az']) & np.isfinite(run['el'])
+    columns = np.stack(design(names, run['az'], run['el'], run.mount), axis=1)
+    return columns[good], offsets[good]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How fast the terms of a mount wander, learned from its nights.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (r,)
+        How likely each hypothesis of a `Tracker` is for another night: its `rate_weights`.
+    facts : list of dict
+        What they are, see `Tracker.facts`.
+    nights : list of dict
+        Of each night the likeliest hypothesis.
+    likelihood : float
+        Log likelihood of all nights, but for a constant.
+    """
+
+    weights: np.ndarray
+    facts: list
+    nights: list
+    likelihood: float
+
+    def likeliest(self):
+        """The hypothesis that explains most nights."""
+        return self.facts[int(np.argmax(self.weights))]
+
+
+def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=50):
+    """How often a night is of each rate, by maximum likelihood.
+
+    A mixture of the hypotheses of a tracker, its weights by EM. That all are alike likely counts
+    as so many nights (`as_nights`).
+
+    Parameters
+    ----------
+    nights : sequence of (PointingModel, PointingRun)
+        The model in force as a night began, and its stars in order, with ``time``.
+    settings : Settings, optional
+    noise : float, optional
+        1 sigma of a star, rad, where a run has no ``sigma_x``, ``sigma_y``.
+    as_nights : float
+    rounds : int
+
+    Returns
+    -------
+    Rates
+
+    Raises
+    ------
+    ValueError
+        No night, or no noise is known.
+    """
+    if not nights:
+        raise ValueError('no earlier night: the rates of the literature hold')
+    settings = replace(settings or Settings(), turn_h=1e9)
+    chances, facts, likelihood = [], None, 0.0
+    for model, run in nights:
+        tracker = tracked(model, run, settings=settings, noise=noise)
+        chances.append(tracker.rate_weights * len(tracker.facts))
+        facts, likelihood = tracker.facts, likelihood + tracker.bank.evidence
+    chances = np.array(chances)
+    before = np.full(len(facts), 1.0 / len(facts))
+    weights = before
+    for _ in range(rounds):
+        each = chances * weights
+        each /= each.sum(axis=1, keepdims=True)
+        weights = (as_nights * before + each.sum(axis=0)) / (as_nights + len(chances))
+    return Rates(weights, facts, [facts[k] for k in np.argmax(chances, axis=1)], likelihood)
+
+
+def tracked(model, run, *, noise=None, **options):
+    """A `Tracker` that has seen the stars of a run.
+
+    Parameters
+    ----------
+    model : PointingModel
+    run : PointingRun
+        With ``time``, in order.
+    noise : float, optional
+        See `rates_of_nights`.
+    **options
+        Of `Tracker`.
+    """
+    time = np.asarray(run['time'], float)
+    tracker = Tracker(model, int(round(time[0] * 1e9)) - 1, mount=run.mount, **options)
+    x, y = run.offsets()
+    sigma_x, sigma_y = (np.asarray(run.get(f'sigma_{axis}'), float) for axis in 'xy')
+    if noise is not None:
+        sigma_x, sigma_y = (np.where(np.isfinite(s), s, noise) for s in (sigma_x, sigma_y))
+    if not np.isfinite(sigma_x).any():
+        raise ValueError('the noise of the stars is not known; give it')
+    for k in range(len(run)):
+        tracker.star(int(round(time[k] * 1e9)), run['az'][k], run['el'][k], x[k], y[k],
+                     (sigma_x[k], sigma_y[k]))
+    return tracker

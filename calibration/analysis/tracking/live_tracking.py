@@ -1,0 +1,122 @@
+"""Tracking beside the calibration of a night: from which model it begins, and what it gives."""
+
+from msg_tools.units import ARCSEC
+from pointing_model.model_document import identity
+from pointing_model.zero import RunZero
+
+from .filter_confidence import HONEST
+from .first_stars import PAST, RATES
+from .tracked_night import KEY, TrackedNight, difference_of, lean_of
+
+#: a model of a file that does not tell when it held is of another night, ns
+_A_DAY = 86_400_000_000_000
+#: of a model that tells of the nights before: just before the first star, ns
+_BEFORE = 10**9
+
+
+class LiveTracking:
+    """Follows the mount of a `CalibrationSession` from a model on.
+
+    Attributes
+    ----------
+    night : TrackedNight or None
+        None: there is no model to begin with.
+    """
+
+    def __init__(self):
+        self.night = None
+
+    def begin(self, session):
+        """Begin anew from the model in force, which was fitted to all rows so far."""
+        report = session.report or {}
+        noise = report.get('noise_arcsec')
+        self.night = TrackedNight(
+            session.in_force, session.zeros_in_force.newest, session.last_stamp,
+            noise and tuple(float(v) * ARCSEC for v in noise),
+            difference_of(session.observations()), lean_of(session.observations()),
+            session.reference and session.reference.provenance.get(RATES))
+
+    def take_up(self, session, model):
+        """Go on with the night of a tracked model, with the rows that are here.
+
+        Whether it is one; ValueError where what it tells is damaged.
+        """
+        if KEY not in model.provenance:
+            return False
+        self.night = TrackedNight.of_model(model)
+        self.again(session)
+        return True
+
+    def again(self, session):
+        """Take the rows that are here: all of them, after a start in the middle of a night."""
+        if self.night is not None and len(session):
+            self.night.take(session.observations())
+
+    def observed(self, session, rows):
+        """Take rows that have come.
+
+        Parameters
+        ----------
+        session : CalibrationSession
+        rows : PointingRun
+
+        Returns
+        -------
+        bool
+            Whether there is another model.
+        """
+        if self.night is None:
+            reference = session.reference
+            if reference is None:
+                return False
+            first = int(rows['time'][0] * 1e9)
+            told = reference.provenance.get('last_stamp_ns')
+            held = told if isinstance(told, int) else first
+            # one that tells of nights is of this one: how far nights differ is in it
+            held = first - _BEFORE if PAST in reference.provenance else min(held, first - _A_DAY)
+            self.night = TrackedNight(reference, RunZero(0.0, 0.0), held)
+        return any(one.taken for one in self.night.take(rows))
+
+    def pair(self, session):
+        """The model by now, and the zero that goes with it."""
+        model = self.night.model(session.last_stamp)
+        return model, self.night.bound_zero(identity(model.to_json()))
+
+    def document(self):
+        """Of the night, JSON-ready."""
+        return self.night.document()
+
+    def problems(self):
+        """What is wrong with what the filter says of itself, sentences."""
+        if self.night is None:
+            return ['tracking begins with a model: fit, or give model_file']
+        told = self.night.document()
+        return [] if told['confidence'] == HONEST else [
+            f'tracking: the filter was {told["confidence_sentence"]}, and is widened or narrowed '
+            'for it']
+
+    def details(self):
+        """Of the node's diagnostics."""
+        if self.night is None:
+            return [('tracking', 'not begun')]
+        told = self.night.document()
+        expected = told['expected_arcsec']
+        begun = told.get('opening')
+        return [('tracking', f'{told["stars"]} stars'),
+                *([('since the nights before', max(begun['chances'], key=begun['chances'].get))]
+                  if begun else []),
+                ('expected error now, in 1 h [arcsec]',
+                 f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
+                ('innovations', told['confidence_sentence'])]
+
+    def sentence(self):
+        """What the last star said, for people."""
+        night = self.night
+        told = night.document()
+        out = [f'{night.stars} stars tracked; expected '
+               f'{told["expected_arcsec"]["now"]:.2f} arcsec now, '
+               f'{told["expected_arcsec"]["1 h"]:.2f} in an hour without a star']
+        for heard in night.heard:
+            out += [*([heard.why] if heard.why else []), *heard.called,
+                    *([heard.confidence] if heard.confidence else [])]
+        return '; '.join(out)

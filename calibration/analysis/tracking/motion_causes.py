@@ -1,0 +1,227 @@
+"""What may move in a mount through a night, how fast, how often, and who sees it.
+
+The state of the filter is what the terms are beyond the model of the evening, and for each witness
+what it would show. A cause is a direction in that state: an incremental encoder that loses counts
+moves the zero of its axis and the difference of the two encoders, a tube that creeps the zero
+alone, an absolute encoder the difference alone. So the witnesses tell who it was.
+
+Where the figures come from
+---------------------------
+`ZEROS`, `TILTS`
+    What telescopes do, and to both sides of it, in steps of 1.65. Of 17 sessions of the IRAM 30 m
+    (pointing logs of 2012 and 2014, 655 rows) the likeliest walk of the zeros is 1.3 arcsec in the
+    root of an hour, 0.5 to 3 in four of five; of one night of the MMT (80 rows) 0.5 or less. Small
+    mounts are worse. All are alike likely until a mount's own nights say more, see
+    `history.rates_of_nights`.
+`OTHERS`
+    Collimation, non-perpendicularity and flexure are of metal and glass. No measured walk was
+    found; a twentieth of an arcsecond in the root of an hour, 0.14 in a night of eight, is assumed.
+`JUMPS`
+    Assumed. Lost counts and slips have no common size: some tens of arcseconds, or minutes of arc.
+    Each axis once in five nights of eight hours, which is more often than any mount should; the
+    stars overrule it within two.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .hypotheses import Jump
+
+#: rad in the root of an hour, hypotheses for the zeros of both axes and the lean of the first
+ZEROS = tuple(ARCSEC * v for v in (0.5, 0.8, 1.3, 2.2, 3.6, 5.9, 9.7, 16.0))
+TILTS = tuple(ARCSEC * v for v in (0.2, 0.8, 2.5))
+#: of all other terms; of a witness, and of who is not the one that wanders
+OTHERS, QUIET = 0.05 * ARCSEC, 0.3 * ARCSEC
+#: (1 sigma, rad; times an hour) of the jumps of an axis
+JUMPS = ((40.0 * ARCSEC, 0.02), (300.0 * ARCSEC, 0.005))
+#: the same of a pier, where an inclinometer sees it
+PIER_JUMPS = ((30.0 * ARCSEC, 0.005),)
+
+#: who can move, for people
+INCREMENTAL, ABSOLUTE, TUBE = 'incremental encoder', 'absolute encoder', 'tube or sky'
+PIER = 'pier'
+#: witnesses that a tracker can be given
+WITNESSES = ('difference', 'inclinometer')
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a mount is thought to behave; what is not said is as the module says.
+
+    Attributes
+    ----------
+    zeros, tilts : tuple of float
+        Hypotheses of the walks, rad in the root of an hour.
+    walks : dict of str to float
+        Of other terms, rad in the root of an hour.
+    memory_h : dict of str to float
+        Terms that go back to the model of the evening by a factor e in so many hours.
+    jumps : tuple of (float, float)
+        1 sigma (rad) and times an hour, of each axis.
+    wrong, wrong_sigma : float
+        Part of the stars that are wrong ones, 1 sigma of what they miss by (rad).
+    turn_h : float
+        After which a rate is another one, in the mean.
+    gap_h : float
+        A silence after which nothing is taken for granted: all is widened as from night to night.
+    night_zero, night_lean : float
+        From night to night, 1 sigma, rad.
+    most, depth : int
+        Stories kept, stars they are told apart by.
+
+    Raises
+    ------
+    ValueError
+        A rate, a size or a chance that cannot be.
+    """
+
+    zeros: tuple = ZEROS
+    tilts: tuple = TILTS
+    walks: dict = field(default_factory=dict)
+    memory_h: dict = field(default_factory=dict)
+    jumps: tuple = JUMPS
+    wrong: float = 0.01
+    wrong_sigma: float = 200.0 * ARCSEC
+    turn_h: float = 24.0
+    gap_h: float = 6.0
+    night_zero: float = 20.0 * ARCSEC
+    night_lean: float = 3.0 * ARCSEC
+    most: int = 12
+    depth: int = 4
+
+    def __post_init__(self):
+        for name in ('zeros', 'tilts'):
+            object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
+        object.__setattr__(self, 'jumps', tuple((float(s), float(p)) for s, p in self.jumps))
+        sizes = (*self.zeros, *self.tilts, *self.walks.values(), *self.memory_h.values(),
+                 *(v for pair in self.jumps for v in pair), self.turn_h, self.gap_h,
+                 self.wrong_sigma)
+        if not self.zeros or not self.tilts or not all(v > 0.0 for v in sizes):
+            raise ValueError('tracking: rates, memories and jumps must be positive numbers')
+        if not 0.0 < self.wrong < 0.5:
+            raise ValueError(f'tracking: {self.wrong} of the stars wrong; take 0 to 0.5')
+
+
+def states_of(names, witnesses):
+    """What the filter knows: terms, then what witnesses show.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Terms.
+    witnesses : sequence of str
+        Of `WITNESSES`.
+    """
+    out = list(names)
+    if 'difference' in witnesses:
+        out += ['difference_1', 'difference_2']
+    if 'inclinometer' in witnesses:
+        out += ['lean_north', 'lean_west']
+    return tuple(out)
+
+
+def lean_of_base(mount):
+    """What terms do when the base of a mount leans by 1 rad to the north, and to the west.
+
+    Parameters
+    ----------
+    mount : Mount
+
+    Returns
+    -------
+    list of dict of str to float
+        Both, by the names of the terms; first order.
+    """
+    out = []
+    for turn in ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0)):  # about east, north, up
+        x, y, z = np.array(mount.frame) @ turn
+        own = {'IA': z, 'AN': -x, 'AW': -y}
+        out.append({name: sign * own[canonical]
+                    for name, (canonical, sign) in mount.names.terms.items()
+                    if canonical in own and abs(own[canonical]) > 1e-12})
+    return out
+
+
+def hypotheses(names, mount, witnesses, settings):
+    """How the states wander, by each hypothesis.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Terms.
+    mount : Mount
+    witnesses : sequence of str
+    settings : Settings
+
+    Returns
+    -------
+    walks : ndarray, shape (r, n, n)
+        What an hour adds to the covariance, rad^2.
+    facts : list of dict
+        Of each ``zero`` and ``tilt`` (rad in the root of an hour) and ``who`` wanders.
+    """
+    states = states_of(names, witnesses)
+    index, lean = mount.names.index, [mount.names.named(n) for n in ('AN', 'AW')]
+    still = {name: settings.walks.get(name, OTHERS) for name in names
+             if name not in index and name not in lean}
+    base = np.diag([still.get(name, 0.0) ** 2 for name in states])
+    who = {TUBE: _shapes(states, [{name: 1.0} for name in index])}
+    if 'difference' in witnesses:
+        who[INCREMENTAL] = _shapes(states, [
+            {name: 1.0, f'difference_{i}': -1.0} for i, name in enumerate(index, 1)])
+        base += QUIET**2 * _square(_shapes(states, [{'difference_1': 1.0},
+                                                    {'difference_2': 1.0}]))
+    tilts = [{name: 1.0} for name in lean if name in states]
+    if 'inclinometer' in witnesses:
+        tilts = [{**shape, shown: 1.0} for shape, shown in zip(
+            lean_of_base(mount), ('lean_north', 'lean_west'))]
+        base += QUIET**2 * _square(_shapes(states, [{'lean_north': 1.0}, {'lean_west': 1.0}]))
+        base += OTHERS**2 * _square(_shapes(states, [{name: 1.0} for name in lean]))
+    tilted = _square(_shapes(states, tilts))
+    walks, facts = [], []
+    for zero in settings.zeros:
+        for name, shapes in who.items():
+            for tilt in settings.tilts if tilts else settings.tilts[:1]:
+                quiet = sum((QUIET**2 * _square(other) for key, other in who.items()
+                             if key != name), np.zeros_like(base))
+                walks.append(base + zero**2 * _square(shapes) + quiet + tilt**2 * tilted)
+                facts.append({'zero': zero, 'tilt': tilt, 'who': name if len(who) > 1 else ''})
+    return np.array(walks), facts
+
+
+def jumps_of(names, mount, witnesses, settings):
+    """What may jump, a `Jump` of each size: of each axis, and of who could be told apart."""
+    states = states_of(names, witnesses)
+    out = []
+    for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
+        shown = f'difference_{i}'
+        shapes = {axis: {term: 1.0}}
+        if 'difference' in witnesses:
+            shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
+                      f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
+        for name, shape in shapes.items():
+            out += [Jump(name, _shapes(states, [shape])[0], sigma, often)
+                    for sigma, often in settings.jumps]
+    if 'inclinometer' in witnesses:
+        for way, shape, shown in zip(('north', 'west'), lean_of_base(mount),
+                                     ('lean_north', 'lean_west')):
+            full = _shapes(states, [{**shape, shown: 1.0}])[0]
+            out += [Jump(f'{PIER}, north or south' if way == 'north' else f'{PIER}, east or west',
+                         full, sigma, often) for sigma, often in PIER_JUMPS]
+    return out
+
+
+def _shapes(states, shapes):
+    out = np.zeros((len(shapes), len(states)))
+    for row, shape in zip(out, shapes):
+        for name, value in shape.items():
+            if name in states:
+                row[states.index(name)] = value
+    return out
+
+
+def _square(shapes):
+    return shapes.T @ shapes

@@ -1,0 +1,154 @@
+"""A measured run tracked star by star: what each star was missed by before it was seen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.context import Context
+from pointing_model.model import PointingModel
+from pointing_model.rms import rms
+from pointing_model.zero import RunZero
+
+from ..diagnosis import check_columns
+from ..fit import fit_terms
+from .filter_start import model_of_fit
+from .smoother import Hindsight
+from .tracked_night import TrackedNight, difference_of, lean_of
+
+#: stars of a run to which the model of the evening is fitted, at least
+FEWEST = 12
+
+
+@dataclass(frozen=True)
+class TrackedRun:
+    """A run that was tracked.
+
+    Attributes
+    ----------
+    model : PointingModel
+        After the last star.
+    rows : ndarray of int, shape (t,)
+        Of the run, those that were stars of the track.
+    time : ndarray, shape (t,)
+        UTC, s.
+    evening, live : ndarray, shape (t, 2)
+        What each star was missed by, x and y on the sky, before it was seen: by the model of the
+        evening, by the tracked one; rad.
+    sigma : ndarray, shape (t, 2)
+        1 sigma that the tracked one expected, with the noise of the star, rad.
+    hindsight : Hindsight
+    document : dict
+        As of `night.TrackedNight.document`.
+    fitted : int
+        Rows to which the model of the evening was fitted; 0: it was given.
+    notes : list of str
+        What was read and how, what its columns may be mistaken for.
+    """
+
+    model: PointingModel
+    rows: np.ndarray
+    time: np.ndarray
+    evening: np.ndarray
+    live: np.ndarray
+    sigma: np.ndarray
+    hindsight: Hindsight
+    document: dict
+    fitted: int
+    notes: list
+
+    def summary(self):
+        """JSON-ready; angles in arcsec, radial RMS of the stars before they were seen."""
+        notes = [*self.notes, *self.document['notes']]
+        return {**self.document, 'notes': notes, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
+            'model of the evening': rms(*self.evening.T) / ARCSEC,
+            'tracked': rms(*self.live.T) / ARCSEC,
+            'expected': float(np.sqrt(np.mean(np.sum(self.sigma**2, axis=1)))) / ARCSEC,
+            'tracked, middle': float(np.median(np.hypot(*self.live.T))) / ARCSEC,
+            'model of the evening, middle': float(np.median(np.hypot(*self.evening.T))) / ARCSEC},
+            'hindsight': self.hindsight.document()}
+
+
+def track_run(run, model=None, first=None, names=None, progress=None):
+    """Track a run.
+
+    Parameters
+    ----------
+    run : PointingRun
+        With the column ``time``; in any order.
+    model : PointingModel, optional
+        Of the evening; by default fitted to the first rows.
+    first : int, optional
+        How many those are; by default a third of the run, `FEWEST` at least.
+    names : sequence of str, optional
+        Terms to fit; by default the physical ones.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    TrackedRun
+
+    Raises
+    ------
+    ValueError
+        No times, too few rows, a model of another mount; columns that are not what they are named.
+    """
+    notes = [*run.meta.get('notes', ()), *check_columns(run).warnings(run.mount.names)]
+    if 'time' not in run or not np.isfinite(run['time']).any():
+        raise ValueError('the run has no time: a model is followed from star to star')
+    order = np.flatnonzero(np.isfinite(run['time']))
+    order = order[np.argsort(run['time'][order], kind='stable')]
+    run = _complete(run.select(order))
+    noise, fitted, held = None, 0, None
+    if model is None:
+        fitted = max(FEWEST, len(run) // 3) if first is None else first
+        if len(run) < fitted + 3:
+            raise ValueError(f'{len(run)} rows with a time; to fit {fitted} and follow the rest '
+                             'takes three more')
+        held = run.select(np.arange(fitted))
+        fit = fit_terms(held, names)
+        model, noise = model_of_fit(fit), tuple(map(float, fit.scatter))
+    elif not model.mount.agrees(run.mount):
+        raise ValueError('the model is of another mount than the run')
+    begun = run['time'][max(fitted - 1, 0)] if fitted else run['time'][0] - 1.0
+    numbers = run['run'][fitted - 1] if fitted else None
+    started = run['encoder_start'][fitted - 1] if fitted and 'encoder_start' in run else None
+    night = TrackedNight(
+        model, RunZero(0.0, 0.0, run=None if numbers is None else float(numbers),
+                       started=started), int(np.rint(begun * 1e9)), noise,
+        held and difference_of(held), held and lean_of(held))
+    night.keep()
+    rows, time, evening, live, sigma = [], [], [], [], []
+    for i in range(fitted, len(run)):
+        one = run.select([i])
+        if progress:
+            progress('following the mount', i, len(run))
+        for heard in night.take(one):
+            if heard.what == 'star' and heard.taken:
+                rows.append(int(order[i]))
+                time.append(float(one['time'][0]))
+                live.append(heard.innovation)
+                sigma.append(np.sqrt(np.diag(heard.covariance)))
+                context = Context.of_run(one) if model.effects else None
+                base = model.offsets(one['az'], one['el'], context)
+                evening.append([float(o[0] - b[0]) for o, b in zip(one.offsets(), base)])
+    if len(rows) < 3:
+        raise ValueError(f'{len(rows)} stars to follow; three at least')
+    if progress:
+        progress('in hindsight', len(run), len(run))
+    return TrackedRun(
+        night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
+        np.array(evening), np.array(live), np.array(sigma), night.hindsight(), night.document(),
+        fitted, notes)
+
+
+def _complete(run):
+    """With what a log of ours has and a file may not."""
+    n = len(run)
+    columns = dict(run.columns)
+    columns.setdefault('run', np.zeros(n))
+    star = columns.get('star')
+    if star is None or np.asarray(star).dtype.kind not in 'fiu':
+        columns['star'] = np.arange(n, dtype=float)
+    return type(run)(columns, run.meta)

@@ -1,0 +1,195 @@
+"""A night that begins: the past, and three to five stars.
+
+Four things may have happened since the last run: nothing, the zeros moved (an encoder that was
+switched on), the lean too (a mount that was carried or set up anew), or more than that (a mirror
+was taken out). Each is a distribution of tonight's terms; the stars say which, and what follows is
+the mean of them, each as likely as it is. A wrong star among them is weighed too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import ALTAZ
+
+from .history import past_of_runs, rows_of
+from .hypotheses import Bank
+
+AS_IT_WAS, ZEROS, LEAN, REFIT = STORIES = (
+    'all as it was', 'only the zeros moved', 'the lean too', 'more than that')
+#: how likely each is before any star
+CHANCES = (0.4, 0.3, 0.15, 0.15)
+#: (times as far as runs have scattered so far, how likely) where it is more than the lean
+FARTHER = ((1.0, 0.7), (3.0, 0.3))
+#: 1 sigma of what is as it was: zeros, lean, others, rad
+_STILL = (1.0 * ARCSEC, 0.5 * ARCSEC, 0.2 * ARCSEC)
+#: stars of a run by which a set of terms is judged on earlier runs
+STARS = 5
+
+
+@dataclass(frozen=True)
+class Begun:
+    """What the first stars of a night say.
+
+    Attributes
+    ----------
+    terms : dict of str to float
+        rad.
+    covariance : ndarray, shape (k, k)
+        rad^2.
+    chances : dict of str to float
+        Of each of `STORIES`.
+    """
+
+    terms: dict
+    covariance: np.ndarray
+    chances: dict
+
+    @property
+    def story(self):
+        """The likeliest."""
+        return max(self.chances, key=self.chances.get)
+
+
+def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
+          wrong_sigma=300.0 * ARCSEC, chances=CHANCES, sizes=None):
+    """Tonight's terms from a few stars and the past.
+
+    Parameters
+    ----------
+    past : Past
+        Its names are the terms; `last` is what the night may be like.
+    columns : ndarray, shape (n, 2, k)
+        Of the stars, see `history.rows_of`.
+    offsets : ndarray, shape (n, 2)
+        rad.
+    mount : Mount
+    noise : float, optional
+        1 sigma of a star, rad; that of the past by default.
+    wrong, wrong_sigma : float
+        Part of wrong stars and what they miss by, rad.
+    chances : sequence of float, length 4
+        Of `STORIES`.
+    sizes : (float, float), optional
+        1 sigma by which zeros and lean move when they do, rad; by default as they have scattered
+        from run to run, 20 and 5 arcsec at least.
+
+    Returns
+    -------
+    Begun
+    """
+    names = past.names
+    scatter = np.sqrt(np.diag(past.covariance))
+    index = [names.index(name) for name in mount.names.index if name in names]
+    lean = [names.index(mount.names.named(name)) for name in ('AN', 'AW')
+            if mount.names.named(name) in names]
+    if sizes is None:
+        sizes = (max(scatter[index].max(initial=0.0), 20.0 * ARCSEC),
+                 max(scatter[lean].max(initial=0.0), 5.0 * ARCSEC))
+    still = np.full(len(names), _STILL[2])
+    still[index], still[lean] = _STILL[:2]
+    zeros, leans = np.zeros((2, len(names)))
+    zeros[index], leans[lean] = sizes
+    as_it_was = past.last_covariance + np.diag(still**2)
+    moved = as_it_was + np.diag(zeros**2)
+    wide = [past.covariance * scale**2 + np.diag(still**2) for scale, _ in FARTHER]
+    shares = [*chances[:3], *(chances[3] * share for _, share in FARTHER)]
+    bank = Bank(
+        [past.last] * 3 + [past.mean] * len(wide),
+        [as_it_was, moved, moved + np.diag(leans**2), *wide],
+        np.zeros((len(shares), len(names), len(names))), shares, wrong=wrong,
+        wrong_sigma=wrong_sigma, depth=len(offsets) + 1, most=64)
+    for column, offset in zip(columns, offsets):
+        bank.observe(column, offset, np.full(2, noise or past.noise))
+    mean, covariance = bank.estimate()
+    weights = bank.rate_weights()
+    return Begun(dict(zip(names, mean.tolist())), covariance,
+                 dict(zip(STORIES, (*weights[:3].tolist(), float(weights[3:].sum())))))
+
+
+def choose(covariance, columns, everywhere, count, noise):
+    """The stars that tell most about the pointing all over the sky, one after the other.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (k, k)
+        Of the terms before any star, rad^2.
+    columns : ndarray, shape (n, 2, k)
+        Of stars that could be taken.
+    everywhere : ndarray, shape (p, 2, k)
+        Of places where the mount shall point.
+    count : int
+    noise : float
+        1 sigma of a star, rad.
+
+    Returns
+    -------
+    list of int
+        Rows of `columns`, in order. What the stars will show is not asked.
+    """
+    weight = np.einsum('pij,pik->jk', everywhere, everywhere)
+    chosen = []
+    for _ in range(min(count, len(columns))):
+        gains = covariance @ columns.swapaxes(1, 2)  # (n, k, 2)
+        inverse = np.linalg.inv(columns @ gains + noise**2 * np.eye(2))
+        gain = np.einsum('aki,aij,alj,kl->a', gains, inverse, gains, weight)
+        gain[chosen] = -np.inf
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        covariance = covariance - gains[best] @ inverse[best] @ gains[best].T
+    return chosen
+
+
+def judged(runs, names, everywhere, *, memory=np.inf, first=4):
+    """How well a few chosen stars of each run and the runs before it predict the rest of it.
+
+    Parameters
+    ----------
+    runs : sequence of PointingRun
+    names : sequence of str
+        Terms.
+    everywhere : ndarray, shape (p, 2, k)
+        As of `choose`.
+    memory : float
+        As of `past_of_runs`.
+    first : int
+        Runs that are only past.
+
+    Returns
+    -------
+    list of (ndarray, shape (n, 2))
+        What is left of each run from `first` on, rad; NaN in the rows that were chosen.
+    """
+    rows = [rows_of(run, names) for run in runs]
+    out = []
+    for place in range(first, len(rows)):
+        columns, offsets = rows[place]
+        past = past_of_runs(rows[:place], names, memory=memory)
+        chosen = choose(past.covariance, columns, everywhere, STARS, past.noise)
+        found = begin(past, columns[chosen], offsets[chosen], mount=runs[place].mount)
+        left = offsets - columns @ np.array(list(found.terms.values()))
+        left[chosen] = np.nan
+        out.append(left)
+    return out
+
+
+def menus(mount):
+    """Sets of terms to choose from by `judged`, the smallest first.
+
+    Parameters
+    ----------
+    mount : Mount
+
+    Returns
+    -------
+    dict of str to tuple of str
+    """
+    from pointing_model.terms import terms_of
+    names, known = mount.names, tuple(terms_of(mount))
+    of_axes = ('ACEC', 'ACES', 'HACA2', 'HASA2') if mount.altaz else (
+        'HCEC', 'HCES', 'HHCH2', 'HHSH2')
+    rest = tuple(name for name in known if name not in names.physical)
+    return {'six': names.standard6, 'physical': names.physical,
+            'encoders': names.physical + tuple(name for name in ('TX', *of_axes) if name in rest),
+            'all': names.physical + tuple(name for name in rest if name != 'TX3')}

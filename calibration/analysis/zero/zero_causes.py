@@ -1,0 +1,294 @@
+"""Why the zero is another one after each power-on: temperature, supply, time since, side.
+
+Paper 000 names temperature and supply as what moves the reference mark. Here the zeros of a season,
+one a power-on, are held against what was measured when the marks were met (`driver_choice` has the
+tests); where they follow something, the zero of tonight is known, with its error, before Polaris.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .covariate_choice import ALPHA, Choice, choose, fewest_nights
+from .polaris_zero import student_factor
+
+AXES = ('azimuth', 'elevation')
+#: driver -> (in words, unit, the least standard deviation over the nights that can tell anything)
+DRIVERS = {
+    'temperature': ('temperature', '°C', 0.3),
+    'supply': ('supply voltage', 'V', 0.01),
+    'hours': ('time since the last power-on', 'h', 0.1),
+    'side': ('side from which the mark was met', 'side', 0.1),
+}
+CAUSE, UNDECIDED, NOTHING = 'cause', 'undecided', 'nothing'
+#: unknown in more of the nights than this share, a driver is not tried
+_UNKNOWN = 0.3
+
+
+@dataclass(frozen=True)
+class Season:
+    """Zeros of power-ons, in order of time, and what was known when the marks were met.
+
+    Parameters
+    ----------
+    run : ndarray, shape (n,)
+        Numbers of the power-ons.
+    time : ndarray, shape (n,)
+        When, s; where it is not known of each, their order counts.
+    zeros, sigmas : ndarray, shape (n, 2)
+        Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad.
+    drivers : dict of str to ndarray, shape (n, 2)
+        By the names of `DRIVERS`, as each axis has them; NaN where unknown.
+    """
+
+    run: np.ndarray
+    time: np.ndarray
+    zeros: np.ndarray
+    sigmas: np.ndarray
+    drivers: dict
+
+    def __len__(self):
+        return len(self.run)
+
+    def select(self, rows):
+        """The season with only `rows` (a mask, indices or a slice)."""
+        return Season(self.run[rows], self.time[rows], self.zeros[rows], self.sigmas[rows],
+                      {name: values[rows] for name, values in self.drivers.items()})
+
+
+@dataclass(frozen=True)
+class _Line:
+    """Zero of an axis = level + slopes · drivers, from n nights."""
+
+    names: tuple
+    origin: np.ndarray
+    level: float
+    slopes: np.ndarray
+    inverse: np.ndarray  # of the normal matrix, (k, k)
+    n: int
+    rms: float  # unexplained, of one night
+    dof: int
+
+    def at(self, values):
+        """Zero and its 1-sigma, where the drivers are `values`, shape (k,)."""
+        away = values - self.origin
+        leverage = 1.0 + 1.0 / self.n + away @ self.inverse @ away
+        return (self.level + float(away @ self.slopes),
+                float(self.rms * np.sqrt(leverage) * student_factor(max(self.dof, 1))))
+
+
+def _fit(season, axis, names):
+    zeros = season.zeros[:, axis]
+    values = np.array([season.drivers[name][:, axis] for name in names])
+    values = values.reshape(len(names), len(zeros))
+    origin = values.mean(axis=1)
+    design = (values - origin[:, np.newaxis]).T
+    inverse = np.linalg.pinv(design.T @ design) if names else np.zeros((0, 0))
+    level = float(zeros.mean())
+    slopes = inverse @ design.T @ (zeros - level)
+    left = zeros - level - design @ slopes
+    dof = len(zeros) - 1 - len(names)
+    rms = float(np.sqrt(left @ left / dof)) if dof > 0 else np.nan
+    return _Line(tuple(names), origin, level, slopes, inverse, len(zeros), rms, dof)
+
+
+def usable_drivers(season):
+    """Drivers that can be tried, and why the others cannot.
+
+    Parameters
+    ----------
+    season : Season
+
+    Returns
+    -------
+    names : list of str
+    why : dict of str to str
+        One line for each of the other `DRIVERS`.
+    """
+    names, why = [], {}
+    for name, (words, unit, least) in DRIVERS.items():
+        values = season.drivers.get(name)
+        known = np.isfinite(values).all(axis=1) if values is not None and len(season) else None
+        if known is None or not known.any():
+            why[name] = f'{words}: not known'
+        elif np.mean(~known) > _UNKNOWN:
+            why[name] = f'{words}: not known of {np.sum(~known)} of {len(season)} nights'
+        elif values[known].std(axis=0).max() < least:
+            spread = values[known].std(axis=0).max()
+            why[name] = f'{words}: constant ({spread:.2g} {unit} rms over the nights)'
+        else:
+            names.append(name)
+    return names, why
+
+
+def _complete(season, names):
+    good = np.isfinite(season.zeros).all(axis=1)
+    for name in names:
+        good &= np.isfinite(season.drivers[name]).all(axis=1)
+    return season.select(good)
+
+
+_NO_CHOICE = Choice(*[((), ())] * 3, np.ones(2), np.ones(2))
+
+
+def _choice(season, names, alpha, seed):
+    if not names:
+        return _NO_CHOICE
+    drivers = np.array([season.drivers[name] for name in names])
+    still = np.ptp(drivers, axis=1).max(axis=-1) <= 0.0  # in a fold that leaves a night out
+    moving = [i for i in range(len(names)) if not still[i]]
+    when = season.time
+    if not (np.isfinite(when).all() and np.all(np.diff(when) > 0.0)):
+        when = np.arange(float(len(season)))  # their order is known all the same
+    found = choose(season.zeros, drivers[moving], when, alpha, seed=seed)
+
+    def named(places):
+        return tuple(tuple(names[moving[i]] for i in axis) for axis in places)
+    return found._replace(causes=named(found.causes), alike=named(found.alike),
+                          trend=named(found.trend))
+
+
+def _left_out(season, names, alpha, seed):
+    """Errors of each zero, predicted by the others: without and with causes, (n, 2) each.
+
+    The choice of the causes is made again without that night.
+    """
+    before, after = np.empty((2, len(season), 2))
+    everyone = np.arange(len(season))
+    for night in everyone:
+        others = season.select(everyone != night)
+        causes = _choice(others, names, alpha, seed).causes
+        for axis in range(2):
+            line = _fit(others, axis, causes[axis])
+            values = np.array([season.drivers[n][night, axis] for n in causes[axis]])
+            before[night, axis] = season.zeros[night, axis] - others.zeros[:, axis].mean()
+            after[night, axis] = season.zeros[night, axis] - line.at(values)[0]
+    return before, after
+
+
+def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
+    """What the zeros of the power-ons follow, and the zero to be expected tonight.
+
+    Parameters
+    ----------
+    season : Season
+        Power-ons with a zero.
+    tonight : dict of str to array_like, shape (2,), optional
+        The drivers of a power-on whose zero is not measured yet.
+    alpha : float
+        Chance that zeros which follow nothing are given a cause, over all drivers and both axes.
+    leave_out : bool
+        Whether each night is predicted from the others as well, with the causes chosen anew.
+    seed : int
+        Of the permutations.
+
+    Returns
+    -------
+    dict
+        JSON-ready. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``; ``nights``,
+        ``left_out`` (numbers of the power-ons of which a driver is not known), ``drivers`` (those
+        tried), ``not_tried`` (lines), ``p`` over all drivers and both axes; ``axes``: of each
+        ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are alone), ``causes``
+        (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``, ``std_arcsec`` of
+        the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
+        nights were left out ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS);
+        ``tonight`` (of each axis ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and
+        those ``missing``) or None.
+    """
+    names, why = usable_drivers(season)
+    used = _complete(season, names)
+    enough = len(used) >= fewest_nights(alpha)
+    found = _choice(used, names, alpha, seed) if enough else _NO_CHOICE
+    lines = [_fit(used, axis, found.causes[axis]) for axis in range(2)] if len(used) > 1 else None
+    errors = _left_out(used, names, alpha, seed) if leave_out and enough else None
+    axes = {}
+    for axis, name in enumerate(AXES):
+        axes[name] = _axis(axis, found, lines and lines[axis], used, names, enough, errors)
+    verdicts = [axis['verdict'] for axis in axes.values()]
+    verdict = next((v for v in (CAUSE, UNDECIDED) if v in verdicts), NOTHING)
+    out = {
+        'verdict': verdict, 'nights': len(used), 'alpha': alpha,
+        'left_out': sorted({int(r) for r in season.run} - {int(r) for r in used.run}),
+        'drivers': names, 'not_tried': list(why.values()),
+        'p': float(found.p.min()) if enough and names else None, 'axes': axes,
+        'tonight': None,
+    }
+    out['text'] = _text(out, enough, len(season), alpha)
+    if tonight is not None and lines:
+        means = [_fit(used, axis, ()) for axis in range(2)]
+        out['tonight'] = _expected(lines, means, tonight)
+    return out
+
+
+def _text(out, enough, known, alpha):
+    if not enough:
+        lost = f', {known - out["nights"]} more without a driver' if known > out['nights'] else ''
+        return (f'{out["nights"]} power-ons with a zero{lost}: too few to name a cause, which '
+                f'takes {fewest_nights(alpha)}')
+    if not out['drivers']:
+        return 'no cause can be looked for: ' + '; '.join(out['not_tried'])
+    return '; '.join(f'{name}: {axis["text"]}' for name, axis in out['axes'].items())
+
+
+def _words(names):
+    return ' and '.join(DRIVERS[name][0] for name in names)
+
+
+def _axis(axis, found, line, used, names, enough, errors):
+    """What is said of one axis; see `zero_causes`."""
+    causes, alike, trend = (part[axis] for part in (found.causes, found.alike, found.trend))
+    verdict = CAUSE if causes else UNDECIDED if alike or trend else NOTHING
+    told = line is not None and line.dof > 0
+    tested = enough and names
+    out = {
+        'verdict': verdict, 'p': float(found.p[axis]) if tested else None,
+        'p_levels': float(found.p_levels[axis]) if tested else None,
+        'causes': [], 'alike': list(alike or trend),
+        'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if told else None,
+        'measured_arcsec': float(np.sqrt(np.mean(used.sigmas[:, axis]**2))) / ARCSEC
+        if told and np.isfinite(used.sigmas[:, axis]).all() else None,
+        'unexplained_arcsec': line.rms / ARCSEC if told else None,
+    }
+    if causes:
+        sigma = line.rms * np.sqrt(np.diag(line.inverse)) * student_factor(line.dof)
+        out['causes'] = [
+            {'driver': name, 'unit': DRIVERS[name][1], 'slope_arcsec': float(slope) / ARCSEC,
+             'sigma_arcsec': float(s) / ARCSEC}
+            for name, slope, s in zip(line.names, line.slopes, sigma)]
+        slopes = ', '.join(f'{c["slope_arcsec"]:+.2f} ± {c["sigma_arcsec"]:.2f}"/{c["unit"]}'
+                           for c in out['causes'])
+        out['text'] = (f'the zero follows the {_words(causes)} ({slopes}; p {out["p"]:.3f} over '
+                       f'all drivers and both axes); {out["unexplained_arcsec"]:.1f}" of '
+                       f'{out["std_arcsec"]:.1f}" are left')
+    elif alike:
+        out['text'] = (f'undecided: {" or ".join(DRIVERS[n][0] for n in alike)} explain the zero '
+                       'alike, because they changed together; nights on which they part will tell')
+    elif trend:
+        out['text'] = (f'undecided: the zero goes with the {_words(trend)} over the season, but '
+                       'not from night to night; a zero that walks or drifts looks the same')
+    else:
+        out['text'] = 'nothing found that the zero follows'
+    if errors is not None:
+        out['left_out_before_arcsec'], out['left_out_after_arcsec'] = (
+            float(np.sqrt(np.mean(e[:, axis]**2))) / ARCSEC for e in errors)
+    return out
+
+
+def _expected(lines, means, tonight):
+    """Zero of tonight from its drivers, of each axis in arcsec with 1 sigma, and what it is by.
+
+    ``by`` are the causes; without any it is the mean of the nights, and likewise where tonight's
+    value of a cause is not known (``missing``) - with the scatter that the zeros then have.
+    """
+    out = {}
+    for axis, (name, line, mean) in enumerate(zip(AXES, lines, means)):
+        known = {n: float(np.broadcast_to(tonight.get(n, np.nan), 2)[axis]) for n in line.names}
+        missing = [n for n, value in known.items() if not np.isfinite(value)]
+        line = mean if missing else line
+        value, sigma = line.at(np.array([known[n] for n in line.names]))
+        out[name] = {'zero_arcsec': value / ARCSEC,
+                     'sigma_arcsec': sigma / ARCSEC if np.isfinite(sigma) else None,
+                     'by': list(line.names), 'missing': missing}
+    return out

@@ -1,1 +1,0 @@
-"""The diagnosis for people: one HTML page, and sentences for a night assistant."""

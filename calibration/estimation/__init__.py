@@ -1,0 +1,1 @@
+"""Statistics that know no mount: columns, weights, solvers, their result."""

@@ -1,0 +1,140 @@
+"""What is said of the causes of an effect: which there are, what contends, what to look at."""
+
+import re
+
+from calibration.analysis.diagnosis.constants import SET_WIDTH
+from pointing_model.effects.base import EFFORTS
+
+#: causes that are told; the others are counted
+_MOST_CAUSES = 5
+_NUMBERS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine', 'ten',
+            'eleven', 'twelve')
+
+
+def counted(number, word):
+    """A small number in words, with what is counted."""
+    text = _NUMBERS[number] if number < len(_NUMBERS) else f'{number}'
+    return f'{text} {word}{"" if number == 1 else "s"}'
+
+
+def open_causes(row):
+    """How many causes an effect of the document may have, as people are told them."""
+    return max(len(row.get('causes') or ()), 1) + len(still_open(row))
+
+
+def still_open(row):
+    """Contenders of an effect of the document that leave its cause open."""
+    return [one for one in row.get('contenders') or () if one['open']]
+
+
+def plain(cause):
+    """A cause as one clause: what parts it is the mark between causes in a sentence."""
+    return cause.replace('; it ', ', which ').replace('; ', ', ')
+
+
+def causes_sentence(causes):
+    """Causes as equals, the best first."""
+    told = [plain(one['cause']) + (
+        f' (with {counted(one["more_effects"], "effect")} more beside it)'
+        if one.get('more_effects') else '') for one in causes]
+    if len(told) > _MOST_CAUSES:
+        told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
+    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
+            f'{"; ".join(told[:-1])}; or {told[-1]}.')
+
+
+def short_cause(cause):
+    """A cause without how often a turn, where that is said beside it."""
+    return re.sub(r' \([^()]*per turn[^()]*\)', '', plain(cause))
+
+
+def contenders_sentence(row, found):
+    """What lost its place to an effect, and by how much; '' where nothing did.
+
+    Parameters
+    ----------
+    row : dict
+        Of the effects of a document.
+    found : str
+        Its cause, as people are told it.
+    """
+    said = []
+    for one in row.get('contenders') or ():
+        text = short_cause(one['cause'])
+        text = f'{text[:1].upper()}{text[1:]}'
+        gains = (f'alone it explains the rows as well (ΔBIC {one["alone"]:.0f}, against '
+                 f'{one["found_alone"]:.0f})' if abs(one['alone'] - one['found_alone']) < SET_WIDTH
+                 else '')
+        behind = (f'with all effects in the model it is {one["behind"]:.0f} behind in ΔBIC'
+                  if one['behind'] > 0.0 else '')
+        often = (f'it was chosen instead {one["instead"]} of the {one["folds"]} times that a part '
+                 'of the rows was left out' if one['instead'] else '')
+        told = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
+        said.append(f'{text} {"is not excluded" if one["open"] else "lost its place"}: {told}.')
+    if still_open(row) and len(row.get('causes') or ()) < 2:
+        said.insert(0, f'With all rows fits best: {short_cause(found)}.')
+    return ' '.join(said)
+
+
+def first_check(document, row):
+    """What to do about an effect: what to look at, and of several causes which first, and why.
+
+    Parameters
+    ----------
+    document : dict
+    row : dict
+        Of its effects.
+
+    Returns
+    -------
+    str
+        '' where the document does not tell the causes.
+    """
+    causes = [one for one in row.get('causes') or () if one.get('look_at')]
+    if not causes:
+        return ''
+    if len(causes) == 1 and open_causes(row) - len(still_open(row)) == 1:
+        return _only_check(row, causes[0])
+    # what needs more effects beside it comes after what stands by itself
+    own = [one for one in causes if not one.get('more_effects')] or causes
+    one = min(own, key=lambda each: each.get('effort', 1))
+    least = one.get('effort', 1)
+    # what weighs on the tube and the air bear on the same curve
+    terms = [term['name'] for term in document.get('unphysical') or () if row.get('axes') == 'el'
+             and row.get('driver') == 'elevation' and term['name'] in ('TF', 'TX')]
+    head = f'It bears on the same curve as {terms[0]} (above): check that first. Then: ' \
+        if terms else 'Check first: '
+    tested = [each for each in causes if each['look_at'] == one['look_at']]
+    rest = [each for each in causes if each not in tested]
+    names = ' and '.join(f'"{plain(each["cause"])}"' for each in tested)
+    return (f'{head}{one["look_at"]}. That tests {names}, and takes {EFFORTS[least]}'
+            f'{_rest(rest, own, least)}. Which is likelier these rows do not say.')
+
+
+def _only_check(row, cause):
+    """What to look at for the one cause that fits best, and for what contends with it."""
+    more = ''.join(f'; for "{short_cause(one["cause"])}": {one["look_at"]}'
+                   for one in still_open(row) if one.get('look_at'))
+    # the shape may be all that speaks for it: what else repeats so often makes it too
+    else_ = ', and what else bends or runs out as often' * bool(cause.get('only_shape'))
+    text = f'Look at {cause["look_at"]}{else_}{more}.'
+    if str(row.get('name')).startswith('smooth_of'):
+        text += (' Until its cause is known a curve takes it off, which holds where these '
+                 'rows are and not beyond.')
+    return text
+
+
+def _rest(rest, own, least):
+    """What the causes take that a first check does not test, after it."""
+    if not rest:
+        return ''
+    efforts = [each.get('effort', 1) for each in rest]
+    many = len(rest) > 1
+    if not any(each in own for each in rest):
+        text = 'stand only with more effects beside them' if many else \
+            'stands only with more effects beside it'
+    else:
+        what = 'as much' if max(efforts) == least else 'more' if min(efforts) > least else \
+            'as much or more'
+        text = f'take{"" if many else "s"} {what}'
+    return f'; the other{"s" * many} {text}'

@@ -1,0 +1,375 @@
+"""Figures and tables of the diagnosis page, each a piece of HTML."""
+
+from pathlib import PurePath
+
+import numpy as np
+
+from pointing_model.effects.base import AXES as AXIS_WORDS
+from pointing_model.effects.base import SIDES, arcsec, readable
+from pointing_model.mounts import ALTAZ, KINDS
+
+from .diagnosis_words import floor_words
+from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
+from .method_words import (
+    WHY_LATER,
+    choice_sentence,
+    counterweight_up,
+    enough,
+    explained,
+    no_star_sentences,
+    serves_sentence,
+    spread_sentence,
+)
+from .page_parts import Markup, figure, folded, gains, number, pair, said, table
+from .page_parts import legend as legend_of
+
+_MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
+             ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
+             ('rms_y_arcsec', 'rows fitted, {}'))
+
+
+# ------------------------------------------------------------------------------ before and after
+
+def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
+    """Bars of the error before and after, each measure, with the noise floor."""
+    before, after = document['before'], document['after']
+    words = dict(zip(('rms_x_arcsec', 'rms_y_arcsec'), axes))
+    rows = [(label.format(words.get(key)), before.get(key), after.get(key))
+            for key, label in _MEASURES
+            if before.get(key) is not None or after.get(key) is not None]
+    apart = document.get('cv_contiguous')
+    if apart:
+        at = next((i for i, row in enumerate(rows) if row[0].startswith('rows fitted')), len(rows))
+        rows.insert(at, ('stretches of rows left out', apart['before'], apart['after']))
+    if not rows:
+        return ''
+    return gains([(label, [(pair[0], 'before', 'before'), (pair[1], 'after', 'after')])
+                  for label, *pair in rows], document.get('noise_floor_arcsec'),
+                 floor_words(document)) + (
+        '<p class="note">RMS on the sky in arcsec (″), radial unless an axis is named. A gain '
+        f'counts on rows that neither the fit nor the choice has seen. {_floor_note(document)}</p>'
+        + ''.join(f'<p class="note">{clean(text)}</p>' for text in (
+            spread_sentence(document), choice_sentence(document)) if text))
+
+
+def _floor_note(document):
+    """What the last bar is."""
+    return ('The last bar is what is left on the rows fitted, made larger for the coefficients '
+            'that were fitted: ' + ('noise of each row, and what wanders.' if (
+                document.get('wander') or {}).get('slow') else
+                'seeing, and all that nothing here describes.'))
+
+
+def words(text):
+    """What words of a text mean, folded away."""
+    rows = explained(text)
+    return folded('Words', '<dl>' + ''.join(
+        f'<dt>{clean(word)}</dt><dd>{clean(meaning)}</dd>' for word, meaning in rows)
+        + '</dl>') if rows else ''
+
+
+def held_out(document, axes):
+    """Runs held out, each for itself."""
+    nights = document.get('held_out') or []
+    if not nights:
+        return ''
+    keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
+    rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
+             str(night['set_aside']),
+             *(number(night[when][key]) for when in ('before', 'after') for key in keys)]
+            for night in nights]
+    names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
+    return '<h3>Runs held out</h3>' + table(
+        ['run', 'rows', 'set aside', *(f'{when}, {name}' for when in ('before', 'after')
+                                       for name in names)], rows, 'numbers folding') + (
+        '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
+        '</p>')
+
+
+def serves(document):
+    """Whether the proposals serve the largest effect, where they do not."""
+    text = serves_sentence(document)
+    return f'<p>{clean(text)}</p>' if text else ''
+
+
+def no_star(document):
+    """Of which effects no observation tells the causes apart."""
+    return ''.join(f'<p>{clean(text)}</p>' for text in no_star_sentences(document))
+
+
+def smaller(rows):
+    """Effects that are not among the first ones, folded away."""
+    return folded(f'And {len(rows)} more, smaller', said(rows)) if rows else ''
+
+
+def legend(fit=False):
+    """What the marks mean."""
+    marks = [('before', 'before'), ('after', 'after')]
+    return legend_of(*marks, *[('fit', 'what the added effects, and the terms fitted anew '
+                                'beside them, take away')] * fit)
+
+
+# ----------------------------------------------------------------------------- against a driver
+
+def _spread(driver):
+    """Values to draw: those of few levels side by side."""
+    if not driver.levels:
+        return driver.values
+    return driver.values + 0.28 * (np.modf(np.arange(len(driver.values)) * 0.618)[0] - 0.5) * 2
+
+
+def _panel(driver, top, height, limit, x_label, y_label, title):
+    """Residuals up to a limit against a driver: a panel with its axes."""
+    values = driver.values[np.isfinite(driver.values)]
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    pad, places, texts = 0.03 * (high - low), None, None
+    if driver.levels:
+        pad, places = 0.5, sorted(driver.levels)
+        texts = [driver.levels[k] for k in places]
+    panel = Panel((58, top, 350, height), (low - pad, high + pad), (-limit, limit))
+    panel.axes(x_label, y_label, title, places, texts)
+    return panel
+
+
+def driver_figure(view, driver):
+    """Both axes against one driver: before with the fit drawn in, after below."""
+    out = []
+    x, used = _spread(driver), view.used
+    for axis, title in enumerate(view.axes):
+        before, after = view.before[axis], view.after[axis]
+        limit = limit_of(before[used], after[used])
+        top = _panel(driver, 24, 120, limit, '', 'before [arcsec]', title)
+        low = _panel(driver, 156, 120, limit, driver.label, 'after [arcsec]', '')
+        top.points(x[used], before[used], 'before')
+        if view.changed:
+            top.dashes(x[used], (before - after)[used], 'fit')
+        low.points(x[used], after[used], 'after')
+        out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
+    missing = int((~np.isfinite(driver.values[used])).sum())
+    caption = f'Unknown in {missing} rows.' if missing else ''
+    return f'<h3>{clean(driver.title)}</h3>' + figure(pair(out), caption)
+
+
+def driver_figures(view, limit=8):
+    """All drivers; those after the first `limit` fold away."""
+    drawn = [driver_figure(view, driver) for driver in view.drivers]
+    shown, more = ''.join(drawn[:limit]), ''.join(drawn[limit:])
+    return shown + folded(f'{len(drawn) - limit} more drivers', more) if more else shown
+
+
+def effect_figure(view, effect):
+    """What is left without this effect alone, and the effect drawn in, against its driver."""
+    driver = effect.driver
+    if driver is None or effect.fitted is None:
+        return ''
+    own = effect.fitted if effect.own is None else effect.own
+    x, used = _spread(driver), view.used & np.isfinite(own).all(axis=0)
+    out = []
+    for axis, title in enumerate(view.axes):
+        if not np.any(np.abs(effect.fitted[axis][used]) > 1e-9):
+            continue
+        fitted = own[axis]
+        partial = view.after[axis] + fitted
+        limit = limit_of(partial[used], fitted[used])
+        panel = _panel(driver, 26, 190, limit, driver.label, 'residual [arcsec]', title)
+        names = [view.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
+        panel.points(x[used], partial[used], 'before', names)
+        panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
+        out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
+    if not out:
+        return ''
+    return figure(out[0] if len(out) == 1 else pair(out),
+                  'What no term and no other effect can take up, all of them fitted beside it: the '
+                  f'effect (strokes, {arcsec(_radial(own[:, used]))} RMS) and the effect with what '
+                  f'is left (dots), against {driver.label}. The effect is there as far as the dots '
+                  f'go with the strokes.{_how_to_read(driver, effect)}')
+
+
+def _radial(offsets):
+    return float(np.sqrt(np.square(offsets).sum() / max(offsets.shape[1], 1)))
+
+
+def _how_to_read(driver, effect):
+    """How a figure against a driver of a few values is read."""
+    if not driver.levels:
+        return ''
+    text = (' One column for each; within it dots are moved sideways only so that they do not '
+            'hide each other. The effect is the jump of the strokes from one column to the '
+            'other, and holds as far as the dots follow it.')
+    if effect.gradual:
+        text += (' Strokes between the two belong to rows reached by a move too short to be wholly '
+                 'on the new side.')
+    if effect.fades:
+        text += (' On the sky the jump is smaller where cos E is, so strokes of one column lie at '
+                 'several heights.')
+    return text
+
+
+# ------------------------------------------------------------------------------- the candidates
+
+def ranking(rows, width, limit=15, slow=()):
+    """Candidates by gain, those that are not told apart marked.
+
+    Parameters
+    ----------
+    rows : list of dict
+        ``name, delta_bic, in_set, driver, axes``.
+    width : float
+        Of a set, in BIC.
+    limit : int
+        Rows shown; the others fold away.
+    slow : sequence of str
+        Names of those that a zero that wanders explains as well.
+    """
+    if not rows:
+        return ''
+    cells = _candidates(rows)
+    for cell, row in zip(cells, rows):
+        if row['name'] in slow:
+            cell[5] = f'{cell[5]}{"; " * bool(cell[5])}or a wander'
+    out = table(_RANKING, cells[:limit], 'ranking')
+    if len(cells) > limit:
+        out += folded(f'{len(cells) - limit} more candidates',
+                      table(_RANKING, cells[limit:], 'ranking'))
+    return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
+                  'alone, these observations do not tell them apart. '
+                  + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
+                     'explains them as well, so they were not added. ' * any(
+                         row['name'] in slow for row in rows))
+                  + 'A large gain alone is none beside the effects that were found: of each of '
+                  'these "What else was tried in its place" has the gains with the others in '
+                  'the model.</p>')
+
+
+_RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'set')
+
+
+def _candidates(rows):
+    """Cells of the ranking's table."""
+    top = max((r['delta_bic'] for r in rows if np.isfinite(r['delta_bic'])), default=1.0)
+    out = []
+    for i, r in enumerate(rows, 1):
+        gain = r['delta_bic']
+        part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
+        bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
+                     f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
+        out.append([str(i), readable(r['name']), readable(r.get('driver') or '–'),
+                    AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar,
+                    '● in the set' if r['in_set'] else ''])
+    return out
+
+
+def rivals(rows, limit=6):
+    """The strongest candidates for the place of one effect, folded away."""
+    if len(rows) < 2:
+        return ''
+    return folded('What else was tried in its place, all other effects in the model',
+                  table(_RANKING, _candidates(rows)[:limit], 'ranking'))
+
+
+# ------------------------------------------------------------------------ exclusions, proposals
+
+def exclusions(excluded, word='row', limit=12):
+    """What was left out, by reason, with the rows."""
+    if not excluded:
+        return '<p>Nothing was left out.</p>'
+    reasons = {}
+    for one in excluded:
+        reasons.setdefault(str(one.get('reason')), []).append(one)
+    several = len({one.get('source') for one in excluded if one.get('source')}) > 1
+    rows = []
+    for reason, ones in sorted(reasons.items(), key=lambda item: -len(item[1])):
+        places = [f'{PurePath(str(one["source"])).name}:{one.get("row")}'
+                  if several and one.get('source') else str(one.get('row')) for one in ones]
+        short = ', '.join(places[:limit])
+        if len(places) > limit:
+            more = folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
+            short = Markup(f'{clean(short)} {more}')
+        rows.append([reason, str(len(ones)), short])
+    return table(['reason', 'count', f'{word}s'], rows)
+
+
+def next_observations(rows, mount=ALTAZ, told=None):
+    """Proposed observations, as tables and on the sky.
+
+    Parameters
+    ----------
+    rows : list of dict
+        As `calibration.analysis.diagnosis.next_observations.propose` gives them.
+    mount : Mount
+        Whose kind says what a motion of its axes is called.
+    told : dict, optional
+        Name of an effect -> its cause in words.
+    """
+    if not rows:
+        return ''
+    groups = {}
+    for i, row in enumerate(rows, 1):
+        groups.setdefault(tuple(row.get('separates') or ()), []).append((i, row))
+    kind, sky = mount.kind, SkyMap(320, 0.0, mount)
+    az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
+    sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
+                               for a, e in zip(np.degrees(az), np.degrees(el))])
+    drawing = figure(svg(320, 320, sky.parts, 'Where to observe next'),
+                     'Zenith in the middle, horizon at the rim, numbered as in the tables.')
+    told = told or {}
+    tables = ''.join(_next_group([told.get(name) or readable(name) for name in names], group, kind)
+                     for names, group in groups.items())
+    return f'<div class="side">{drawing}<div>{tables}</div></div>'
+
+
+def _next_group(names, group, kind):
+    head = ' from '.join(names)
+    timed = any(row.get('after_hours') is not None for _, row in group)
+    places = {f'{column}_deg': word for column, word in zip(
+        (*KINDS[kind].columns, 'az', 'el'), (*KINDS[kind].axes, 'azimuth', 'elevation'))
+        if f'{column}_deg' in group[0][1]}
+    cells = []
+    for i, row in group:
+        sides = [words[row[key] > 0] for key, words in zip(SIDES, KINDS[kind].sides)
+                 if row.get(key) in (-1, 1)]
+        if row.get('through_pole'):
+            sides.insert(0, 'through the pole')
+        if counterweight_up(row, kind):
+            sides.insert(0, 'counterweight up')
+        if row.get('last_move_deg'):
+            sides.append(f'{row["last_move_deg"]:g}° back')
+        hours = [f'{number(row.get("after_hours"), 1)} {row.get("utc") or ""}'] if timed else []
+        cells.append([str(i), *(number(row[key], 0) for key in places),
+                      ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
+    text = enough([row for _, row in group]) \
+        if None not in (group[0][1].get('separation_before'),
+                        group[-1][1].get('separation_after')) else ''
+    if text and any(row.get('after_hours') for _, row in group):
+        text += f'. Hours count{WHY_LATER}'
+    if group[0][1].get('next_night'):
+        text += '. It is not dark any more tonight: observe in the next night'
+    text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
+    return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
+            + table(['', *(f'{word} [°]' for word in places.values()),
+                     'side, last motion' if kind == 'german' or any(
+                         row.get('through_pole') for _, row in group) else 'last motion',
+                     *(['hours from the last row [h], UTC'] if timed else []),
+                     'ΔBIC expected with it and those above'], cells))
+
+
+def untestable(rows):
+    """What the run cannot show, and why, by reason."""
+    if not rows:
+        return ''
+    reasons = {}
+    for name, reason in rows:
+        reasons.setdefault(str(reason), []).append(readable(name))
+    return table(['reason', 'effects'], [[reason, ', '.join(names)]
+                                         for reason, names in reasons.items()])
+
+
+def run_terms_table(runs):
+    """Terms that each run fitted for itself."""
+    if not runs:
+        return ''
+    names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
+    rows = [[PurePath(str(run)).name, *(number(terms.get(name), 2, True) for name in names)]
+            for run, terms in runs.items()]
+    return folded('Terms that each run fits for itself',
+                  table(['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))

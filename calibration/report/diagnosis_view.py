@@ -1,0 +1,381 @@
+"""A diagnosis in the terms of its page: names, units, drivers, sentences."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import PurePath
+
+import numpy as np
+
+from calibration.analysis.diagnosis.constants import SET_WIDTH
+from calibration.analysis.diagnosis.page_figures import correlations, effect_offsets, its_own
+from calibration.analysis.diagnosis.row_counts import row_word
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.effects.words import coefficient_word
+from pointing_model.mounts import ALTAZ, Mount, is_beyond
+
+from .cause_words import still_open
+from .effect_words import EffectTold, title_of, told_of
+from .method_words import plain_name, signs_sentences
+from .page_parts import value_and_error
+from .residual_axes import Driver, driver_of
+from .residual_figures import Residuals
+from .title import about, axes_note
+
+_ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
+           'magnitude', 'az_rate')
+
+
+@dataclass
+class FoundEffect:
+    """An effect that was added, for its part of the page.
+
+    Attributes
+    ----------
+    name : str
+    told : EffectTold
+    facts : list of (str, str)
+    fitted : ndarray, shape (2, n), optional
+        What it moves in each row, arcsec on the sky.
+    driver : Driver, optional
+    ranking : list of dict
+        What else could stand in its place, best first, as in `View`.
+    own : ndarray, shape (2, n), optional
+        What of `fitted` no term and no other effect takes up, see `summary.its_own`.
+    gradual, fades : bool
+        It is reached little by little after a reversal; on the sky it is smaller higher up.
+    """
+
+    name: str
+    told: EffectTold
+    facts: list
+    fitted: np.ndarray | None = None
+    driver: Driver | None = None
+    ranking: list = field(default_factory=list)
+    gradual: bool = False
+    fades: bool = False
+    own: np.ndarray | None = None
+
+
+@dataclass
+class View:
+    """All that the page shows.
+
+    Attributes
+    ----------
+    document : dict
+        The JSON result.
+    az, el : ndarray, shape (n,)
+        Radians.
+    before, after : ndarray, shape (2, n)
+        Residuals x, y, arcsec on the sky.
+    used : ndarray of bool, shape (n,)
+        Rows with weight in the fit.
+    names : sequence of str
+        Of each row, for tooltips.
+    drivers : list of Driver
+    effects : list of FoundEffect
+    ranking : list of dict
+        Candidates on what the declared model leaves: ``name, driver, axes, delta_bic,
+        p_family, in_set``.
+    terms : list of dict
+        ``name, value, sigma, unit``.
+    correlated : list of str
+    correlations : ndarray, shape (k, k), optional
+        Of the coefficients in `correlated`.
+    sources, notes : list of str
+    untestable : list of (str, str)
+        What this run cannot show, and why.
+    run_terms : dict
+        Run -> {term: arcsec} that it fitted for itself.
+    set_width : float
+        BIC.
+    caution : str
+        `Diagnosis.caution`.
+    """
+
+    document: dict
+    az: np.ndarray
+    el: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    used: np.ndarray
+    names: Sequence
+    drivers: list
+    effects: list
+    ranking: list
+    terms: list
+    correlated: list = field(default_factory=list)
+    correlations: np.ndarray | None = None
+    sources: list = field(default_factory=list)
+    notes: list = field(default_factory=list)
+    untestable: list = field(default_factory=list)
+    run_terms: dict = field(default_factory=dict)
+    set_width: float = SET_WIDTH
+    caution: str = ''
+    #: what x and y are, for people
+    axes: tuple = ('azimuth × cos E', 'elevation')
+    #: components toward azimuth and elevation of x and y, shape (2, 2, n); None: the same
+    turned: np.ndarray | None = None
+
+    #: of each row: time (s, None where it is not known) and whether it is UTC, number of its run,
+    #: what became of it
+    time: np.ndarray | None = None
+    utc: bool = True
+    groups: np.ndarray | None = None
+    words: Sequence = ()
+    #: of which telescope, when and where; what the angles are through the pole
+    about: str = ''
+    axes_note: str = ''
+    mount: Mount = ALTAZ
+
+    @property
+    def residuals(self):
+        """The rows for the figures that all pages have."""
+        floor = self.document.get('noise_floor_arcsec')
+        return Residuals(
+            self.names, self.az, self.el, self.before, self.after, self.used, self.words,
+            self.axes, self.time, self.groups, noise=None if floor is None else (
+                floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
+            before_text='with the terms alone', after_text='with what was found' if self.changed
+            else 'after', turned=self.turned, utc=self.utc, mount=self.mount,
+            noise_text='all that the model leaves'
+            if (self.document.get('wander') or {}).get('slow') else 'noise of the fit')
+
+    @property
+    def changed(self):
+        """Whether anything was added."""
+        return bool(np.any(np.abs(self.before - self.after) > 1e-9))
+
+
+def view_of(diagnosis):
+    """What the page shows of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : calibration.analysis.diagnosis.Diagnosis
+
+    Returns
+    -------
+    View
+    """
+    obs = diagnosis.observations
+    context = obs.context
+    az, el = context.on_horizon()
+    document = diagnosis.to_dict()
+    effects = [_found(diagnosis, e) for e in diagnosis.effects]
+    names, matrix = correlations(diagnosis)
+    return View(
+        document={**document, 'excluded': diagnosis.excluded},
+        az=az, el=el,
+        before=diagnosis.residual_before / ARCSEC,
+        after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
+        names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
+        ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
+        correlated=_coefficients(names, diagnosis), correlations=matrix, sources=_sources(obs),
+        notes=_notes(diagnosis),
+        untestable=diagnosis.untestable,
+        run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
+        time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
+        groups=_groups(obs), about=about(obs, _sources(obs)), axes_note=axes_note(context),
+        words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
+
+
+def _groups(obs):
+    """Name of the run of each row, where there are several and not too many to choose from."""
+    if not 1 < len(obs.runs) <= 100:
+        return None
+    names = [name if isinstance(name, (int, float)) else PurePath(str(name)).name
+             for name in obs.runs]
+    return np.array(names if len({type(name) for name in names}) == 1 else list(map(str, names))
+                    )[obs.label]
+
+
+def _in_words(rows, mount):
+    """Candidates with the axis that they act on in words, by what the mount has."""
+    if mount.altaz:
+        return rows
+    words = dict(zip(('az', 'el'), mount.names.axes))
+
+    def driver(name):
+        kind, _, axis = (name or '').rpartition('_')
+        return f'{kind} {words[axis]}' if kind and axis in words else name
+    return [{**row, 'axes': words.get(row['axes'], row['axes']),
+             'name': plain_name(row['name'], mount.kind),
+             'driver': driver(row.get('driver'))} for row in rows]
+
+
+def _axes_of(context):
+    """What the axes are called, and how they stand to the horizon."""
+    mount = context.mount
+    if mount.altaz and not is_beyond(context.el).any():
+        return {}
+    first, second = mount.names.axes
+    horizon = ALTAZ.tangents(*context.on_horizon())
+    return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
+            'turned': np.array([[np.sum(own * toward, axis=0) for own in context.tangent()]
+                                for toward in horizon])}
+
+
+class RowNames:
+    """Names of the rows for tooltips, each made when it is asked for.
+
+    Parameters
+    ----------
+    obs : Observations
+    """
+
+    def __init__(self, obs):
+        self._lines, self._sources = obs.lines, obs.sources if len(_sources(obs)) > 1 else None
+        self._word = row_word(obs.run)
+        self._stars = obs.run.columns.get('star')
+
+    def __len__(self):
+        return len(self._lines)
+
+    def __getitem__(self, i):
+        text = f'{self._word} {self._lines[i]}'
+        if self._sources is not None:
+            text = f'{PurePath(str(self._sources[i])).name} {text}'
+        if self._stars is None:
+            return text
+        star = self._stars[i].item()
+        return f'{text}, star {star:g}' if isinstance(star, float) else f'{text}, star {star}'
+
+
+def _sources(obs):
+    several = [str(name).rsplit(':', 1)[0] for name in obs.runs if isinstance(name, str)
+               and ':' in name]
+    sources = several or [obs.run.meta.get('source') or '']
+    return [PurePath(s).name for s in dict.fromkeys(sources) if s]
+
+
+def _notes(diagnosis):
+    notes = list(dict.fromkeys(diagnosis.notes))
+    blocks = diagnosis.cv_contiguous
+    if blocks:
+        notes.append('Cross-validated with folds contiguous in time: '
+                     f'{arcsec(blocks["before"])} before, {arcsec(blocks["after"])} after.')
+    for e in diagnosis.effects:
+        if e.fitted.effect.alias:
+            notes.append(e.fitted.effect.alias)
+    return notes + signs_sentences(diagnosis.columns_alike,
+                                   diagnosis.observations.context.mount.names,
+                                   diagnosis.observations.run.meta.get('format'))
+
+
+# --------------------------------------------------------------------------------------- drivers
+
+def _drivers(diagnosis, effects):
+    """Drivers for the figures: those of the effects first, then what is known."""
+    context = diagnosis.observations.context
+    names = [e.driver.name for e in effects if e.driver is not None and e.driver.plain]
+    names += context.mount.names.keys
+    names += [n for n in _ALWAYS if not (n == 'order' and context.get('time') is not None)]
+    names += context.extra()
+    out = (driver_of(context, name) for name in dict.fromkeys(names))
+    return [driver for driver in out if driver is not None]
+
+
+# --------------------------------------------------------------------------------------- effects
+
+def _found(diagnosis, found):
+    context = diagnosis.observations.context
+    e = found.fitted.effect
+    name = title_of(found, context.mount.names.axes)
+    return FoundEffect(
+        name[:1].upper() + name[1:], told_of(diagnosis, found),
+        _facts(found, context, len(diagnosis.effects) > 1),
+        effect_offsets(found), _effect_driver(context, e),
+        _in_words(found.ranking, context.mount),
+        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'),
+        its_own(diagnosis, found))
+
+
+def _size_of(cause, context):
+    """What the coefficients of a cause would be, and TF beside it; '' where it was not fitted."""
+    fitted = cause.get('fitted')
+    if fitted is None:
+        return ''
+    told = [f'{context.said(one["word"])} {_with_error(one)} {one["unit"]}'
+            for one in fitted['coefficients']]
+    if 'TF' in fitted['terms']:
+        told.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
+    return f' ({", ".join(told)})'
+
+
+def _with_error(one):
+    return ' ± '.join(value_and_error(one['value_arcsec'], one['sigma_arcsec']))
+
+
+def _facts(found, context, several):
+    e = found.fitted.effect
+    if len(found.causes) > 1:
+        facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
+                  one['cause'] + _size_of(one, context)
+                  + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
+                 for i, one in enumerate(found.causes, 1)]
+        facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
+    else:
+        facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
+    facts += [('Not excluded', f'{one["cause"]}. Look at {one["look_at"]}')
+              for one in still_open(vars(found))]
+    values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
+                 found.fitted.sigma / ARCSEC)
+    facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',
+               f'{" ± ".join(value_and_error(value, sigma))} {e.unit}')
+              for name, value, sigma in values]
+    if e.tpoint:
+        facts.append(('TPOINT', e.tpoint))
+    p = found.p_family
+    facts.append(('p (family-wise)', 'not tested' if p is None else f'{p:.2g}'))
+    if found.delta_bic is not None:
+        facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
+    # of one effect the gain is that of the whole, which is judged with the choice repeated
+    if found.cv_gain_arcsec is not None and several:
+        where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes)
+        facts.append(('Rows left out without it', f'{arcsec(found.cv_gain_arcsec, True)} RMS at '
+                      f'least{f" in {where}" if where else ""}, the others refitted and the choice '
+                      'not repeated'))
+    if found.removes_arcsec is not None:
+        facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
+    if found.aliases:
+        facts.append(('The same curve in this run', '; '.join(
+            plain_name(name, context.mount.kind) for name in found.aliases)))
+    return facts
+
+
+def _effect_driver(context, e):
+    """What an effect is drawn against."""
+    if e.figure is None:
+        return driver_of(context, e.driver)
+    label, values = e.figure(context)
+    return None if values is None else Driver(e.driver, label, values, plain=False)
+
+
+# ----------------------------------------------------------------------------------------- terms
+
+def _terms(diagnosis):
+    model = diagnosis.model
+    own, said = set(diagnosis.base.own), diagnosis.observations.context.said
+    out = [{'name': name + (' (median of the runs)' if name in own else ''),
+            'value': value / ARCSEC, 'sigma': None if name in own else float(s) / ARCSEC,
+            'unit': 'arcsec', 'undetermined': name in model.undetermined,
+            'alone': diagnosis.base_model.terms[name] / ARCSEC
+            if diagnosis.effects and name in diagnosis.base_model.terms else None}
+           for (name, value), s in zip(model.terms.items(), model.sigmas)]
+    for found in diagnosis.effects:
+        e, f = found.fitted.effect, found.fitted
+        out += [{'name': f'{readable(e.name)}: {said(coefficient_word(e, name))}',
+                 'value': value / ARCSEC,
+                 'sigma': float(s) / ARCSEC, 'unit': e.unit}
+                for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
+    return out
+
+
+def _coefficients(names, diagnosis):
+    """Names of effects that have one coefficient stand alone."""
+    several = {name for name, _ in names if sum(name == n for n, _ in names) > 1}
+    effects = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}
+    return [readable(name) + (f': {coefficient_word(effects[name], c)}' if name in several else '')
+            if c else name for name, c in names]

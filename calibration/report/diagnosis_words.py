@@ -1,0 +1,366 @@
+"""What a diagnosis found, in sentences that need no formula."""
+
+from dataclasses import dataclass, field
+
+from calibration.analysis.diagnosis.excess import MOSTLY, drift_words
+from calibration.analysis.diagnosis.raw_errors import as_read_sentence
+from calibration.analysis.diagnosis.row_counts import outlier_sentence
+from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
+from calibration.analysis.term_notes import said_of_term
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.mounts import KINDS
+
+from .cause_words import counted, first_check, open_causes
+from .method_words import (
+    FITTED,
+    HELD,
+    LEFT_OUT,
+    STAYS,
+    best_pair,
+    model_words,
+    next_sentence,
+    repeat_sentence,
+    way,
+)
+
+#: arcsec; what is left beyond this is no noise of pointing
+_ABSURD = 1800.0
+_NO_GAIN = 0.98  # of the error before, above which nothing was gained
+_LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
+#: of the effects that would have been found, so many are told
+_MOST_SAID = 8
+
+
+@dataclass
+class Said:
+    """One thing to know.
+
+    Attributes
+    ----------
+    lead : str
+        What it is.
+    more : str
+        Why, what to do about it, what it rests on.
+    size_arcsec : float, optional
+        Of an effect: RMS on the sky.
+    """
+
+    lead: str
+    more: str = ''
+    size_arcsec: float | None = None
+
+    @property
+    def text(self):
+        """All of it."""
+        return f'{self.lead} {self.more}'.strip()
+
+
+@dataclass
+class Verdict:
+    """What there is to know, in the order in which it is to be known.
+
+    Attributes
+    ----------
+    headline : str
+    first, ranked, rest : list of Said
+        Before the effects, what may put all of them in doubt; the effects, the largest first; what
+        follows.
+    smaller : list of Said
+        Effects beyond those in `ranked`.
+    way : str
+        Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
+    as_read : str
+        What the first of these consists of.
+    """
+
+    headline: str
+    first: list = field(default_factory=list)
+    ranked: list = field(default_factory=list)
+    rest: list = field(default_factory=list)
+    way: str = ''
+    as_read: str = ''
+    smaller: list = field(default_factory=list)
+
+    def __post_init__(self):
+        for name in ('first', 'ranked', 'rest'):
+            setattr(self, name, [one if isinstance(one, Said) else Said(one)
+                                 for one in getattr(self, name) if one and one != Said('')])
+
+    @property
+    def sentences(self):
+        """All but the headline; several effects are numbered."""
+        several = len(self.ranked) > 1
+        return [*(one.text for one in self.first),
+                *(f'{i}. {one.text}' if several else one.text
+                  for i, one in enumerate(self.ranked, 1)),
+                *([f'And {len(self.smaller)} more, smaller.'] if self.smaller else []),
+                *filter(None, [' '.join(filter(None, [self.way, self.as_read]))]),
+                *(one.text for one in self.rest)]
+
+
+def told_verdict(document, effects=(), limit=5, caution=''):
+    """The verdict of a diagnosis, and what it bought: the same for page, command, node and Python.
+
+    Parameters
+    ----------
+    document : dict
+        `Diagnosis.to_dict()`.
+    effects : sequence of EffectTold
+        Of its effects, in their order; the largest is told first.
+    limit : int
+        Effects that are told; the others are counted.
+    caution : str
+        Comes before them.
+
+    Returns
+    -------
+    Verdict
+    """
+    out = _told(document, effects, limit, caution)
+    out.way, out.as_read = way(document), as_read_sentence(document)
+    return out
+
+
+def _told(document, effects, limit, caution):
+    verdict = document['verdict']
+    last = [led(scatter_sentence(document)), led(figures_sentence(document)),
+            outlier_sentence(document)]
+    odd = [led(said_of_term(row)) for row in document.get('unphysical') or ()]
+    if verdict == 'refused':
+        return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
+    if verdict == 'none':
+        return _nothing(document, caution, odd, last)
+    if verdict == 'undecided':
+        return Verdict('Undecided: something is beyond chance, but these observations cannot test '
+                       'it', [caution, *odd], [], ['The model stays as it was.', *last])
+    if verdict == 'wanders':
+        if document['wander'].get('along_the_sky'):
+            return Verdict(
+                'Neighbouring rows err alike: the zero wanders, or the direction has an error '
+                f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
+                ['No effect is added. Observe once more in an order that mixes the sky.', *last])
+        what = 'The zero wanders, and what moves it is not known' if not \
+            document['wander'].get('like') else \
+            'The zero wanders, or something that these rows do not tell from it'
+        return Verdict(
+            f'{what}{_drifts(document)}',
+            [*_wander(document), *odd], [],
+            ['No effect is added. How far the zero can be trusted is part of the model: set it '
+             'anew as often as that asks for.', *last])
+    ranked = _ranked(document, effects)
+    axes = KINDS[document.get('mount') or 'altaz'].axes
+    first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
+    (first if slow_is_largest(document) else rest)[:0] = _wander(document)
+    return Verdict(_headline(document, effects),
+                   [*first, count_sentence(document), repeat_sentence(document)],
+                   ranked[:limit], rest, smaller=ranked[limit:])
+
+
+def verdict_sentences(document, effects=(), limit=5, caution=''):
+    """`told_verdict` as a headline (str) and sentences (list of str)."""
+    verdict = told_verdict(document, effects, limit, caution)
+    return verdict.headline, verdict.sentences
+
+
+def led(text):
+    """A text, its first sentence what it is about."""
+    lead, stop, more = text.partition('. ')
+    return Said(lead + '.' * bool(stop), more)
+
+
+def _nothing(document, caution, odd, last):
+    """Where nothing is missing: that is said as plainly as what is."""
+    floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
+    looks = f'What is left, {arcsec(left)}, looks like noise'
+    looks += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
+    if not caution and (left or 0.0) > _ABSURD:
+        caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
+                   'the columns, their units and signs, and where azimuth 0 is.')
+    headline = f'Nothing is wrong beyond {model_words(document)} that these observations can show'
+    label, before, _ = best_pair(document)
+    if before is not None and not caution:
+        headline += f': {arcsec(before)} remain {label}'
+    if odd:
+        headline += '. But look at ' + ' and '.join(
+            f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
+            for row in document['unphysical'])
+    return Verdict(headline, [*odd, caution or looks], [],
+                   ['The model stays as it was.', *_detectable(document), *last])
+
+
+def _by_size(document, effects):
+    """Effects of a document with what is told of each, the largest first."""
+    return sorted(zip(document['effects'], effects),
+                  key=lambda each: -(each[0].get('removes_rms_arcsec')
+                                     or each[0].get('cv_gain_arcsec') or 0.0))
+
+
+def _ranked(document, effects):
+    out = []
+    for i, (row, told) in enumerate(_by_size(document, effects)):
+        parts = [*told.more, first_check(document, row)]
+        if i == 0 and row.get('causes'):
+            parts.append(next_sentence(document, row))
+        if row.get('alternatives') and 'causes' not in row:
+            parts.append('With these observations it could as well be: '
+                         f'{_listed(row["alternatives"])}.')
+        out.append(Said(told.head, ' '.join(filter(None, parts)), row.get('removes_rms_arcsec')))
+    return out
+
+
+def _headline(document, effects):
+    """What is wrong with the mount: the largest error, its size, its cost; and what remains."""
+    count = len(document['effects'])
+    if document['verdict'] in ('withheld', 'taken_back'):
+        many, them = ('One effect', 'it') if count == 1 else (f'{count} effects', 'them')
+        return (f'{many} seemed to be there, but the model with {them} points worse: the model '
+                'before stays in force')
+    label, before, after = best_pair(document)
+    told = _by_size(document, effects)
+    slow, text = _slow_words(document), 'Something is wrong beyond the terms'
+    if told:
+        row, one = told[0]
+        text = one.head.removesuffix('.')
+        if slow:
+            text = f'{slow}. Beside it {text[:1].lower()}{text[1:]}'
+            text += f', the largest of {counted(count, "other error")}' * (count > 1)
+        else:
+            text += (f', the largest of {counted(count, "error")}' if count > 1
+                     else ', the only error found') + ' beyond the terms of the model'
+    if after is None:
+        return text
+    share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''
+    gained = ''
+    if before and after > _NO_GAIN * before:
+        gained = ': that is no gain'
+    elif before and slow and after > _LITTLE_GAIN * before:
+        gained = ': most of the error stays unexplained'
+    return (f'{text}. With {"it" if count == 1 else "all of them"} in the model {arcsec(after)} '
+            f'remain {label} ({arcsec(before)} without{share}){gained}')
+
+
+def slow_is_largest(document):
+    """Whether what moves slowly is a larger error than any effect that was found."""
+    wander = document.get('wander') or {}
+    size = wander.get('removes_rms_arcsec')
+    return bool(wander.get('slow') and size is not None and size > max(
+        (row.get('removes_rms_arcsec') or 0.0 for row in document['effects']), default=0.0))
+
+
+def _slow_words(document):
+    """What moves slowly, where it is the largest error; '' where it is not."""
+    if not slow_is_largest(document):
+        return ''
+    wander = document['wander']
+    return ('The largest error moves slowly, '
+            + ('with time or over the sky' if wander.get('along_the_sky') else 'with time')
+            + f', and its cause is not known ({arcsec(wander["removes_rms_arcsec"])} RMS on the '
+            f'sky){_drifts(document)}')
+
+
+def _drifts(document):
+    """Which axes drift evenly, after a colon; '' where none does."""
+    names = dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    told = [drift_words(names[key], one['trend'])
+            for key, one in document['wander'].get('axes', {}).items()
+            if one.get('trend') and one['trend']['share'] > MOSTLY]
+    return f': {" and ".join(told)}' if told else ''
+
+
+def count_sentence(document):
+    """How many effects were found, and of how many the cause is open."""
+    effects = document['effects']
+    unclear = sum(open_causes(row) > 1 or bool('causes' not in row and row.get('alternatives'))
+                  for row in effects)
+    count = len(effects)
+    if document['verdict'] in STAYS:
+        return ''
+    text = ('One effect was' if count == 1 else f'{counted(count, "effect").capitalize()} were') \
+        + f' found beyond {model_words(document, whose=False)}'
+    if count > 1:
+        text += ', the largest first'
+    if unclear:
+        them = 'it' if count == 1 else 'them' if unclear == count else \
+            f'{counted(unclear, "x").split()[0]} of them'
+        text += f'; more than one cause would explain {them}'
+    return f'{text}.'
+
+
+def figures_sentence(document):
+    """Which figure to quote, and why the others differ; '' without any.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    str
+    """
+    label, before, after = best_pair(document)
+    quoted = before if document['verdict'] in STAYS else after
+    floor, told = document.get('noise_floor_arcsec'), document.get('expected')
+    if quoted is None or document['verdict'] == 'refused':
+        return ''
+    if label == FITTED:
+        said = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
+    else:
+        said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
+                'of effects has seen']
+        own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label not in (HELD, LEFT_OUT) and own is not None:
+            said.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
+                        'neighbouring rows err alike, and those next to a row left out tell of it')
+        if label == HELD and own is not None:
+            said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
+                        'with them what a run has of its own')
+    wanders = bool((document.get('wander') or {}).get('slow'))
+    if floor is not None:
+        said.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
+                    ': no noise floor, for what wanders over the whole run is in it' if wanders else
+                    f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
+                    'larger for the coefficients')
+    if told:
+        low, high = told['low_arcsec'], told['high_arcsec']
+        said.append(f'{arcsec(told["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times in '
+                    f'ten) is expected on fresh stars in the {told.get("within", "half hour")} '
+                    'after the last row')
+        if floor is not None and told['rms_arcsec'] < floor:
+            within = low <= floor <= high
+            said.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
+                        + ('the zero moves less by then than over the whole run'
+                           if wanders else 'rows late in the run may scatter less than the others')
+                        + (', and the difference is within its uncertainty' if within else ''))
+    return '. '.join(said) + '.'
+
+
+def _detectable(document):
+    """What would have been found, in one sentence, or none."""
+    said = []
+    for row in (document.get('detectable') or [])[:_MOST_SAID]:
+        unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
+                'arcsec/run': ' over the run'}.get(row['unit'], '')
+        said.append(f'{row["what"]} by {arcsec(row["amplitude_arcsec"])}{unit}')
+    if not said:
+        return []
+    return ['Nine times in ten they would have shown ' + '; '.join(said) + '.']
+
+
+def _wander(document):
+    """Rows that resemble their neighbours, if there is such a thing."""
+    entry = document.get('wander')
+    return [led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
+
+
+def floor_words(document):
+    """What the noise floor is called: it holds what wanders too."""
+    wander = document.get('wander')
+    return 'left by the model, noise and what wanders' if wander and wander.get('slow') \
+        else 'noise floor'
+
+
+def _listed(names):
+    names = [readable(name) for name in names]
+    if len(names) > 4:
+        names = [*names[:3], f'{len(names) - 3} others']
+    return names[0] if len(names) == 1 else '; '.join(names[:-1]) + '; or ' + names[-1]

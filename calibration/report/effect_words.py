@@ -1,0 +1,241 @@
+"""What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.analysis.diagnosis.page_figures import effect_offsets, ends, over_the_rows
+from msg_tools.units import ARCSEC, covered
+from pointing_model.effects import Amount
+from pointing_model.effects.base import arcsec
+from pointing_model.effects.words import common_shape
+
+from .cause_words import causes_sentence, contenders_sentence, short_cause, still_open
+from .method_words import plain_name
+from .residual_axes import driver_of, utc_text
+
+#: degrees over which a lowest or a highest is no place but a stretch
+_WIDE = 15.0
+#: of a turn of an axis: where less was observed, that is said of what repeats so often in it
+_MOST_OF_TURN = 2.0 / 3.0
+
+
+@dataclass
+class EffectTold:
+    """An effect in words.
+
+    Attributes
+    ----------
+    seen : str
+        What goes wrong, a clause that begins with a capital, without a full stop.
+    rms_arcsec : float, optional
+        What it does to the stars of the run, on the sky.
+    more : list of str
+        Sentences: its causes, what its driver rests on, how far it depends on the last motion.
+    of_axis_arcsec : float, optional
+        Half of a wave of the angle of an axis, where that is another size than the one on the sky.
+    range_arcsec : float, optional
+        From the lowest to the highest of the rows, on the axis where it is larger. As
+        `rms_arcsec` of what the declared terms cannot take up: both sizes, of every effect.
+    """
+
+    seen: str
+    rms_arcsec: float | None = None
+    more: list = field(default_factory=list)
+    range_arcsec: float | None = None
+    of_axis_arcsec: float | None = None
+
+    @property
+    def head(self):
+        """What is seen, and how much that is."""
+        if self.rms_arcsec is None or not np.isfinite(self.rms_arcsec):
+            return f'{self.seen}.'
+        range_ = f'{arcsec(self.range_arcsec)} from lowest to highest, ' \
+            if self.range_arcsec else ''
+        own = f'; \u00b1{arcsec(self.of_axis_arcsec)} in the angle of the axis' \
+            if self.of_axis_arcsec else ''
+        return f'{self.seen} ({range_}{arcsec(self.rms_arcsec)} RMS on the sky{own}).'
+
+    @property
+    def sentence(self):
+        """All of it."""
+        return ' '.join([self.head, *self.more])
+
+
+def effects_told(diagnosis):
+    """What a night assistant understands of each effect of a `Diagnosis`.
+
+    Returns
+    -------
+    list of EffectTold
+    """
+    return [told_of(diagnosis, found) for found in diagnosis.effects]
+
+
+def told_of(diagnosis, found):
+    """`EffectTold` of one `DiagnosedEffect`."""
+    context = diagnosis.observations.context
+    e = found.fitted.effect
+    fitted = effect_offsets(found)
+    rms = found.removes_arcsec
+    rows, values = over_the_rows(diagnosis, fitted)
+    more = []
+    contenders = still_open(vars(found))
+    if len(found.causes) > 1:
+        where = acting_word(found, context.mount.names.axes, 'pointing')
+        seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
+                                       _where(diagnosis, found, fitted, rows, values)]))
+        more.append(causes_sentence(found.causes))
+    elif contenders:
+        where = acting_word(found, context.mount.names.axes, 'pointing')
+        named = [short_cause(one['cause']) for one in (*found.causes, *contenders)]
+        shape = shape_of(found).replace(f' of the {where}', '', 1)
+        seen = f'The {where} error has {shape}: {", or ".join(named)}'
+    else:
+        raw = context.get(e.driver)
+        known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
+        utc = getattr(context, 'time_is_utc', True)
+        seen = e.clause(Amount(
+            found.fitted.coefficients / ARCSEC, rms,
+            (known.min(), known.max()) if known.size else None,
+            utc_text if utc and e.driver == 'time' else None))
+    more.append(contenders_sentence(vars(found), e.cause_told))
+    used = diagnosis.weights > 0.0
+    seen, observed = _as_observed(seen, context, e, used)
+    own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)
+    more += [places, observed]
+    memory = e.parameters.get('memory_deg')
+    if memory:
+        # the same with another memory, or none
+        open_ = any(row['in_set'] and row['name'] != e.name and row['driver'] == e.driver
+                    and 'hysteresis' in row['name'] for row in found.ranking)
+        more.append('After a reversal the new side is reached little by little, most of it '
+                    f'within {memory:g}° of motion (its memory)'
+                    + (', or sooner or later: these rows do not tell.' if open_
+                       else ': a short move shows less of it.'))
+    return EffectTold(seen, rms, [*filter(None, more), *_of_approach(diagnosis, e)],
+                      float(np.ptp(values)) if len(values) else None, own)
+
+
+def _as_observed(seen, context, e, used):
+    """What is seen so often a turn, over how much of it that was, and what that leaves open."""
+    driver = driver_of(context, e.driver) if e.parameters.get('order') else None
+    if driver is None or driver.levels or not driver.label.endswith('[°]') \
+            or ' per turn' not in seen:
+        return seen, ''
+    span = np.degrees(covered(np.radians(driver.values[used]))[1])
+    if span > _MOST_OF_TURN * 360.0:
+        return seen, ''
+    over = f'{span:.0f}°'
+    return (seen.replace(' per turn', f' per turn over the {over} observed', 1),
+            f'Of the turn {over} of 360° were observed: another number of times, or a curve that '
+            'is no wave, may fit there as well.')
+
+
+def _of_axis(context, e, values, used):
+    """Half of a wave of the first axis, which is smaller on the sky, and where it is highest."""
+    order = e.parameters.get('order')
+    if e.form != 'encoder' or e.axes != 'az':
+        return None, ''
+    size, turn = float(np.hypot(*values)), 360.0 / order
+    angles = driver_of(context, e.driver).values[used]
+    middle = 0.5 * (angles.min() + angles.max())
+
+    def near(at):
+        return f'{at + turn * np.round((middle - at) / turn):.0f}°'.replace('-', '−')
+    high = np.degrees(np.arctan2(values[1], values[0])) / order
+    return size, (f'In the angle of the axis it is {arcsec(size, True)} near {near(high)} and '
+                  f'{arcsec(-size)} near {near(high + 0.5 * turn)}; on the sky that is times '
+                  f'cos {context.mount.names.letters[1]}.')
+
+
+def _of_approach(diagnosis, e):
+    """Where the direction of approach comes from, if it was not measured."""
+    derived = diagnosis.observations.run.meta.get('approach_from')
+    kind, _, axis = e.driver.rpartition('_')
+    if not derived or kind not in ('approach', 'travel', 'before') or axis not in derived['axes']:
+        return []
+    order = 'in time' if derived['order'] == 'time' else 'of the rows'
+    return [f'The direction of approach is no column of the file: it was derived from the order '
+            f'{order}, and is wrong where the axis moved otherwise between two rows.']
+
+
+def title_of(found, axes):
+    """What an effect is called: by its cause, or where that is open by what it looks like.
+
+    Parameters
+    ----------
+    found : DiagnosedEffect
+    axes : sequence of str
+        What the angles of the mount are called.
+
+    Returns
+    -------
+    str
+    """
+    e = found.fitted.effect
+    if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
+        return plain_name(e.name, e.parameters.get('mount'))
+    where = acting_word(found, axes, 'both axes')
+    return f'{where}: {shape_of(found)}'
+
+
+def acting_word(found, axes, both):
+    """On which of the `axes` an effect and all its causes act, else `both`."""
+    acting = {one.get('axes', found.fitted.effect.axes) for one in _may_be(found)} or {
+        found.fitted.effect.axes}
+    return dict(zip(('az', 'el'), axes)).get(acting.pop(), both) if len(acting) == 1 else both
+
+
+def _drivers(found):
+    """What an effect and its causes follow, each once."""
+    own = found.fitted.effect.driver
+    return list(dict.fromkeys(one.get('driver', own) for one in _may_be(found))) or [own]
+
+
+def _may_be(found):
+    """Its causes, and what contends with them."""
+    return [*found.causes, *still_open(vars(found))]
+
+
+def shape_of(found):
+    """What is seen of an effect, whatever its cause."""
+    e = found.fitted.effect
+    return common_shape([one['shape'] for one in _may_be(found)] or [e.shape], _drivers(found))
+
+
+def _where(diagnosis, found, fitted, rows, values):
+    """Which way an effect goes: on which side, or at which places of its driver; '' if neither."""
+    e = found.fitted.effect
+    driver = driver_of(diagnosis.observations.context, e.driver)
+    # of causes that follow other angles too no place of this one says where the error is
+    if driver is None or len(_drivers(found)) > 1:
+        return ''
+    if driver.levels:
+        return _sides(diagnosis, e, fitted, driver)
+    places = ends(driver.values[rows], values) if driver.label.endswith('[°]') else None
+    return '' if places is None else ', '.join(
+        f'{word} {_place(one)}' for word, one in zip(('lowest', 'highest'), places))
+
+
+def _place(one):
+    """An `Extreme` in words."""
+    low, high = (f'{value:.0f}°'.replace('-', '−') for value in (one.low, one.high))
+    if one.high - one.low > _WIDE and low != high:
+        return f'from {low} to {high}'
+    at = f'{one.at:.0f}°'.replace('-', '−')
+    return f'at {at}, where the rows end' if one.end else f'near {at}'
+
+
+def _sides(diagnosis, e, fitted, driver):
+    """By how much more is read on one side of a driver of two than on the other, on average."""
+    used = diagnosis.weights > 0.0
+    sides = [level for level in driver.levels if level]
+    if len(sides) != 2:
+        return ''
+    axis = {'az': 0, 'el': 1}.get(e.axes, int(np.argmax(np.ptp(fitted[:, used], axis=1))))
+    means = [fitted[axis][used & (driver.values == level)].mean() for level in sides]
+    more, less = (sides if means[0] > means[1] else sides[::-1])
+    after = 'after moving ' if e.driver.startswith('approach') else 'with '
+    return (f'{arcsec(abs(means[0] - means[1]))} more on the sky {after}{driver.levels[more]} than '
+            f'{driver.levels[less]}, on average')

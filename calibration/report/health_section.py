@@ -1,0 +1,155 @@
+"""The encoders and what else measured, when all is well too."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+
+from .drawing import Panel, limit_of, svg
+from .page_parts import figure, folded, listed, number, pair, section, table
+
+#: nodes of which all that they say is shown
+_INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
+AXES = ('azimuth', 'elevation')
+
+
+def health_section(health, run=None, axes=AXES):
+    """How the instruments did.
+
+    Parameters
+    ----------
+    health : dict or None
+        Of `log_health.log_health`.
+    run : PointingRun, optional
+        All rows of the night: the two encoders side by side.
+    axes : tuple of str
+        What those of the mount are called.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    health = health or {'streams': [], 'marks': [], 'sigmas_arcsec': {}, 'nodes': [],
+                        'problems': [], 'whole': True}
+    return section(
+        'Encoders and instruments', listed(_sentences(health)), _agreement(run, axes),
+        _streams(health['streams']), _marks(health['marks']), _decoding(health),
+        _nodes(health['nodes']), listed(health['problems']),
+        note=' '.join([
+            'As the log of the night tells.' if health['whole'] else 'The log is large: rates are '
+            'of its index, single messages were not looked at.',
+            *['The clock is a simulated one: where the mount rests, it leaps, which looks like a '
+              'gap.'] * bool(health.get('simulated_clock'))]) if health['streams'] else '')
+
+
+def _sentences(health):
+    """What there is to know, in words."""
+    streams = [row for row in health['streams'] if row['lost'] is not None]
+    lost = sum(row['lost'] for row in streams)
+    out = []
+    if streams:
+        out.append('No message of an instrument was lost.' if not lost else
+                   f'{lost} messages of instruments were lost: ' + ', '.join(
+                       f'{row["what"]} {row["lost"]}' for row in streams if row['lost']) + '.')
+    marks = [row for row in health['marks'] if row['homed']]
+    if marks:
+        worst = [row['worst_error_counts'] for row in marks
+                 if row['worst_error_counts'] is not None]
+        out.append(f'{sum(row["passages"] for row in marks)} passages of reference marks'
+                   + (f', the counter off by {max(worst):g} counts at most' if worst else '')
+                   + f'; {sum(row["missed"] for row in marks)} index pulses too short to be taken.')
+    rejected = _counted(health['nodes'], 'rejected')
+    if rejected is not None:
+        corrected = _counted(health['nodes'], 'corrected') or 0
+        exact = _counted(health['nodes'], 'exact') or 0
+        out.append(f'Absolute encoder: {exact} readings decoded at once, {corrected} corrected, '
+                   f'{rejected} rejected.')
+    bad = [node for node in health['nodes'] if node['level'] != 'ok']
+    out += [f'{node["name"]} ended with {node["level"]}: {node["message"]}.' for node in bad]
+    if health['nodes'] and not bad:
+        out.append(f'All {len(health["nodes"])} nodes ended without a warning.')
+    return out
+
+
+def _counted(nodes, word):
+    """Sum of what nodes count under such a name; None where nothing is."""
+    values = [int(value) for node in nodes if 'absolute' in node['name']
+              or 'frame_reader' in node['name'] for key, value in node['values'].items()
+              if key.endswith(f' {word}') and value.isdigit()]
+    return sum(values) if values else None
+
+
+def _agreement(run, axes):
+    """Incremental - absolute encoder at every row, about the middle of its power-on."""
+    if run is None or 'az_abs' not in run or not len(run):
+        return ''
+    x = (run['time'] - np.nanmin(run['time'])) / 3600.0 if 'time' in run \
+        else np.arange(float(len(run)))
+    numbers = run['run'] if 'run' in run else np.zeros(len(run))
+    out = []
+    for key, axis in zip(('az', 'el'), axes):
+        apart = wrap(run[f'{key}_enc'] - run[f'{key}_abs']) / ARCSEC
+        for one in np.unique(numbers):
+            own = (numbers == one) & np.isfinite(apart)
+            if own.any():
+                apart[own] -= np.median(apart[own])
+        good = np.isfinite(apart)
+        if not good.any():
+            continue
+        limit = limit_of(apart[good])
+        room = 0.02 * max(float(np.ptp(x[good])), 1e-3)
+        panel = Panel((56, 24, 372, 130), (float(x[good].min()) - room,
+                                           float(x[good].max()) + room), (-limit, limit))
+        panel.axes('hours since the first row' if 'time' in run else 'row', 'arcsec', axis)
+        panel.points(x[good], apart[good], 'third')
+        spread = 1.4826 * float(np.median(np.abs(apart[good])))
+        said = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
+               f'the middle of each power-on; scatter {number(spread)} arcsec'
+        out.append(figure(svg(440, 202, panel.parts, said), said[0].upper() + said[1:] + '.'))
+    return '<h3>The two encoders beside each other</h3>' + pair(out) if out else ''
+
+
+def _streams(rows):
+    if not rows:
+        return ''
+    return '<h3>Rates and gaps</h3>' + table(
+        ('stream', 'messages', 'mean rate Hz', 'usual interval s', 'longest gap s', 'lost'),
+        [(row['what'], row['count'], number(row['rate_hz'], 3), number(row['interval_s'], 3),
+          number(row['longest_s'], 1), row['lost']) for row in rows], 'numbers',
+        'Messages of the instruments')
+
+
+def _marks(rows):
+    if not rows:
+        return ''
+    return '<h3>Reference marks</h3>' + table(
+        ('power-on', 'axis', 'homed', 'met from', 'passages', 'missed', 'worst error, counts',
+         'supply V', 'temperature °C'),
+        [(row['power_on'], row['axis'], 'yes' if row['homed'] else 'no', row['side'] or None,
+          row['passages'], row['missed'], None if row['worst_error_counts'] is None
+          else f'{row["worst_error_counts"]:g}', number(row['supply'], 3),
+          number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks')
+
+
+def _decoding(health):
+    rows = health['sigmas_arcsec']
+    if not rows:
+        return ''
+    return '<h3>Quality of the absolute readings</h3>' + table(
+        ('axis', 'readings looked at', 'σ, middle ″', 'σ of 95 % below ″', 'largest σ ″',
+         'without σ'),
+        [(axis, row['count'], *(number(row.get(key), 3) for key in (
+            'middle', 'beyond_95', 'largest')), row['none']) for axis, row in rows.items()],
+        'numbers', 'Errors that the absolute encoder tells of its readings')
+
+
+def _nodes(nodes):
+    if not nodes:
+        return ''
+    rows = [(node['name'], node['level'], node['worst'], node['message'],
+             '; '.join(f'{key} {value}' for key, value in node['values'].items())
+             if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
+            for node in nodes]
+    return folded('What each node said last', table(
+        ('node', 'at the end', 'worst', 'in words', 'what it counts'), rows, 'nodes',
+        'What each node said last'))

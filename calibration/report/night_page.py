@@ -1,0 +1,286 @@
+"""The page of a night: one file with all that it found."""
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from calibration.analysis.diagnosis.row_counts import expected_sentence
+from calibration.analysis.external_check import split_half
+from calibration.distrust import distrusted
+from calibration.report.track_page import innovations_figure
+from calibration.report.track_words import tracking_lines
+from calibration.rows import is_kept_out
+from msg_tools.bag.parameters import parameters_of
+from msg_tools.bag.sqlite import open_bag
+from msg_tools.output import write_text
+from msg_tools.units import ARCSEC
+from pointing_model.following import Following
+from pointing_model.model import PointingModel
+from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
+from pointing_model.zero_exposures import is_for_zero
+
+from .drawing import clean
+from .health_section import health_section
+from .horizon import of_mount, on_horizon
+from .log_health import log_health
+from .model_comparison import headline_of, models_section
+from .page_parts import body_of, cards, gains, listed, section, verdict, whole
+from .provenance import provenance_section, site_text
+from .residual_figures import Residuals, controls, residual_sections
+from .term_table import terms_section
+from .zero_figures import zeros_of, zeros_section
+
+#: written beside the page into the folder of a night, if they are there
+FILES = ('observations.csv', 'model.json', 'report.json', 'diagnosis.json')
+
+
+def write_night_page(folder, run, model, report, log=None, title='Night'):
+    """Write ``page.html`` into the folder of a night.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the night, with the files that the page names.
+    run : PointingRun
+        All rows.
+    model : PointingModel
+        Published last.
+    report : dict
+        Of the calibration, with ``tracking`` and ``checks`` where there are some.
+    log : Path, optional
+        The log of the night; by default ``bag`` in the folder.
+    title : str
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    folder = Path(folder)
+    log = Path(log or folder / 'bag')
+    diagnosed = folder / 'diagnosis.html'
+    path = folder / 'page.html'
+    write_text(path, render_night(
+        run, model, report, told_of(log), title,
+        diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
+        [log, *(folder / name for name in FILES)]))
+    return path
+
+
+def told_of(log):
+    """Health and parameters of a log, for `render_night`; what cannot be read is not there."""
+    try:
+        bag = open_bag(log)
+        return {'health': log_health(log), 'site': parameters_of(bag.metadata, '/star_observer'),
+                'split_seed': (parameters_of(bag.metadata, '/calibration') or {}).get('split_seed'),
+                'written_with': ', '.join(bag.metadata.get('telescope_mount', {}).values())}
+    except (OSError, ValueError) as error:
+        return {'health': None, 'problem': str(error)}
+
+
+def render_night(run, model, report, told=None, title='Night', diagnosis='', files=()):
+    """The page of a night as text.
+
+    Parameters
+    ----------
+    run, model, report, title
+        As of `write_night_page`.
+    told : dict
+        ``health`` (`log_health.log_health`), ``site``, ``split_seed``, ``problem``: of the log.
+    diagnosis : str
+        Page of the diagnosis of the night, to be a part of this one.
+    files : iterable of Path
+        From which it is made.
+
+    Returns
+    -------
+    str
+    """
+    told = told or {}
+    data = residuals_of(run, model, report, told.get('split_seed'))
+    names = run.mount.names.axes
+    when = '' if data.time is None else \
+        f'{datetime.fromtimestamp(float(np.nanmin(data.time)), timezone.utc):%Y-%m-%d}'
+    rows = zeros_of(report, run, (told.get('health') or {}).get('marks', ()))
+    params = told.get('site') or {}
+    begin, end = _span(data.time)
+    body = [
+        f'<h1>{clean(title)}{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
+        controls(data), _verdict(report, data), *residual_sections(data, ('Stars',)),
+        zeros_section(report, rows, names), health_section(told.get('health'), run, names),
+        *residual_sections(data, _ALL_BUT_STARS),
+        terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
+                      'σ from the fit; a number in brackets is the change of that term from the '
+                      'first power-on.'),
+        models_section(report), _tracking(report.get('tracking')),
+        _diagnosis(diagnosis),
+        section('Notes', listed(report.get('notes') or ())),
+        provenance_section([
+            ('observed', f'{begin} to {end} UTC' if begin else ''),
+            ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
+            ('plan', params.get('plan')), ('written with', told.get('written_with')),
+            ('seed of the stars held out', told.get('split_seed')),
+            ('log', told.get('problem'))], files),
+        '<footer>All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
+        'RMS values are radial unless an axis is named.</footer>']
+    return whole(f'{title} {when}'.strip(), body, 'A night of a telescope mount')
+
+
+_ALL_BUT_STARS = ('Where the residuals are on the sky', 'Target', 'Errors in the order of time',
+                  'What is left, against the axes', 'Distribution of the residuals')
+
+
+def _span(time):
+    if time is None:
+        return '', ''
+    return tuple(f'{datetime.fromtimestamp(float(edge(time)), timezone.utc):%Y-%m-%d %H:%M}'
+                 for edge in (np.nanmin, np.nanmax))
+
+
+def _meta(run, data, begin, end):
+    runs = len(np.unique(run['run'])) if 'run' in run and len(run) else 0
+    text = f'{len(run)} observations'
+    if runs:
+        text += f' in {runs} power-on{"s" * (runs > 1)}'
+    if begin:
+        text += f' · {begin} to {end} UTC'
+    return f'<p class="meta">{clean(text)}, mount {clean(run.mount.kind)}</p>'
+
+
+def _verdict(report, data):
+    headline, bars, numbers = headline_of(report)
+    alarms = (report.get('witnesses') or {}).get('alarms', [])
+    lines = [f'Alarm: {text}' for text in alarms]
+    if report.get('expected'):
+        text = expected_sentence(report)
+        lines.append(text[:1].upper() + text[1:] + '.')
+    lines += [f'{check["stars"]} fresh stars pointed at blind: {check["rms_arcsec"]:.2f}″ radial '
+              f'RMS, {check["lost"]} lost.' for check in report.get('checks', ())
+              if check['stars']]
+    if report.get('verdict'):
+        lines.append('The night was diagnosed after the fit, see below: '
+                     f'{report["verdict"].replace("_", " ")}. The figures of the residuals are of '
+                     'the model that was published last.')
+    left = int((~data.used).sum())
+    if left:
+        lines.append(f'{left} of {len(data)} stars are not used: their table says why.')
+    if headline is None:
+        size = data.radial('after')
+        headline = 'Nothing was fitted' if size is None else \
+            f'Nothing was fitted; {data.after_text} the stars are missed by {size:.2f}″'
+    return verdict('alarm' if alarms else '', headline, lines, cards(numbers),
+                   'alarm' if alarms else '', gains(bars, *_noise(report)))
+
+
+def _noise(report):
+    noise = report.get('noise_arcsec')
+    return (float(np.hypot(*noise)), 'noise of the fit') if noise else (None, '')
+
+
+def _tracking(document):
+    if not document:
+        return ''
+    return section('A model that follows the mount', listed(tracking_lines(document)),
+                   innovations_figure(document['innovations'].get('squares') or ()),
+                   note='After the fit the model went on with each star. The residuals above are '
+                   'of the model after the last one.')
+
+
+def _diagnosis(page):
+    body = body_of(page)
+    if not body:
+        return section('What the model lacks', '<p>The night was not diagnosed. <code>'
+                       'telescope-mount diagnose bag --report diagnosis.html</code> looks for '
+                       'what the model lacks.</p>')
+    return body
+
+
+# ------------------------------------------------------------------------------------------- rows
+
+def residuals_of(run, model, report, split_seed=None):
+    """Rows of a night with what each was missed by: with the zero alone, and with the model.
+
+    Parameters
+    ----------
+    run, model, report
+        As of `write_night_page`.
+    split_seed : int, optional
+        With which the stars were chosen that the check holds out; None: it is not said.
+
+    Returns
+    -------
+    Residuals
+        Without exposures for a zero.
+    """
+    stars = ~is_for_zero(run) if 'star' in run else np.ones(len(run), bool)
+    rows = Following.of(model).corrected(run).select(stars) if len(run) else run
+    measured = Zeros.from_list(report.get('zeros') or [])
+    in_force = zeros_in_force(model) or Zeros.from_list(report.get('zeros_in_force') or [])
+    plain = PointingModel({}, mount=rows.mount)
+    before, after = (_offsets(one, rows, zeros) for one, zeros in (
+        (plain, measured), (model, in_force)))
+    used, words = _words(run, report, split_seed)
+    mount = rows.mount
+    az, el, turned = on_horizon(rows)
+    noise = report.get('noise_arcsec')
+    return Residuals(
+        [_name(star) for star in rows.get('star', np.arange(len(rows)))], az, el, before, after,
+        used[stars], words[stars], **of_mount(mount), time=rows.columns.get('time'),
+        groups=rows.columns.get('run'), group_word='power-on',
+        noise=tuple(noise) if noise else None,
+        before_text='zero set, no model' if measured else 'as the encoders read',
+        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read',
+        turned=turned,
+        places=None if mount.altaz else (rows['az'], rows['el']),
+        utc=run.meta.get('time_is_utc', True))
+
+
+def _offsets(model, rows, zeros):
+    if not len(rows):
+        return np.zeros((2, 0))
+    zero = NO_ZERO
+    if zeros:
+        zero = zeros.filled(np.unique(rows['run']), NO_ZERO) if 'run' in rows else zeros.newest
+    return np.array(model.residuals(rows, zero=zero)) / ARCSEC
+
+
+def _name(star):
+    if isinstance(star, (float, np.floating)):
+        return f'HIP {star:.0f}' if star > 0 else f'satellite {-star:.0f}' if star < 0 else '0'
+    return str(star)
+
+
+def _words(run, report, split_seed):
+    """Which rows the fit used, and of each what became of it."""
+    n = len(run)
+    words = np.full(n, 'used' if report.get('terms') else 'not fitted', dtype=object)
+    if not n:
+        return np.zeros(0, bool), words
+    satellite, lied = run.get('star', np.zeros(n)) < 0, distrusted(run)
+    judged = is_kept_out(run)
+    words[satellite] = 'satellite: for checks only'
+    words[judged] = 'fresh star, pointed at blind: judged by, not fitted'
+    words[lied] = 'excluded: the camera was frozen, mirrored or turned'
+    used = ~(satellite | judged | lied)
+    fitted = used.copy()
+    if report.get('last_stamp_ns') and 'time' in run:
+        # whole microseconds of a float that counts seconds since 1970
+        fitted &= run['time'] <= report['last_stamp_ns'] * 1e-9 + 1e-3
+        words[used & ~fitted] = 'came after the fit'
+    stars = np.flatnonzero(fitted & ~is_for_zero(run))
+    if split_seed is not None and len(stars) > 1 and report.get('steps'):
+        half = split_half(run.select(stars), split_seed)
+        words[stars[~half]] = 'used; held out in the check'
+    for one in report.get('outliers') or ():
+        at = (run['star'] == one['star']) & (one['time'] is None or (
+            np.abs(run.get('time', np.full(n, one['time'])) - (one['time'] or 0.0)) < 1e-3))
+        far = float(np.hypot(one['x_arcsec'], one['y_arcsec']))
+        for i in np.flatnonzero(at & used):
+            words[i] = words[i].replace('used', f'rejected: an outlier, {far:.1f}″ off')
+        used &= ~at
+    return used, words

@@ -1,0 +1,267 @@
+"""Pieces of HTML of which a page is made: sections, figures, tables, numbers, the page itself."""
+
+import re
+from base64 import b64encode
+from hashlib import sha256
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec
+
+from .drawing import clean
+from .page_script import SCRIPT
+from .page_style import CSS
+
+_BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
+_CONTROLS = re.compile('<div class="controls">.*?</div>', re.DOTALL)
+#: a script in a name could not run even if it came through: only ours has this sum
+_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-"
+           + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
+
+
+class Markup(str):
+    """A cell that is HTML already."""
+
+
+def whole(title, parts, kind=''):
+    """A page: one file that refers to nothing outside itself, well-formed as XML too.
+
+    Parameters
+    ----------
+    title : str
+    parts : sequence of str
+        HTML; empty ones are left out.
+    kind : str
+        Of what it is a page, in its head.
+
+    Returns
+    -------
+    str
+    """
+    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/>'
+            '<meta name="viewport" content="width=device-width, initial-scale=1"/>'
+            f'<meta http-equiv="Content-Security-Policy" content="{clean(_POLICY)}"/>'
+            + (f'<meta name="description" content="{clean(kind)}"/>' if kind else '')
+            + f'<title>{clean(title)}</title><style>{CSS}</style></head><body><main>\n'
+            + '\n'.join(part for part in parts if part)
+            + f'\n</main><script>{SCRIPT}</script></body></html>\n')
+
+
+def body_of(page):
+    """What is on a page that `whole` has made, to be a part of another.
+
+    Parameters
+    ----------
+    page : str
+
+    Returns
+    -------
+    str
+        '' if it is none.
+    """
+    found = _BODY.search(page)
+    # one page has one heading and one bar
+    return _CONTROLS.sub('', found[1]).replace('<h1>', '<h2 class="part">').replace(
+        '</h1>', '</h2>') if found else ''
+
+
+def section(title, *parts, note='', kind=''):
+    """A part of the page with a heading; nothing if there is nothing in it."""
+    body = ''.join(part for part in parts if part)
+    if not body:
+        return ''
+    note = f'<p class="note">{clean(note)}</p>' if note else ''
+    kind = f' class="{kind}"' if kind else ''
+    return f'<section{kind}><h2>{clean(title)}</h2>{note}{body}</section>'
+
+
+def verdict(badge, headline, sentences, cards='', kind='', more='', body='', then=''):
+    """The first section: what there is to know.
+
+    Parameters
+    ----------
+    badge, headline : str
+    sentences : sequence of str
+    cards : str
+        As `cards` makes them.
+    kind : str
+        Class, for its colour.
+    more : str
+        HTML below.
+    body : str
+        HTML between the large numbers and what is below.
+    then : str
+        Of the headline, what is set smaller.
+    """
+    then = f'<p class="then">{clean(then)}</p>' if then else ''
+    badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
+    return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
+            f'{then}{listed(sentences)}{cards}{body}{more}</section>')
+
+
+def cards(rows):
+    """Large numbers: (value in arcsec or text, what it is) each; None is left out."""
+    out = ''.join(f'<div><b>{clean(value if isinstance(value, str) else arcsec(value))}</b>'
+                  f'<span>{clean(text)}</span></div>' for value, text in rows if value is not None)
+    return f'<div class="numbers-row">{out}</div>' if out else ''
+
+
+def said(rows, ranked=False):
+    """Things to know, what each is before what follows from it.
+
+    Parameters
+    ----------
+    rows : list
+        With ``lead``, ``more``, ``size_arcsec`` (or None).
+    ranked : bool
+        Numbered, with a bar for the size of each.
+    """
+    top = max((one.size_arcsec or 0.0 for one in rows), default=0.0)
+    ranked = ranked and len(rows) > 1
+    items = ''.join(
+        '<li>' + (f'<b>{clean(one.lead)}</b>' if ranked or one.more else clean(one.lead))
+        + (f'<span class="size"><i style="width:{100.0 * one.size_arcsec / top:.0f}%"></i></span>'
+           if ranked and one.size_arcsec else '')
+        + (f'<p>{clean(one.more)}</p>' if one.more else '') + '</li>' for one in rows)
+    kind = ('ol class="ranked"', 'ol') if ranked else ('ul', 'ul')
+    return f'<{kind[0]}>{items}</{kind[1]}>' if items else ''
+
+
+def listed(texts):
+    """Sentences as a list; nothing of none."""
+    items = ''.join(f'<li>{clean(text)}</li>' for text in texts if text)
+    return f'<ul>{items}</ul>' if items else ''
+
+
+def figure(drawing, caption, when=''):
+    """A drawing with its caption; `when`: ``before`` or ``after``, where it shows one alone."""
+    caption = f'<figcaption>{clean(caption)}</figcaption>' if caption else ''
+    when = f' class="when-{when}"' if when else ''
+    return f'<figure{when}>{drawing}{caption}</figure>'
+
+
+def pair(drawings):
+    """Beside each other where the page is wide enough."""
+    return f'<div class="pair">{"".join(drawings)}</div>'
+
+
+def folded(summary, body):
+    """What opens on a click."""
+    return f'<details><summary>{summary}</summary>{body}</details>'
+
+
+def scrolled(drawing):
+    """What must not become too small to read: it scrolls where the window is narrow."""
+    return f'<div class="scroll">{drawing}</div>'
+
+
+def table(header, rows, kind='', caption='', keys=None):
+    """A table; cells are text, except those that are `Markup`.
+
+    Parameters
+    ----------
+    header : sequence of str
+    rows : iterable of sequence
+        None is a dash.
+    kind : str
+        Class.
+    caption : str
+        For readers that do not see it.
+    keys : sequence of str, optional
+        Of each row: it lights up with the marks that have the same one.
+    """
+    head = ''.join(f'<th scope="col">{cell_of(cell)}</th>' for cell in header)
+    marks = iter(() if keys is None else (f' data-i="{key}"' for key in keys))
+    body = ''.join(f'<tr{next(marks, "")}>' + ''.join(f'<td>{cell_of(cell)}</td>' for cell in row)
+                   + '</tr>' for row in rows)
+    caption = f'<caption>{clean(caption)}</caption>' if caption else ''
+    kind = f' class="{kind}"' if kind else ''
+    return (f'<div class="scroll"><table{kind}>{caption}<thead><tr>{head}</tr></thead><tbody>'
+            f'{body}</tbody></table></div>')
+
+
+def cell_of(value):
+    """Content of a cell, as HTML."""
+    return value if isinstance(value, Markup) else clean('–' if value is None else value)
+
+
+def number(value, digits=2, sign=False):
+    """A number as text; None and NaN are a dash."""
+    if value is None or not np.isfinite(value):
+        return '–'
+    out = f'{value:{"+" if sign else ""}.{digits}f}'
+    if not out.strip('+-0.'):  # what is nothing has no sign
+        out = out.lstrip('+-')
+    return out.replace('-', '−')
+
+
+def value_and_error(value, sigma, sign=True):
+    """A value and its standard error as texts, to the second digit of the error.
+
+    Parameters
+    ----------
+    value : float
+    sigma : float or None
+        Without it the value has five digits.
+    sign : bool
+        Whether a positive value has one.
+
+    Returns
+    -------
+    tuple of str
+    """
+    if sigma is None or not np.isfinite(sigma) or not sigma > 0.0:
+        size = abs(value) if np.isfinite(value) else 0.0
+        return number(value, _digits(size, 5) if size else 2, sign), number(sigma, 3)
+    digits = _digits(sigma, 2)
+    return number(value, digits, sign), number(sigma, digits)
+
+
+def _digits(size, significant):
+    """Decimal places with which a number has so many digits that tell, 6 at most."""
+    return int(np.clip(significant - 1 - np.floor(np.log10(float(f'{size:.{significant}g}'))),
+                       0, 6))
+
+
+def probability(p):
+    """A p-value as text."""
+    if p is None or not np.isfinite(p):
+        return '–'
+    return f'{p:.1g}' if p < 0.01 else f'{p:.2f}'
+
+
+def gains(rows, floor=None, floor_text='noise'):
+    """Bars of errors, on one scale.
+
+    Parameters
+    ----------
+    rows : list of (str, list of (float or None, str, str))
+        What it is of, and each bar: its value in arcsec, its class, what is said beside it.
+    floor : float, optional
+        Below which no model can come, arcsec.
+    floor_text : str
+        What that is.
+    """
+    rows = [(label, [bar for bar in bars if bar[0] is not None and np.isfinite(bar[0])])
+            for label, bars in rows]
+    if floor is not None and np.isfinite(floor) and floor > 0.0:
+        rows.append((floor_text, [(floor, 'floor', '')]))
+    rows = [row for row in rows if row[1]]
+    if not rows:
+        return ''
+    top = max(value for _, bars in rows for value, *_ in bars) or 1.0
+    out = []
+    for label, bars in rows:
+        drawn = ''.join(
+            f'<p><i class="{kind}" style="width:{70.0 * value / top:.2f}%"></i>'
+            f'<span>{clean(" ".join(filter(None, (arcsec(value), said))))}</span></p>'
+            for value, kind, said in bars)
+        out.append(f'<div>{clean(label)}</div><div>{drawn}</div>')
+    return f'<div class="gains">{"".join(out)}</div>'
+
+
+def legend(*entries):
+    """What the marks mean: (class, text) each; by default before and after."""
+    entries = entries or (('before', 'before'), ('after', 'after'))
+    return '<p class="legend">' + ' '.join(
+        f'<span class="swatch {kind}"></span>{clean(text)}' for kind, text in entries) + '</p>'

@@ -1,0 +1,85 @@
+"""From what a page was made: command, versions, site, date, seed, files and their sums."""
+
+import shlex
+import sys
+from datetime import datetime, timezone
+from hashlib import sha256
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path, PurePath
+
+from .drawing import clean
+from .page_parts import Markup, section, table
+
+#: a file larger than this is not summed up, bytes
+_LARGEST = 500_000_000
+
+
+def command_line():
+    """The command that is running, as one would type it."""
+    return shlex.join([PurePath(sys.argv[0]).name.replace('cli.py', 'telescope-mount'),
+                       *sys.argv[1:]])
+
+
+def provenance_section(rows, files=()):
+    """Where the page comes from.
+
+    Parameters
+    ----------
+    rows : sequence of (str, str)
+        What, and its value; empty ones are left out. The command and the version come first.
+    files : iterable of Path
+        Files, and folders of which every file counts; those that are not there are left out.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    try:
+        own = f'telescope_mount {version("telescope_mount")}'
+    except PackageNotFoundError:
+        own = 'telescope_mount'
+    now = datetime.now(timezone.utc)
+    told = [('command', command_line()), ('version', own),
+            ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
+    terms = ''.join(f'<dt>{clean(name)}</dt><dd>{clean(value)}</dd>'
+                    for name, value in told if value not in ('', None))
+    return section('Where this comes from', f'<dl>{terms}</dl>', _files(files))
+
+
+def _files(files):
+    rows = []
+    for path in map(Path, files):
+        inside = sorted(p for p in path.iterdir() if p.is_file()) if path.is_dir() else [path]
+        for one in inside:
+            if one.is_file():
+                name = f'{path.name}/{one.name}' if path.is_dir() else one.name
+                size = one.stat().st_size
+                total = sum_of(one) if size <= _LARGEST else 'too large to sum up'
+                rows.append((name, f'{size}', Markup(f'<code>{clean(total)}</code>')))
+    return table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums') if rows else ''
+
+
+def sum_of(path):
+    """SHA-256 of a file, as hexadecimal digits."""
+    total = sha256()
+    with open(path, 'rb') as file:
+        while block := file.read(1 << 20):
+            total.update(block)
+    return total.hexdigest()
+
+
+def site_text(site):
+    """Where a mount stands, for people.
+
+    Parameters
+    ----------
+    site : dict or None
+        ``latitude_deg``, ``longitude_deg``, ``height_m``, any of them.
+    """
+    site = {name: value for name, value in (site or {}).items()
+            if isinstance(value, (int, float))}
+    out = [f'{word} {site[name]:g}{unit}' for name, word, unit in (
+        ('latitude_deg', 'latitude', '°'), ('longitude_deg', 'longitude', '°'),
+        ('height_m', 'height', ' m')) if name in site]
+    return ', '.join(out)

@@ -1,0 +1,425 @@
+"""What the stars were missed by: maps, target, order of time, against the axes, table of stars."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+import numpy as np
+
+from calibration.analysis.diagnosis.page_figures import histogram
+from pointing_model.effects.base import arcsec
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.rms import rms
+
+from .drawing import Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
+from .page_parts import figure, legend, number, pair, section
+from .star_table import WHENS, group_name, stars_table
+
+#: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
+#: any has
+MAX_ARROWS, MAX_LINKED, MAX_POINTED = 400, 600, 1500
+#: after is drawn once more, larger, where it is smaller than before by so much
+_MAGNIFIED = 4.0
+#: within its radial RMS lies this much of noise that is alike in both axes
+_WITHIN = 1.0 - np.exp(-1.0)
+
+
+@dataclass
+class Residuals:
+    """Rows of a run, and what each was missed by, before and after.
+
+    Attributes
+    ----------
+    names : sequence of str
+        Of each row.
+    az, el : ndarray, shape (n,)
+        On the horizon, rad.
+    before, after : ndarray, shape (2, n)
+        x and y on the sky, arcsec; NaN where it is not known.
+    used : ndarray of bool, shape (n,)
+        What counts in the RMS; the others are drawn as crosses.
+    words : sequence of str
+        Of each row, what became of it, and why.
+    axes : tuple of str
+        What x and y are.
+    time : ndarray, shape (n,), optional
+        UTC, s; None or NaN: not known.
+    groups : ndarray, shape (n,), optional
+        To which power-on, night or run each row belongs.
+    group_word : str
+        Which of these.
+    noise : tuple of float, optional
+        1 sigma of x and y, arcsec.
+    before_text, after_text : str
+        What was applied.
+    turned : ndarray, shape (2, 2, n), optional
+        Components toward azimuth and elevation of x and y; None: the same.
+    places : tuple of ndarray, optional
+        Angles of the two axes, rad; by default azimuth and elevation.
+    place_words : tuple of str
+        What those are called.
+    utc : bool
+        Whether times are UTC, and not since an arbitrary start.
+    noise_text : str
+        What `noise` is called: more than noise where something else is in it.
+    mount : pointing_model.mounts.Mount
+        Of the axes.
+    """
+
+    names: Sequence
+    az: np.ndarray
+    el: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    used: np.ndarray
+    words: Sequence = ()
+    axes: tuple = ('azimuth × cos E', 'elevation')
+    time: np.ndarray | None = None
+    groups: np.ndarray | None = None
+    group_word: str = 'run'
+    noise: tuple | None = None
+    before_text: str = 'before'
+    after_text: str = 'after'
+    turned: np.ndarray | None = None
+    places: tuple | None = None
+    place_words: tuple = ('azimuth', 'elevation')
+    utc: bool = True
+    noise_text: str = 'noise of the fit'
+    mount: Mount = ALTAZ
+
+    def __post_init__(self):
+        self.known = np.isfinite(self.before).all(axis=0) & np.isfinite(self.after).all(axis=0)
+        self.used = np.asarray(self.used, bool) & self.known
+        if self.noise is not None and not np.hypot(*self.noise) > 0.0:
+            self.noise = None
+        if self.time is None or not np.isfinite(self.time).any():
+            self.time = None
+        if not len(self.words):
+            self.words = ['used' if used else 'left out' for used in self.used]
+        self.keys = _keys(self.time, len(self.used))
+
+    def __len__(self):
+        return len(self.used)
+
+    def of(self, when):
+        """`before` or `after`."""
+        return self.before if when == 'before' else self.after
+
+    def text_of(self, when):
+        """What was applied."""
+        return self.before_text if when == 'before' else self.after_text
+
+    def radial(self, when, rows=slice(None)):
+        """Radial RMS of what counts, arcsec; None of nothing."""
+        some = np.zeros(len(self), bool)
+        some[rows] = True
+        some &= self.used
+        return float(rms(*self.of(when)[:, some])) if some.any() else None
+
+    @property
+    def order(self):
+        """What the rows are drawn against in order: values, and what they are."""
+        if self.time is None:
+            return np.arange(1.0, len(self) + 1.0), 'row'
+        begin = float(np.nanmin(self.time))
+        hours = (self.time - begin) / 3600.0
+        when = (f'since {datetime.fromtimestamp(begin, timezone.utc):%Y-%m-%d %H:%M} UTC'
+                if self.utc else 'since the first row')
+        return (hours / 24.0, f'days {when}') if np.nanmax(hours) > 96.0 else (
+            hours, f'hours {when}')
+
+
+def _keys(time, n):
+    """A short name of each row, the same in all plots of a page."""
+    if time is not None and np.isfinite(time).all():
+        short = np.round(np.asarray(time) * 10.0).astype(np.int64) % 36**5
+        if len(np.unique(short)) == n:
+            return [np.base_repr(int(v), 36).lower() for v in short]
+    return [f'r{np.base_repr(i, 36).lower()}' for i in range(n)]
+
+
+def controls(data=None):
+    """What is shown: a bar that stays in sight.
+
+    Parameters
+    ----------
+    data : Residuals, optional
+        Without it, and without rows, there is none.
+    """
+    if data is None or not len(data):
+        return ''
+    groups = ''
+    if data.groups is not None and len(np.unique(data.groups)) > 1:
+        options = ''.join(f'<option value="{clean(name)}" data-say="{clean(say)}">{clean(name)}'
+                          '</option>' for name, say in _groups(data))
+        groups = (f'<label hidden="hidden">{clean(data.group_word)} <select id="group">'
+                  f'<option value="">all</option>{options}</select></label>')
+    return controls_alone(groups)
+
+
+def controls_alone(more=''):
+    """The bar of a page with other figures than those of `Residuals`."""
+    whens = ''.join(
+        f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
+        for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
+    return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{more}'
+            '<output id="told" aria-live="polite"></output></div>')
+
+
+def _groups(data):
+    """Name and a sentence of each group."""
+    for value in np.unique(data.groups):
+        rows, name = data.groups == value, group_name(value)
+        said = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
+                         if (size := data.radial(when, rows)) is not None)
+        yield name, (f'{data.group_word} {name}: {int((rows & data.used).sum())} rows'
+                     + (f', radial RMS {said}' if said else ''))
+
+
+# ---------------------------------------------------------------------------------------- figures
+
+def sky_maps(data):
+    """Residual vectors before and after on one scale; after once more, larger, if it is small."""
+    used = data.used
+    if not used.any():
+        return ''
+    lowest = min(max(0.0, 10.0 * np.floor(np.degrees(data.el[used].min()) / 10.0)), 60.0)
+    drawn = np.flatnonzero(used)
+    drawn = drawn[thin(len(drawn), MAX_ARROWS)]
+    long = 34.0 if len(drawn) <= 150 else 24.0
+    typical = {when: float(np.quantile(np.hypot(*data.of(when)[:, used]), 0.9)) for when in WHENS}
+    places, toward = (data.az[drawn], data.el[drawn]), {}
+    for when in WHENS:
+        x, y = data.of(when)[:, drawn]
+        toward[when] = (x, y) if data.turned is None else tuple(
+            one[0, drawn] * x + one[1, drawn] * y for one in data.turned)
+    blank = SkyMap(400, lowest)
+    scale = min(blank.scale_for(*places, *toward[when], long / max(*typical.values(), 1e-6))
+                for when in WHENS)
+    own = blank.scale_for(*places, *toward['after'], long / max(typical['after'], 1e-6))
+    maps = [('before', scale, ''), ('after', scale, '')]
+    if own > _MAGNIFIED * scale:
+        times = float(f'{own / scale:.1g}')
+        maps.append(('after', times * scale, f', drawn {times:g} times as large'))
+    skies = []
+    for when, size, _ in maps:
+        sky = SkyMap(400, lowest, data.mount)
+        x, y = data.of(when)[:, drawn]
+        names = [f'{data.names[i]}: {number(a, 2, True)}″ {data.axes[0]}, {number(b, 2, True)}″ '
+                 f'{data.axes[1]}' for i, a, b in zip(drawn, x, y)] if len(drawn) <= 150 else None
+        sky.arrows(*places, *toward[when], size, when, names, [data.keys[i] for i in drawn])
+        skies.append(sky)
+    out, margins = [], np.ceil(np.max([sky.beyond for sky in skies], axis=0))
+    margins += 3.0 * (margins > 0.0)
+    dashed = f', dashed each 30° of {" and ".join(data.mount.names.axes)}' * (not data.mount.altaz)
+    for (when, size, more), sky in zip(maps, skies):
+        unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
+        unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0
+        left, low = 12 - margins[0], 388 + margins[3]
+        sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
+                         + text(left, low - 6, f'{unit:g}″', anchor='start'))
+        said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
+        longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
+            'longer than drawn.' if sky.shortened else ''
+        out.append(figure(
+            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margins),
+            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation{dashed}.{longer}', when))
+    some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
+    return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
+                        f'before and after on one scale.{some}</p>')
+
+
+def targets(data):
+    """All residuals as hits on a target, with the circle of the noise, before and after on one
+    scale; after once more, larger, if it is small."""
+    if not data.used.any():
+        return ''
+    noise = float(np.hypot(*data.noise)) if data.noise is not None else None
+    each = {when: max(limit_of(*data.of(when)[:, data.used]), 1.15 * (noise or 0.0))
+            for when in WHENS}
+    both = max(each.values())
+    drawn = [(when, both, '') for when in WHENS]
+    if both > _MAGNIFIED * each['after']:
+        drawn.append(('after', each['after'], ', drawn larger'))
+    out = []
+    for when, limit, more in drawn:
+        x, y = data.of(when)
+        out.append(target(data.axes, limit, x[data.used], y[data.used],
+                          data.text_of(when) + more, when, noise,
+                          lambda panel, x=x, y=y, when=when, linked=not more: _marks(
+                              panel, x, y, data, when, linked), data.noise_text))
+    return pair(out) + marks_legend(data)
+
+
+def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noise of the fit'):
+    """A target with its hits.
+
+    Parameters
+    ----------
+    axes : tuple of str
+        What x and y are.
+    limit : float
+        At the edge, arcsec.
+    x, y : ndarray, shape (n,)
+        arcsec; what counts.
+    what : str
+        Of what.
+    when : str
+        ``before`` or ``after``: how they are drawn.
+    noise : float, optional
+        Radial RMS of the noise, arcsec.
+    draw : callable, optional
+        ``draw(panel)``, by default a mark for each hit.
+    noise_text : str
+        What `noise` is.
+
+    Returns
+    -------
+    str
+        A figure.
+    """
+    panel = Panel((52, 12, 330, 330), (-limit, limit), (-limit, limit))
+    panel.axes(f'{axes[0]} [arcsec]', f'{axes[1]} [arcsec]')
+    cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
+    panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
+    size = float(rms(x, y)) if len(x) else None
+    said = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
+    if noise is not None and noise > 0.0:
+        panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
+                           f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
+        inside = float(np.mean(np.hypot(x, y) <= noise))
+        named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
+        said += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
+                 f'within it (of noise alone {100 * _WITHIN:.0f} %).')
+    if draw is None:
+        panel.points(x, y, when)
+    else:
+        draw(panel)
+    return figure(svg(400, 384, panel.parts, f'Target plot. {said}', 'link' if draw else ''),
+                  said, when)
+
+
+def _marks(panel, x, y, data, when, linked=True):
+    """What counts as dots, the others as crosses."""
+    linked = linked and len(data) <= MAX_POINTED
+    rest = np.flatnonzero(data.known & ~data.used & np.isfinite(x))
+    rest = rest[thin(len(rest), MAX_LINKED)]
+    rows = np.flatnonzero(data.used & np.isfinite(x))
+    panel.points(np.asarray(x)[rows], np.asarray(y)[rows], when,
+                 keys=[data.keys[i] for i in rows] if linked else None)
+    if len(rest):
+        panel.crosses(np.asarray(x)[rest], np.asarray(y)[rest], when,
+                      [data.keys[i] for i in rest])
+
+
+def marks_legend(data):
+    """What dots, squares and crosses are."""
+    left = bool((data.known & ~data.used).any())
+    return legend(('before', f'{data.before_text} (dots)'), ('after', f'{data.after_text} '
+                  '(squares)'), *[('noise', data.noise_text)] * (data.noise is not None),
+                  *[('cross', 'not used in the fit')] * left)
+
+
+def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
+    """Both components against something, one below the other."""
+    used, values = data.used, data.of(when)
+    shown = np.asarray(x)[data.known]
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    room = 0.02 * (high - low)
+    parts = []
+    for axis, title in enumerate(data.axes):
+        limit = limit_of(values[axis][used] if used.any() else values[axis])
+        panel = Panel((56, 24 + 146 * axis, 372, 110), (low - room, high + room), (-limit, limit))
+        panel.axes(label if axis else '', 'arcsec', f'{title}, {when}')
+        for at in gaps:
+            panel.parts.append(f'<path class="gap" d="M{float(panel.x(at)):.1f} {panel.top}'
+                               f'v{panel.height}"/>')
+        _marks(panel, x, values[axis], data, when, linked)
+        parts += panel.parts
+    return figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
+                      'link' if linked else ''), texts, when)
+
+
+def in_time(data):
+    """Errors in the order of time, before and after."""
+    if not data.known.any():
+        return ''
+    x, label = data.order
+    gaps = []
+    if data.groups is not None and data.time is not None:
+        order = np.argsort(data.time, kind='stable')
+        moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
+        gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
+    text = f'Dashed: another {data.group_word} begins.' if gaps else ''
+    return pair(_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS)
+
+
+def along_axes(data):
+    """What is left against the angle of each axis."""
+    if not data.known.any():
+        return ''
+    places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
+    return pair(_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                         len(data) <= MAX_LINKED)
+                for place, word in zip(places, data.place_words))
+
+
+def histograms(data):
+    """Residuals of each axis before and after: same bins, unless one is much the smaller."""
+    if not data.used.any():
+        return ''
+    out = []
+    magnify = limit_of(data.before[:, data.used]) > _MAGNIFIED * limit_of(data.after[:, data.used])
+    for axis, title in enumerate(data.axes):
+        before, after = (data.of(when)[axis][data.used] for when in WHENS)
+        limit, small = limit_of(before, after), limit_of(after)
+        if magnify:
+            out.append(pair([_histogram(before, before, limit, title, ('before',)),
+                             _histogram(after, after, small, title, ('after',))]))
+        else:
+            out.append(_histogram(before, after, limit, title, WHENS))
+    return (''.join(out) if out[0].startswith('<div') else pair(out)) + legend()
+
+
+def _histogram(before, after, limit, title, whens):
+    """Of one axis, before and after or one of them."""
+    edges, counts, sizes = histogram(before, after, limit)
+    shown = [(when, counts[WHENS.index(when)], sizes[WHENS.index(when)]) for when in whens]
+    panel = Panel((52, 26, 350, 190), (-limit, limit),
+                  (0.0, 1.12 * max(1, *(count.max() for _, count, _ in shown))))
+    panel.axes(f'residual, {title} [arcsec]', 'observations', f'{title}, {" and ".join(whens)}')
+    for when, values, _ in shown:
+        x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
+        panel.line(x, y, f'{when} area when-{when}', close=True)
+    said = f'{title}: standard deviation ' + ', '.join(
+        f'{arcsec(size)} {when}' for when, _, size in shown)
+    sigma = sizes[1]
+    if 'after' in whens and np.isfinite(sigma) and sigma > 0.0:
+        u = np.linspace(-limit, limit, 120)
+        panel.line(u, np.minimum(len(after) * (edges[1] - edges[0]) / sigma / np.sqrt(2 * np.pi)
+                                 * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
+                   'gauss when-after')
+        said += '; dotted: normal distribution of the latter'
+    return figure(svg(420, 262, panel.parts, f'Histogram. {said}'), f'{said}.',
+                  whens[0] if len(whens) == 1 else '')
+
+
+def residual_sections(data, skip=()):
+    """All of them, as list of HTML.
+
+    Parameters
+    ----------
+    data : Residuals
+    skip : sequence of str
+        Titles that are not wanted.
+    """
+    parts = (('Where the residuals are on the sky', sky_maps, ''),
+             ('Target', targets, ''),
+             ('Errors in the order of time', in_time, ''),
+             ('What is left, against the axes', along_axes, ''),
+             ('Distribution of the residuals', histograms, ''),
+             ('Stars', stars_table, 'Point at a star, here or in a plot: it lights up everywhere '
+              'and is told at the foot of the window. A click or Enter keeps it, Escape lets it '
+              'go. A click on a heading sorts.'))
+    return [section(title, make(data), note=note) for title, make, note in parts
+            if title not in skip]

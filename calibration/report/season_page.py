@@ -1,0 +1,145 @@
+"""The page of a season: each term night by night, what moved it, what tonight's will be."""
+
+
+import numpy as np
+
+from msg_tools.output import write_text
+from msg_tools.units import ARCSEC
+
+from ..analysis.season.season_judgement import date_of
+from .drawing import Panel, clean, svg, text
+from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
+from .provenance import provenance_section
+
+_YEAR = 365.25 * 86400.0
+_WIDTH, _HEIGHT = 940, 190
+
+
+def write_page(judged, path, files=None):
+    """Write the page, a file that refers to nothing outside itself.
+
+    Parameters
+    ----------
+    judged : judged.SeasonJudged
+    path : str or Path
+    files : iterable of Path, optional
+        From which it is made: where it comes from is told with their sums.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    made = '' if files is None else provenance_section([], files)
+    write_text(path, render(judged, made))
+
+
+def render(judged, more=''):
+    """The page as text.
+
+    Parameters
+    ----------
+    judged : judged.SeasonJudged
+    more : str
+        HTML at the end.
+
+    Returns
+    -------
+    str
+    """
+    document, season = judged.document(), judged.season
+    first, last = (date_of(season.nights[i].time) for i in (0, -1))
+    sentences = judged.sentences()
+    headline = (f'{len(sentences)} cause{"s" * (len(sentences) != 1)} found' if sentences else
+                'Nothing moves the terms beyond their own wander')
+    body = [
+        '<h1>Season of a mount</h1>',
+        f'<p class="meta">{len(season.nights)} nights from {first} to {last}, terms '
+        f'{clean(", ".join(season.names))}</p>',
+        verdict('', headline, sentences, kind='' if sentences else 'none'),
+        section(f'Foretold for {document["tonight"]["time"]}, before its first star',
+                _tonight(document)),
+        section('Terms night by night', _legend(bool(sentences)), *(
+            figure(scrolled(_panel(judged, i)), '') for i in range(len(season.names)))),
+        section('Nights', _nights(document),
+                note='RMS of what the night’s own fit leaves. Off: the term that lay '
+                'farthest from what the nights before it say, with the causes that all nights '
+                'together show.'),
+        section('Notes', listed(document['notes'])), more,
+        '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
+        'off it by what is of that night alone and by the error of its fit.</footer>']
+    return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
+
+
+def _tonight(document):
+    told, wander = document['tonight'], document['wander']
+    return table(('term', 'foretold ″', '± ″', 'wanders by ″ per √day',
+                  'scatter from night to night ± ″'),
+                 [(name, number(told['terms_arcsec'][name], 1, True),
+                   number(told['sigma_arcsec'][name], 1),
+                   number(wander[name]['walk_arcsec_per_root_day'], 2),
+                   number(wander[name]['night_arcsec'], 1)) for name in document['terms']],
+                 'numbers')
+
+
+def _legend(steps):
+    return legend(('before', 'fit of the night ± 1 σ'), ('level', 'level in hindsight ± 2 σ'),
+                  ('fit', 'step, and the night to come ± 1 σ' if steps else
+                   'the night to come ± 1 σ'))
+
+
+def _panel(judged, i):
+    season, seen = judged.season, judged.hindsight
+    name = season.names[i]
+    time = np.array([night.time for night in season.nights])
+    values = np.array([night.values[i] for night in season.nights]) / ARCSEC
+    sigma = np.sqrt([night.covariance[i, i] for night in season.nights]) / ARCSEC
+    level = seen.levels[:, i] / ARCSEC
+    wide = 2.0 * np.sqrt(np.maximum(seen.covariances[:, i, i], 0.0)) / ARCSEC
+    years = 1970.0 + time / _YEAR
+    tonight, told = 1970.0 + judged.tonight / _YEAR, judged.mean[i] / ARCSEC
+    spread = np.sqrt(judged.covariance[i, i]) / ARCSEC
+    ends = np.concatenate([values, level - wide, level + wide, [told - spread, told + spread]])
+    pad = 0.06 * max(float(np.ptp(ends)), 1.0)
+    room = 0.02 * max(tonight - years[0], 0.02)
+    panel = Panel((64, 22, _WIDTH - 84, _HEIGHT - 62), (years[0] - room, tonight + room),
+                  (float(ends.min()) - pad, float(ends.max()) + pad))
+    whole = tonight - years[0] > 2.0
+    shown = (np.arange(np.ceil(years[0]), np.floor(tonight) + 1.0) if whole
+             else np.linspace(years[0], tonight, 5))
+    panel.axes('1 January' if whole else 'date', f'{name}, arcsec', '', shown,
+               [f'{v:.0f}' if whole else date_of((v - 1970.0) * _YEAR) for v in shown])
+    x = panel.x(years)
+    panel.band(years, level - wide, level + wide)
+    panel.line(years, level, 'level')
+    panel.parts.append('<path class="error" d="' + ''.join(
+        f'M{a:.1f} {b:.1f}V{c:.1f}' for a, b, c in zip(
+            x, panel.y(np.clip(values - sigma, *panel.y_range)),
+            panel.y(np.clip(values + sigma, *panel.y_range)))) + '"/>')
+    panel.points(years, values, 'before', [
+        f'{date_of(t)}: {v:.1f} ± {s:.1f}' for t, v, s in zip(time, values, sigma)])
+    for found in judged.causes:
+        if i in found.cause.terms and found.cause.kind in ('step', 'declared'):
+            at = int(np.argmax(found.cause.shape[:, 0]))
+            middle = float(panel.x(0.5 * (years[at - 1] + years[at])))
+            panel.parts.append(f'<path class="step" d="M{middle:.1f} {panel.top}v'
+                               f'{panel.height}"/>')
+    a, b, c = (float(panel.y(v)) for v in (told - spread, told, told + spread))
+    at = float(panel.x(tonight))
+    panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
+                       f'{b:.1f}h8"/>')
+    label = f'{name} night by night: {number(told, 1)} ± {number(spread, 1)} arcsec foretold'
+    return svg(_WIDTH, _HEIGHT, [*panel.parts, text(panel.left, 14, name, 'title', 'start')],
+               label)
+
+
+def _nights(document):
+    rows = []
+    for night in document['nights']:
+        off = {k: v for k, v in night['off_foretold_sigmas'].items() if v is not None}
+        worst = max(off, key=lambda name: abs(off[name])) if off else None
+        rows.append((night['time'].replace('T', ' ')[:16], night['source'], night['rows'],
+                     number(night['rms_arcsec']),
+                     f'{worst} {number(off[worst], 1, True)} σ' if worst else None,
+                     *(number(night['terms_arcsec'][name], 1, True) for name in document['terms'])))
+    return table(('UTC', 'run', 'rows', 'RMS ″', 'off', *document['terms']), rows, 'nights numbers')

@@ -1,0 +1,68 @@
+"""Every row of a run as a table that sorts, and whose rows light up in the plots."""
+
+from datetime import datetime, timezone
+
+import numpy as np
+
+from .drawing import clean
+from .page_parts import number
+
+WHENS = ('before', 'after')
+#: rows of the table
+MAX_TABLE = 1500
+
+
+def group_name(value):
+    """A power-on, night or run, for people."""
+    return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
+
+
+def stars_table(data):
+    """Every row, the worst first; it sorts by any column, and its rows light up in the plots."""
+    if not len(data):
+        return '<p>There is no row.</p>'
+    size = np.hypot(*data.after)
+    order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
+    first, second = (word.split(' × ')[0] for word in data.axes)
+    head = ['star', data.group_word if data.groups is not None else None,
+            None if data.time is None else 'UTC' if data.utc else 'time s',
+            f'{data.place_words[0]} °', f'{data.place_words[1]} °']
+    head = [word for word in head if word is not None]
+    when = [(f'{w} {name} ″', w) for w in WHENS for name in (first, second, 'radial')]
+    heads = ''.join(f'<th scope="col">{clean(word)}</th>' for word in head) + ''.join(
+        f'<th scope="col" class="when-{kind}"{sort}>{clean(word)}</th>'
+        for (word, kind), sort in zip(when, [''] * 5 + [' aria-sort="descending"'])) \
+        + '<th scope="col">what became of it</th>'
+    days = data.time is not None and np.nanmax(data.time) - np.nanmin(data.time) > 86400.0
+    places = np.degrees(data.places or (np.mod(data.az, 2.0 * np.pi), data.el))
+    rows = []
+    for i in order:
+        cells = [clean(data.names[i])]
+        if data.groups is not None:
+            cells.append(clean(group_name(data.groups[i])))
+        if data.time is not None:
+            cells.append(_clock(data.time[i], days, data.utc))
+        cells += [number(place[i], 1) for place in places]
+        tail = ''
+        for kind in WHENS:
+            x, y = data.of(kind)[:, i]
+            tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
+                            for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
+        group = '' if data.groups is None else f' data-g="{cells[1]}"'
+        rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
+                    + ''.join(f'<td>{cell}</td>' for cell in cells) + tail
+                    + f'<td>{clean(data.words[i])}</td></tr>')
+    some = f'<p class="note">The worst {len(order)} of {len(data)} rows.</p>' * (
+        len(order) < len(data))
+    return (f'{some}<div class="scroll tall"><table class="stars sort"><caption>Rows of the run, '
+            f'the worst first</caption><thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}'
+            '</tbody></table></div>')
+
+
+def _clock(seconds, days, utc):
+    if not np.isfinite(seconds):
+        return '–'
+    if not utc:
+        return f'{seconds:.0f}'
+    moment = datetime.fromtimestamp(seconds, timezone.utc)
+    return f'{moment:%m-%d %H:%M:%S}' if days else f'{moment:%H:%M:%S}'

@@ -1,0 +1,230 @@
+"""What people see of a calibration on the terminal: tables."""
+
+from pointing_model.effects.base import readable
+from pointing_model.mounts import KINDS
+from pointing_model.rms import rms_arcsec
+from pointing_model.zero_exposures import BY_POLARIS
+
+from ..analysis.diagnosis.row_counts import (
+    excluded_of_fit,
+    left_out_lines,
+    outlier_sentence,
+    row_word,
+    rows_of_fit,
+    used_sentence,
+)
+from ..analysis.harmonic_fit import READ_AS
+from ..analysis.held_out import RAW
+from ..analysis.term_notes import notes_of_terms
+from ..estimation.degeneracy import WORD as UNDETERMINED
+from ..estimation.degeneracy import raised_lines, undetermined_lines
+from ..estimation.few_rows import few_lines
+
+
+def new_table(title, *columns):
+    """An empty table, first column left, the others right; see `terminal_table`."""
+    from .terminal_table import TerminalTable
+    out = TerminalTable(title=title)
+    for i, name in enumerate(columns):
+        out.add_column(name, justify='left' if i == 0 else 'right')
+    return out
+
+
+def _angle(value, sigma):
+    return f'{value:+9.2f} ± {sigma:.2f}'
+
+
+def night_tables(report):
+    """The tables of a calibration report.
+
+    Parameters
+    ----------
+    report : dict
+        From `calibration.session.CalibrationSession.fit`.
+
+    Returns
+    -------
+    list of rich.table.Table
+    """
+    tables, names = [], KINDS[report.get('mount', 'altaz')]
+    first, second = names.columns
+    if report['zeros']:
+        ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]
+        alone = set(ways) == {BY_POLARIS}
+        zeros = new_table(
+            f'Zero on {BY_POLARIS if alone else "stars"}, arcsec', 'power-on', *names.axes,
+            'exposures')
+        for zero, way in zip(report['zeros'], ways):
+            label = f'{zero["run"]}' + ('' if alone else f' by {way}')
+            zeros.add_row(label, *_zero_cells(zero))
+        for change in report['changes']:
+            zeros.add_row(f'change {change["from"]} to {change["to"]}', *_zero_cells(change))
+            truth = change.get('simulated')
+            if truth:
+                zeros.add_row('  simulated', f'{truth["az_arcsec"]:+9.2f}       ',
+                              f'{truth["el_arcsec"]:+9.2f}       ', '')
+        tables.append(zeros)
+    steps = new_table('RMS on the sky, arcsec', 'correction', f'used: {first}', second,
+                      'radial', f'held out: {first}', second, 'radial')
+    for step in report['steps']:
+        steps.add_row(step['step'], *_rms_cells(step['used']), *_rms_cells(step['held_out']))
+    tables.append(steps)
+    if report['external_check']:
+        check = new_table('External check, RMS on the sky, arcsec', 'model and stars', first,
+                          second, 'radial', 'stars')
+        for row in report['external_check']:
+            check.add_row(row['check'], *_rms_cells(row), str(row['n']))
+        tables.append(check)
+    if report['terms']:
+        tables.append(terms_table(report['terms']))
+    if report.get('harmonics'):
+        tables += harmonic_tables(report['harmonics'])
+    return tables
+
+
+def harmonic_tables(section):
+    """Coefficients of the harmonics, and what cross-validation says of every choice.
+
+    Parameters
+    ----------
+    section : dict
+        From `calibration.analysis.harmonic_fit.fit_chosen`.
+
+    Returns
+    -------
+    list of rich.table.Table
+    """
+    own = section['harmonics'], section['alone'], section['degree']
+    table = new_table(f'Harmonics of degree {own[2]}, {READ_AS[own[0]]}, arcsec', 'coefficient',
+                      'azimuth', 'sigma', 'coefficient', 'elevation', 'sigma')
+    rows = section['coefficients']
+    for pair in zip(rows, rows[len(rows) // 2:]):
+        table.add_row(*(cell for one in pair for cell in (
+            one['name'], f'{one["value_arcsec"]:+.2f}', f'{one["sigma_arcsec"]:.2f}')))
+    tried = section['cross_validation']
+    judged = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
+                       f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')
+    for one in tried['choices']:
+        chosen = (one['harmonics'], one['alone'], one['degree']) == own
+        judged.add_row(one['label'], *_rms_cells(one),
+                       f'chosen by {section["degree_by"]}' if chosen else '')
+    return [table, judged]
+
+
+def _zero_cells(zero):
+    return (_angle(zero['az_arcsec'], zero['sigma_az_arcsec']),
+            _angle(zero['el_arcsec'], zero['sigma_el_arcsec']), str(zero['exposures']))
+
+
+def _rms_cells(values):
+    return [f'{values[key]:.2f}' for key in ('x', 'y', 'radial')]
+
+
+def terms_table(terms):
+    """A table of terms with their standard errors.
+
+    Parameters
+    ----------
+    terms : list of dict
+        With ``name``, ``value_arcsec``, ``sigma_arcsec``; of few rows ``within95_arcsec``.
+
+    Returns
+    -------
+    rich.table.Table
+    """
+    wide = any('within95_arcsec' in term for term in terms)
+    out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma',
+                    *(['95 % within'] * wide))
+    for term in terms:
+        sigma, within = term['sigma_arcsec'], term.get('within95_arcsec')
+        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}',
+                    UNDETERMINED if sigma is None else f'{sigma:.2f}',
+                    *(['–' if within is None else f'± {within:.2f}'] if wide else ()))
+    return out
+
+
+def fit_tables(run, result, encoder='enc', held_out=None):
+    """The tables of a fit to a measured run.
+
+    Parameters
+    ----------
+    run : PointingRun
+    result : calibration.analysis.fit.FitResult
+    encoder : {'enc', 'abs'}
+        The pair of encoder columns that was fitted.
+    held_out : Rms, optional
+        Of rows that the fit did not see.
+
+    Returns
+    -------
+    list
+        What `rich.console.Console.print` takes: tables and lines of text.
+    """
+    told, fitted = rows_of_fit(run, result), result.rms_arcsec(rejected=False)
+    used = run.select(result.weights > 0.0)
+    steps = new_table(f'RMS on the sky, arcsec, {told.used} rows', 'correction',
+                      *run.mount.names.columns, 'radial')
+    steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(encoder))._asdict()))
+    steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
+    if held_out is not None:
+        steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
+                      *_rms_cells(held_out._asdict()))
+    lines = [*undetermined_lines(result),
+             f'sigma from the {result.covariance_from.removeprefix("measured ")}'
+             f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
+             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
+             f'{result.degrees_of_freedom} degrees of freedom',
+             *raised_lines(result, run), *few_lines(result)]
+    strong = _strong_correlations(result)
+    if strong:
+        lines.append(f'correlations above 0.9: {strong}')
+    if told.outliers:
+        lines.append(outlier_sentence(
+            {**told.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
+    if told.too_few:
+        lines.append('more than a third of the rows is left out: see why before you use the terms')
+    for dropped in result.dropped:
+        lines.append(f'the stars do not determine {dropped["text"]}')
+    lines += left_out_lines(excluded_of_fit(run, result), word=row_word(run))
+    lines += [f'note: {note}' for note in [*run.meta.get('notes', []),
+                                           *notes_of_terms(result.term_rows())]]
+    return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
+
+
+def predicting_tables(found, mount):
+    """The tables of a model chosen to predict.
+
+    Parameters
+    ----------
+    found : calibration.analysis.diagnosis.prediction.Predicting
+    mount : Mount
+
+    Returns
+    -------
+    list
+        As `fit_tables`.
+    """
+    rows = found.coefficients()
+    chosen = new_table(f'Chosen to predict, arcsec, beside {len(found.model.terms)} terms',
+                       'coefficient', 'in TPOINT', 'value', 'sigma')
+    for row in rows:
+        chosen.add_row(readable(row['name']), row['tpoint'] or '', f'{row["value_arcsec"]:+.2f}',
+                       f'{row["sigma_arcsec"]:.2f}')
+    errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'judged on',
+                       *mount.names.columns, 'radial')
+    errors.add_row('the rows fitted', *_rms_cells(found.fitted._asdict()))
+    if found.after:
+        for label, each in (('rows left out, the terms alone', found.before),
+                            ('rows left out, the choice repeated', found.after)):
+            errors.add_row(label, *_rms_cells({
+                key: sum(getattr(one, key) for one in each) / len(each)
+                for key in ('x', 'y', 'radial')}))
+    return [chosen, errors, 'chosen to predict: that a coefficient is here does not say that its '
+            'cause is real; what is beyond chance, diagnose tells']
+
+
+def _strong_correlations(result):
+    matrix = result.correlations
+    return ', '.join(
+        f'{a} {b} {matrix[i, j]:+.3f}' for i, a in enumerate(result.names)
+        for j, b in enumerate(result.names[:i]) if abs(matrix[i, j]) > 0.9)

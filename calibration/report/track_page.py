@@ -1,0 +1,147 @@
+"""The page of a run that was tracked: misses in time, innovations, terms in hindsight."""
+
+from datetime import datetime, timezone
+
+import numpy as np
+
+from msg_tools.output import write_text
+from msg_tools.units import ARCSEC
+
+from .drawing import Panel, svg
+from .page_parts import cards, figure, legend, pair, scrolled, section, table, verdict, whole
+from .provenance import provenance_section
+from .track_words import tracking_lines
+
+_WIDTH = 940
+
+
+def write_page(tracked, path, files=None):
+    """Write the page, a file that refers to nothing outside itself.
+
+    Parameters
+    ----------
+    tracked : of_run.TrackedRun
+    path : str or Path
+    files : iterable of Path, optional
+        From which it is made: where it comes from is told with their sums.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    made = '' if files is None else provenance_section([], files)
+    write_text(path, render(tracked, made))
+
+
+def render(tracked, more=''):
+    """The page as text.
+
+    Parameters
+    ----------
+    tracked : of_run.TrackedRun
+    more : str
+        HTML at the end.
+
+    Returns
+    -------
+    str
+    """
+    summary = tracked.summary()
+    missed = summary['missed_rms_arcsec']
+    begin = datetime.fromtimestamp(tracked.time[0], timezone.utc)
+    events = [(datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc).strftime('%H:%M:%S'),
+               event['star'], event['what']) for event in tracked.hindsight.events]
+    hours = (tracked.time - tracked.time[0]) / 3600.0
+    seen = (tracked.hindsight.stamps * 1e-9 - tracked.time[0]) / 3600.0
+    body = [
+        '<h1>A mount that was followed</h1>',
+        f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
+        + (f'; the model of the evening is of the {tracked.fitted} stars before'
+           if tracked.fitted else '') + '</p>',
+        verdict('', f'Each star before it was seen: {missed["tracked"]:.2f}″ with the model that '
+                f'follows, {missed["model of the evening"]:.2f}″ with that of the evening',
+                tracking_lines(summary), cards(
+                    (f'{missed[name]:.2f}″', text) for name, text in (
+                        ('model of the evening', 'missed by the model of the evening, RMS'),
+                        ('tracked', 'by the tracked model, before each star was seen'),
+                        ('expected', 'expected of it')))),
+        section('What each star was missed by', legend(
+            ('before', 'model of the evening (dots)'), ('after', 'tracked, before it was seen '
+             '(squares)'), ('fit', 'expected, 1 σ')),
+            figure(scrolled(_misses(tracked, hours)), '')),
+        section('Whether the expected errors hold', innovations_figure(
+            np.sum((tracked.live / tracked.sigma)**2, axis=1))),
+        section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)
+                if events else ''),
+        section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
+                                        for i in range(len(tracked.hindsight.names))),
+                note='By all stars, before and after; ± 2 σ, arcsec.'), more]
+    return whole('A mount that was followed', body, 'Tracking of a telescope mount')
+
+
+def _span(hours):
+    room = 0.02 * max(float(np.ptp(hours)), 0.01)
+    return float(hours.min()) - room, float(hours.max()) + room
+
+
+def _misses(tracked, hours):
+    before, after = (np.hypot(*v.T) / ARCSEC for v in (tracked.evening, tracked.live))
+    expected = np.sqrt(np.sum(tracked.sigma**2, axis=1)) / ARCSEC
+    top = 1.1 * max(float(np.quantile(before, 0.95)), float(np.quantile(after, 0.95)),
+                    float(np.quantile(expected, 0.9)))
+    panel = Panel((64, 12, _WIDTH - 84, 230), _span(hours), (0.0, top))
+    panel.axes('hours since the first star', 'missed by, arcsec')
+    panel.points(hours, before, 'before')
+    panel.points(hours, after, 'after')
+    panel.line(hours, np.minimum(expected, top), 'expected')
+    return svg(_WIDTH, 290, panel.parts, 'radial miss of each star in time')
+
+
+def innovations_figure(squares):
+    """Distribution of normalised innovations squared, beside what an honest filter has.
+
+    Parameters
+    ----------
+    squares : array_like, shape (n,)
+        NIS of each star: chi squared with two degrees of freedom, where the filter is honest.
+
+    Returns
+    -------
+    str
+        HTML; '' of none.
+    """
+    from scipy.special import chdtr, chdtri  # a quarter of a second, for tracked nights alone
+
+    nis = np.asarray(squares, float)
+    if not nis.size:
+        return ''
+    edges = np.linspace(0.0, 12.0, 25)
+    counts = np.histogram(np.minimum(nis, 11.99), edges)[0]
+    wanted = len(nis) * np.diff(chdtr(2, edges))
+    panel = Panel((52, 12, 380, 180), (0.0, 12.0),
+                  (0.0, 1.1 * max(float(counts.max()), float(wanted.max()))))
+    panel.axes('normalised innovation squared', 'stars')
+    left, right, top = panel.x(edges[:-1]), panel.x(edges[1:]), panel.y(counts)
+    bottom = float(panel.y(0.0))
+    panel.parts += [f'<rect class="count" x="{a + 1:.1f}" y="{b:.1f}" width="{c - a - 2:.1f}" '
+                    f'height="{bottom - b:.1f}"/>' for a, c, b in zip(left, right, top)]
+    panel.line(0.5 * (edges[1:] + edges[:-1]), wanted, 'expected')
+    mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
+    said = (f'{len(nis)} stars: the mean is {mean:.2f} of what is expected, {100 * beyond:.0f} % '
+            'lie beyond the 95 % point (5 % are expected)')
+    return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {said}'),
+                        f'{said}. Line: chi squared with two degrees of freedom, as of a filter '
+                        'that errs as it says. What lies beyond 12 is in the last bar.')])
+
+
+def _term(tracked, hours, i):
+    back = tracked.hindsight
+    value, wide = back.terms[:, i] / ARCSEC, 2.0 * back.sigma[:, i] / ARCSEC
+    low, high = float((value - wide).min()), float((value + wide).max())
+    pad = 0.06 * max(high - low, 0.5)
+    panel = Panel((64, 22, _WIDTH - 84, 110), _span(hours), (low - pad, high + pad))
+    panel.axes('hours', '', back.names[i])
+    panel.band(hours, value - wide, value + wide)
+    panel.line(hours, value, 'level')
+    return svg(_WIDTH, 180, panel.parts, f'{back.names[i]} in hindsight')

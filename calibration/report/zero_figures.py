@@ -1,0 +1,155 @@
+"""The zero of each power-on, as each witness saw it, and with the temperature."""
+
+from datetime import datetime, timezone
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+
+from .drawing import Panel, svg
+from .page_parts import figure, legend, listed, number, pair, section, table
+
+AXES = ('az', 'el')
+#: power-ons from which on the zero is drawn against the temperature, and degrees that it changes by
+_FEWEST, _LEAST_SPREAD = 4, 0.2
+
+
+def zeros_of(report, run=None, marks=()):
+    """What each witness says of the zero of each power-on.
+
+    Parameters
+    ----------
+    report : dict
+        Of `CalibrationSession.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
+        (all rows together).
+    run : PointingRun, optional
+        All rows: the absolute encoder beside the incremental one, and the air.
+    marks : list of dict
+        ``marks`` of `log_health.log_health`: temperature and supply of the encoder.
+
+    Returns
+    -------
+    list of dict
+        ``run``, ``begin`` (UTC s), ``rows``, ``exposures``, ``rejected``; by axis ``measured``,
+        ``sigma``, ``in_force``, ``apart`` (incremental - absolute) in arcsec; ``air`` and
+        ``encoder`` in degC, ``supply`` in V. None: not known.
+    """
+    measured = {zero['run']: zero for zero in report.get('zeros') or ()}
+    in_force = {zero['run']: zero for zero in report.get('zeros_in_force') or ()}
+    numbers = np.zeros(0) if run is None else run.columns.get('run', np.zeros(0))
+    out = []
+    for number_ in sorted({*measured, *in_force, *np.unique(numbers).tolist()}):
+        own = np.flatnonzero(numbers == number_)
+        zero, all_rows = measured.get(number_, {}), in_force.get(number_, {})
+        row = {'run': number_, 'rows': len(own), 'exposures': zero.get('exposures'),
+               'rejected': zero.get('rejected'), 'begin': _mean(run, 'time', own, np.min),
+               'air': _mean(run, 'temperature', own), 'encoder': None, 'supply': None}
+        for key, name in (('encoder', 'temperature'), ('supply', 'supply')):
+            told = [mark[name] for mark in marks
+                    if mark['power_on'] == number_ and mark[name] is not None]
+            row[key] = float(np.mean(told)) if told else None
+        for axis in AXES:
+            row[axis] = {'measured': zero.get(f'{axis}_arcsec'),
+                         'sigma': zero.get(f'sigma_{axis}_arcsec'),
+                         'in_force': all_rows.get(f'{axis}_arcsec'),
+                         'apart': _apart(run, axis, own)}
+        out.append(row)
+    return out
+
+
+def _mean(run, name, rows, how=np.mean):
+    if run is None or name not in run or not len(rows):
+        return None
+    values = run[name][rows]
+    values = values[np.isfinite(values)]
+    return float(how(values)) if len(values) else None
+
+
+def _apart(run, axis, rows):
+    if run is None or f'{axis}_abs' not in run or not len(rows):
+        return None
+    apart = wrap(run[f'{axis}_enc'][rows] - run[f'{axis}_abs'][rows]) / ARCSEC
+    apart = apart[np.isfinite(apart)]
+    return float(np.median(apart)) if len(apart) else None
+
+
+def zeros_section(report, rows, axes=('azimuth', 'elevation')):
+    """The zeros as table and drawing, with what the witnesses make of them.
+
+    Parameters
+    ----------
+    report : dict
+        As of `zeros_of`, with ``witnesses`` and ``changes``.
+    rows : list of dict
+        Of `zeros_of`.
+    axes : tuple of str
+        What those of the mount are called.
+    """
+    witnesses = report.get('witnesses') or {}
+    alarms = [f'Alarm: {text}' for text in witnesses.get('alarms', ())]
+    if not any(row[axis][key] is not None for row in rows for axis in AXES
+               for key in ('measured', 'in_force')):
+        return section('Zero by power-on', '<p>No zero was set.</p>',
+                       listed([*alarms, *witnesses.get('notes', ())]))
+    said = alarms or ['The witnesses (stars, encoders) raise no alarm.']
+    statements = [zero['statement'] for zero in (
+        report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
+    marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, in force'),
+                   ('third', 'incremental − absolute encoder'))
+    drawn = pair(_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
+                 for i in range(2)) if len(rows) > 1 else ''
+    warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
+    if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
+        drawn += pair(_against(rows, i, warm, 'temperature [°C]', axes) for i in range(2))
+    return section('Zero by power-on', listed([*said, *witnesses.get('notes', ())]),
+                   drawn and marks + drawn, _table(rows, axes), listed(statements),
+                   note='Of the incremental encoder, arcsec; drawn against the first power-on.'
+                   if drawn else '')
+
+
+def _table(rows, axes):
+    head = ['power-on', 'begin UTC', 'rows', 'exposures for it']
+    head += [f'{name} {what}' for name in axes
+             for what in ('by these ″', '± ″', 'in force ″', 'inc. − abs. ″')]
+    head += ['air °C', 'encoder °C', 'supply V']
+    cells = []
+    for row in rows:
+        begin = row['begin'] and datetime.fromtimestamp(row['begin'], timezone.utc)
+        out = [f'{row["run"]:g}', begin and f'{begin:%m-%d %H:%M}', row['rows'], row['exposures']]
+        for axis in AXES:
+            one = row[axis]
+            out += [number(one['measured'], 2, True), number(one['sigma'], 2),
+                    number(one['in_force'], 2, True), number(one['apart'], 2, True)]
+        cells.append([*out, number(row['air'], 1), number(row['encoder'], 1),
+                      number(row['supply'], 3)])
+    kept = [i for i in range(len(head)) if i < 3 or any(cell[i] not in (None, '–')
+                                                        for cell in cells)]
+    return table([head[i] for i in kept], [[cell[i] for i in kept] for cell in cells],
+                 'numbers keep', 'Zero of each power-on')
+
+
+def _against(rows, i, values, label, axes):
+    """The zeros of one axis against something."""
+    axis, x = AXES[i], np.asarray(values, float)
+    series = []
+    for key, style in (('measured', 'before'), ('in_force', 'after'),
+                       ('apart', 'third')):
+        y = np.array([np.nan if row[axis][key] is None else row[axis][key] for row in rows])
+        known = y[np.isfinite(y)]
+        if len(known):
+            series.append((y - known[0], style))
+    sigma = np.array([row[axis]['sigma'] or np.nan for row in rows])
+    all_ = np.concatenate([y for y, _ in series] or [np.zeros(1)])
+    all_ = all_[np.isfinite(all_)]
+    low, high = (float(all_.min()), float(all_.max())) if len(all_) else (0.0, 1.0)
+    pad, room = 0.12 * max(high - low, 1.0), 0.08 * max(float(np.ptp(x)), 1e-3)
+    panel = Panel((56, 24, 372, 180), (float(x.min()) - room, float(x.max()) + room),
+                  (low - pad, high + pad))
+    whole = label == 'power-on' and len(x) <= 14
+    panel.axes(label, 'arcsec', axes[i], x if whole else None,
+               [f'{v:g}' for v in x] if whole else None)
+    for k, (y, style) in enumerate(series):
+        moved = x + (k - 1) * 0.012 * max(float(np.ptp(x)), 1e-3)
+        panel.bars(moved, y, sigma if style == 'before' else np.zeros(len(x)), style)
+        panel.points(moved, y, style + ' big')
+    return figure(svg(440, 254, panel.parts, f'Zero of the {axes[i]} against {label}'), '')

@@ -1,0 +1,121 @@
+"""What the zeros of a season follow, for people: table, lines, CSV and plot."""
+
+from msg_tools.output import beside
+from pointing_model.runs.formats.cells import write_rows
+
+from ..analysis.zero.zero_causes import AXES, DRIVERS, zero_causes
+from ..analysis.zero.zero_season import season_from_rows
+from .tables import new_table
+
+#: columns of the CSV of the power-ons, of each axis but the first two
+_COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
+            'temperature': 'temperature_{}_c', 'supply': 'supply_{}_v', 'hours': 'since_{}_h',
+            'side': 'side_{}'}
+
+
+def judge_season(power_ons, expected=None):
+    """What the zeros before tonight's follow, and tonight's beside it.
+
+    Parameters
+    ----------
+    power_ons : list of dict
+        Of a report of `nights.NightSeries.fit`; the last is tonight's.
+    expected : dict, optional
+        ``zero_expected`` of that report: of tonight, before Polaris was seen.
+
+    Returns
+    -------
+    dict
+        ``power_ons``; ``causes``, `zero_causes.zero_causes` of all but the last with each night
+        left out in turn; ``tonight``: of each axis ``expected_arcsec``, ``sigma_arcsec``,
+        ``measured_arcsec``, ``measured_sigma_arcsec`` and what it is ``by``, or None.
+    """
+    season = season_from_rows(power_ons[:-1])
+    tonight = None
+    if expected and power_ons:
+        measured = power_ons[-1]
+        tonight = {'run': measured['run'], **{
+            axis: {'expected_arcsec': expected[axis]['zero_arcsec'],
+                   'sigma_arcsec': expected[axis]['sigma_arcsec'],
+                   'measured_arcsec': measured['zero_arcsec'][k],
+                   'measured_sigma_arcsec': measured['sigma_arcsec'][k],
+                   'by': expected[axis]['by'], 'missing': expected[axis]['missing']}
+            for k, axis in enumerate(AXES)}}
+    return {'power_ons': power_ons, 'causes': zero_causes(season), 'tonight': tonight}
+
+
+def season_table(judged):
+    """The table of `judge_season`.
+
+    Parameters
+    ----------
+    judged : dict
+
+    Returns
+    -------
+    rich.table.Table
+    """
+    found = judged['causes']
+    axes = [found['axes'][name] for name in AXES]
+    out = new_table(f'What the zeros of {found["nights"]} power-ons follow', '', *AXES)
+
+    def row(what, cell, *more):
+        out.add_row(what, *(cell(*values) for values in zip(axes, *more)))
+    row('verdict', lambda axis: ': '.join(
+        filter(None, (axis['verdict'], ' or '.join(axis['alike'])))))
+    for driver in dict.fromkeys(c['driver'] for axis in axes for c in axis['causes']):
+        row(DRIVERS[driver][0], lambda axis, driver=driver: _slope(axis['causes'], driver))
+    row('p over all drivers and both axes', lambda axis: _number(axis['p'], '.3f'))
+    row('zeros, std, arcsec', lambda axis: _number(axis['std_arcsec']))
+    row('unexplained, arcsec', lambda axis: _number(axis['unexplained_arcsec']))
+    row('night left out, without causes, arcsec',
+        lambda axis: _number(axis.get('left_out_before_arcsec')))
+    row('night left out, with them, arcsec',
+        lambda axis: _number(axis.get('left_out_after_arcsec')))
+    if judged['tonight']:
+        tonight = [judged['tonight'][name] for name in AXES]
+        row('tonight, foretold, arcsec',
+            lambda _, t: _value(t['expected_arcsec'], t['sigma_arcsec']), tonight)
+        if all(t['measured_arcsec'] is not None for t in tonight):
+            row('tonight, measured, arcsec',
+                lambda _, t: _value(t['measured_arcsec'], t['measured_sigma_arcsec']), tonight)
+    return out
+
+
+def _slope(causes, driver):
+    for cause in causes:
+        if cause['driver'] == driver:
+            return _value(cause['slope_arcsec'], cause['sigma_arcsec'], '.2f',
+                          f' arcsec/{cause["unit"]}')
+    return '-'
+
+
+def _value(value, sigma, form='.1f', unit=''):
+    return f'{value:+{form}} ± {_number(sigma, form)}{unit}'
+
+
+def _number(value, form='.2f'):
+    return '-' if value is None else format(value, form)
+
+
+def season_lines(judged):
+    """What the table has no room for, a list of str."""
+    found = judged['causes']
+    lines = [found['text']]
+    if found['drivers']:  # else the text has them
+        lines += [f'not tried: {line}' for line in found['not_tried']]
+    if found['left_out']:
+        lines.append('power-ons left out, a driver is not known: '
+                     + ', '.join(map(str, found['left_out'])))
+    return lines
+
+
+def write_season(power_ons, path):
+    """A CSV with a row for each power-on; an empty cell is unknown."""
+    with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
+        write_rows(file, [
+            ['run', 'time', *(pattern.format(axis) for pattern in _COLUMNS.values()
+                              for axis in ('az', 'el'))],
+            *([row['run'], row['time'], *('' if value is None else value
+                                          for name in _COLUMNS for value in row[name])]
+              for row in power_ons)])

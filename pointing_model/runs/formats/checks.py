@@ -1,0 +1,343 @@
+"""From the table of a file to a sound run: units, exclusions, approach."""
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import ALTAZ
+from pointing_model.runs.copies import SAME, copies, written_twice
+from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
+
+from .table import SPECIAL
+
+#: observed elevations outside are no observation (90.1: a star past the zenith)
+ELEVATION_LIMITS = (-5.0, 90.1)
+PAIRS = (('az', 'el'), ('az_enc', 'el_enc'), ('az_abs', 'el_abs'))
+_TURNS = 10  # an angle beyond is no angle in degrees
+_TURN = 2.0 * np.pi
+_QUARTER = ELEVATION_LIMITS[1] * DEG
+_GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
+#: a number outside was not measured
+_LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
+_WRITTEN = 20_000  # rows that are kept as they were written
+_NAMED = 5  # rows whose copies are listed by the line of each
+_LARGEST = 1e50  # squares and their sums stay finite
+#: beginnings and ends of the reasons for which a row is left out for the place it names
+_NO_PLACE = ('elevation outside', 'all angles below'), (f'beyond {_TURNS} turns',)
+
+
+class NoUsableRow(ValueError):
+    """A file whose rows are all left out.
+
+    Parameters
+    ----------
+    text : str
+    run : PointingRun, optional
+        Without a row; ``meta['as_written']`` has the places that were left out.
+    """
+
+    def __init__(self, text, run=None):
+        super().__init__(text)
+        self.run = run
+
+
+def refuse_radians(path, table):
+    """Refuse angles that look like radians; leave out single rows that do.
+
+    Raises
+    ------
+    ValueError
+        A pair of columns or the elevations stay within the range of radians, or azimuths do and
+        the readings say so too: see `_azimuth_in_radians`.
+    """
+    columns, small = table.columns, []
+    sound, of_horizon = table.reasons == 0, table.names is ALTAZ.names
+    for pair in PAIRS:
+        if not set(pair) <= set(columns):
+            continue
+        az, el = (columns[name] for name in pair)
+        used = sound & np.isfinite(az) & np.isfinite(el)
+        if not used.any() or _are_offsets(columns, pair, used):
+            continue
+        both = np.maximum(np.abs(az), np.abs(el))
+        highest = np.abs(el[used]).max()
+        if both[used].max() <= _TURN and highest <= _QUARTER:
+            _radians(path, table, pair, both[used].max())
+        if not of_horizon:
+            continue  # hour angles and declinations near zero are the middle of the sky
+        if used.sum() >= 3 and highest <= _QUARTER and np.ptp(el[used]) > 0.05:
+            _radians(path, table, pair[1:], highest)
+        if (used.sum() >= 8 and np.ptp(az[used]) > 4.0 and az[used].min() >= 0.0
+                and az[used].max() <= _TURN and np.ptp(el[used]) > 15.0):
+            if _azimuth_in_radians(columns, pair, used):
+                _radians(path, table, pair[:1], az[used].max())
+            table.meta['notes'].append(f'{table.label(pair[0])} never exceeds '
+                                       f'{az[used].max():.3g}: taken as degrees')
+        small.append(used & (both <= _TURN) & (np.abs(el) <= _QUARTER))
+    if small:
+        table.exclude(np.all(small, axis=0), 'all angles below 2 pi: they look like radians')
+
+
+def _are_offsets(columns, pair, used):
+    """Whether a pair of readings is far from the catalogue's places in radians too.
+
+    Small offsets in place of readings are no radians: these would follow the elevation.
+    """
+    if pair == PAIRS[0] or not set(PAIRS[0]) <= set(columns):
+        return False
+    place, reading = columns['el'][used], columns[pair[1]][used]
+    known = np.isfinite(place)
+    if not known.any():
+        return False
+    place, reading = place[known], reading[known]
+    if not np.abs(reading).max() <= _QUARTER < np.abs(place).max() < 360.0:
+        return False
+
+    def scatter(v):
+        return np.median(np.abs(v - np.median(v)))
+    with np.errstate(over='ignore', invalid='ignore'):  # a spoiled file has any number
+        return bool(scatter(reading / DEG - place) > 0.3 * scatter(place))
+
+
+def _azimuth_in_radians(columns, pair, used):
+    """Whether offsets in azimuth are far too small, or far too large, for degrees.
+
+    Their scatter is that of the offsets in elevation, give or take a few: in radians it reads 57
+    times smaller. Beside azimuths in degrees it is that of the sky.
+    """
+    other = PAIRS[1] if pair == PAIRS[0] else PAIRS[0]
+    if pair == PAIRS[0] and not set(other) <= set(columns):
+        other = PAIRS[2]
+    if not set(other) <= set(columns):
+        return False
+    away = [columns[b][used] - columns[a][used] for a, b in zip(pair, other)]
+    away[0] = wrap(away[0] * DEG) / DEG
+    both = np.isfinite(away).all(axis=0)
+    if not both.any():
+        return False
+    az, el = (np.median(np.abs(v[both] - np.median(v[both]))) for v in away)
+    return bool(az > 20.0 or az <= el * np.sqrt(DEG))
+
+
+def _radians(path, table, pair, largest):
+    names = ', '.join(map(table.label, pair))
+    raise ValueError(f'{path}: {names} never exceed {largest:.3g}: they look like radians; give '
+                     'degrees')
+
+
+def to_si(columns):
+    """Columns of a file to radians and what else `COLUMNS` says, in place."""
+    for name, values in columns.items():
+        unit = COLUMNS[name][1] if name in COLUMNS else SPECIAL.get(name, 1.0)
+        if unit != 1.0:
+            columns[name] = values * unit
+
+
+def flag_numbers(table):
+    """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
+    needed = set(REQUIRED) | set(SPECIAL)
+    if 'ra_deg' in table.columns or ('ra_enc_deg' in table.columns
+                                     and 'lst_h' not in table.columns):
+        needed.add('time')
+    for name, values in table.columns.items():
+        if values.dtype.kind != 'f':
+            continue
+        if name in needed:
+            table.exclude(np.isnan(values), f'{table.label(name)} is not a number')
+        table.exclude(np.isinf(values), f'{table.label(name)} is infinite')
+        if name in ('sigma_x', 'sigma_y'):
+            table.exclude(~(values > 0.0), f'{table.label(name)} is not positive')
+        if name in sum(PAIRS, ()) or name in ('ra_deg', 'dec_deg', 'ra_enc_deg'):
+            with np.errstate(invalid='ignore'):
+                table.exclude(np.abs(values) > _TURNS * _TURN,
+                              f'{table.label(name)} is beyond {_TURNS} turns')
+
+
+def blank_absurd(table):
+    """Numbers that cannot have been measured count as missing; the notes say how many.
+
+    Where a number is needed, its row is left out.
+    """
+    for name, values in table.columns.items():
+        if values.dtype.kind != 'f' or name in (*REQUIRED, 'time', 'run', 'star', 'block'):
+            continue
+        low, high, unit = _LIMITS.get(name, (-_LARGEST, _LARGEST, ''))
+        absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
+        if not absurd.any():
+            continue
+        said = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
+        if name in SPECIAL or name in ('sigma_x', 'sigma_y'):
+            table.exclude(absurd, said)
+            continue
+        table.columns[name] = np.where(absurd, np.nan, values)
+        i = int(np.argmax(absurd))
+        table.meta['notes'].append(f'{said} in {absurd.sum()} of {len(values)} rows, first in row '
+                                   f'{table.lines[i]} ({values[i]:g}): taken as not measured')
+
+
+def flag_rows(table, mount):
+    """Leave out rows below or beyond the sky, and copies of an earlier row."""
+    low, high = ELEVATION_LIMITS
+    el = table.columns['el']  # of an alt-azimuth mount as written
+    if not mount.altaz:
+        el = mount.horizon_of(table.columns['az'], el)[1]
+    with np.errstate(invalid='ignore'):
+        table.exclude((el < low * DEG) | (el > high * DEG),
+                      f'elevation outside {low:g}..{high:g} deg')
+    rows = np.flatnonzero(table.reasons == 0)
+    first = copies({name: values[rows] for name, values in table.columns.items()})
+    again = np.flatnonzero(first >= 0)
+    few = len(np.unique(first[again])) <= _NAMED
+    for i in again:
+        where = f'line {table.lines[rows[first[i]]]}' if few else 'one before'
+        table.reasons[rows[i]] = f'{SAME}{where}'
+    if not few:
+        table.meta['notes'].append(written_twice(first >= 0))
+
+
+def derive_approach(table):
+    """Directions of approach, where they are missing, from the order in time.
+
+    Without the time of every row, from the order of the rows. Rows that are left out count: the
+    mount was there. After a row without a place, at the first of each run and after 6 hours
+    without a row the direction is unknown, 0. A row where the axis stands still keeps the
+    direction of the motion that brought it there.
+    """
+    columns, notes = table.columns, table.meta['notes']
+    names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
+    derived = []
+    if len(table.lines) == 0:
+        return
+    order, by_time = _sequence(columns)
+    new_run = _new_runs(columns, order)
+    whole_path = False
+    for axis, name in names.items():
+        given = np.isfinite(columns[name]) if name in columns else np.zeros(1, dtype=bool)
+        if given.any():
+            if not given.all():
+                notes.append(f'{table.label(name)} is empty in {(~given).sum()} of '
+                             f'{len(given)} rows: unknown there, 0')
+            columns[name] = np.nan_to_num(columns[name], nan=0.0)
+            continue
+        angle = columns[f'{axis}_enc']
+        angle = np.where(np.isfinite(angle), angle, np.nan)
+        move = np.diff(angle[order], prepend=np.nan)
+        if axis == 'az':
+            whole_path = _tells_the_turn(table, angle)
+            move = move if whole_path else wrap(move)
+        move[new_run] = np.nan
+        columns[name] = np.empty(len(order))
+        columns[name][order] = _carry(np.sign(move))
+        derived.append(axis)
+    if derived:
+        table.meta['approach_from'] = {'axes': derived, 'order': 'time' if by_time else 'rows'}
+        words = ' and '.join(table.names.word(axis) for axis in derived)
+        notes.append(
+            f'direction of approach in {words}: no column of the file, derived from the order '
+            + ('in time, ' if by_time else 'of the rows, ')
+            + (f'as the {table.names.word("az")} reads (its range is more than a turn)'
+               if whole_path else 'shortest way'))
+
+
+def _sequence(columns):
+    """Rows in the order they were observed, and whether the time tells it."""
+    time = columns.get('time')
+    if time is None or not np.isfinite(time).all() or np.ptp(time) == 0.0:
+        return np.arange(len(columns['az'])), False
+    # clocks of their own may begin anew in each run
+    return np.lexsort((time, columns['run']) if 'run' in columns else (time,)), True
+
+
+def _new_runs(columns, order):
+    new = np.ones(len(order), dtype=bool)
+    run = columns['run'][order] if 'run' in columns else np.zeros(len(order))
+    new[1:] = run[1:] != run[:-1]
+    if 'time' in columns:
+        with np.errstate(invalid='ignore'):
+            new[1:] |= np.diff(columns['time'][order]) > _GAP
+    return new
+
+
+def _tells_the_turn(table, reading):
+    """Whether azimuths read beyond 0..360 as well as -180..180, by more than their offsets."""
+    sound = table.reasons == 0
+    if not table.meta.get('raw_reading', True) or not sound.any():
+        return False
+    reading = reading[sound]
+    reach = 5.0 * DEG + np.median(np.abs(wrap(reading - table.columns['az'][sound])))
+    low, high = reading.min(), reading.max()
+    return bool((low < -reach and high > np.pi + reach) or low < -np.pi - reach
+                or high > _TURN + reach)
+
+
+def _carry(sign):
+    """0 takes the value before it, NaN becomes 0."""
+    own = np.flatnonzero(sign != 0.0)  # NaN too
+    if own.size == 0:
+        return np.zeros(len(sign))
+    last = np.maximum.accumulate(np.where(sign != 0.0, np.arange(len(sign)), 0))
+    return np.nan_to_num(sign[last], nan=0.0)
+
+
+def _as_written(table):
+    """``meta['as_written']``: what a check of the columns is made on, some rows of very many.
+
+    Places and readings as the file has them, before rows are placed beyond the pole: what a column
+    is not, such a place is not either. ``line``; ``misplaced``: rows that are left out for their
+    place; ``beyond``: rows that a column ``pier_side`` places there; ``misplaced_rows``: how many
+    there are in all.
+    """
+    begins, ends = _NO_PLACE
+    misplaced = np.zeros(len(table.lines), bool)
+    for i in np.flatnonzero(table.reasons != 0):
+        misplaced[i] = table.reasons[i].startswith(begins) or table.reasons[i].endswith(ends)
+    rows = np.flatnonzero(misplaced | (table.reasons == 0))
+    if len(rows) > _WRITTEN:
+        rows = rows[np.linspace(0, len(rows) - 1, _WRITTEN).astype(int)]
+    columns = {**table.columns, **table.written}
+    names = [name for pair in PAIRS if set(pair) <= set(columns) for name in pair]
+    if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
+        names += [name for name in ('lst_h', 'time') if name in columns]
+    names += ['beyond'] if 'beyond' in columns else []
+    return {'line': table.lines[rows], 'misplaced': misplaced[rows],
+            'misplaced_rows': int(misplaced.sum()), **{name: columns[name][rows] for name in names}}
+
+
+def finish(path, table):
+    """Masks the rows that are left out; ``meta['excluded']`` lists them all.
+
+    ``meta['as_written']`` has places and readings for the check of the columns.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The columns of the rows to keep.
+
+    Raises
+    ------
+    NoUsableRow
+        None is left.
+    """
+    table.meta['as_written'] = _as_written(table)
+    keep = table.reasons == 0
+    excluded = [(int(table.lines[i]), table.reasons[i]) for i in np.flatnonzero(~keep)]
+    excluded += [(line, 'commented out') for line in table.commented]
+    table.meta['excluded'] = [{'row': row, 'reason': reason} for row, reason in sorted(excluded)]
+    if not keep.any():
+        row, reason = excluded[0]
+        where = table.meta.get('row_names', {}).get(row, f'row {row}')
+        raise NoUsableRow(
+            f'{path}: none of {len(keep)} rows can be used ({where}: {reason})',
+            PointingRun({name: np.zeros(0) for name in REQUIRED}, table.meta))
+    table.meta['lines'] = table.lines[keep]
+    columns = {}
+    for name, values in table.columns.items():
+        values = values[keep]
+        missing = int(np.isnan(values).sum()) if values.dtype.kind == 'f' else 0
+        if missing == len(values) and name not in REQUIRED:
+            table.meta['notes'].append(f'{table.label(name)} left out: it is empty')
+            continue
+        if missing:
+            table.meta['notes'].append(f'{table.label(name)} is empty in {missing} of '
+                                       f'{len(values)} rows')
+        columns[name] = values
+    return columns

@@ -1,0 +1,359 @@
+"""Pointing runs as CSV, read and written."""
+
+import csv
+
+import numpy as np
+
+from msg_tools.output import beside
+from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
+from pointing_model.runs.run import COLUMNS, column_name
+
+from . import hints, solves, table
+from .cells import Cells, delimiter_of, split_row, write_rows
+from .column_names import near_column
+from .declared import NUMBERS, declarations
+from .table import Table, content, cost_rows, floats, is_number
+
+CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
+CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
+#: of other mounts: their columns, those of a place of the horizon, and the side of the pier
+_HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
+_OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
+                    **{column_name(name, names): name for name in COLUMNS},
+                    'pier_side': 'pier_side'})
+           for names in (KINDS['equatorial'], KINDS['free'])]
+_TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
+_SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
+_TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
+_CLOSE = 1.0
+
+
+def csv_delimiter(lines):
+    """The delimiter if this is a table with a header row, else None."""
+    top = content(lines)[:2]
+    if not top:
+        return None
+    delimiter = delimiter_of(top[0][1])
+    names, *cells = ([cell.strip() for cell in split_row(line, delimiter) or ()]
+                     for _, line in top)
+    if len(names) < 2 or any(map(is_number, names)):
+        return None
+    known = any(name in own for name in names for own in (CSV_NAMES, _OTHERS[0][1], _OTHERS[1][1]))
+    alike = cells and len(cells[0]) == len(names) > 3
+    return delimiter if known or alike else None
+
+
+def read_csv(path, lines, delimiter, encoder=None):
+    """Read a table with a header row.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+    delimiter : str
+    encoder : {'enc', 'abs'}, optional
+        Which pair of encoder columns must be there.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    ValueError
+        A column is missing or twice there, or most of its cells are bad; most rows have another
+        length.
+    """
+    cells = Cells(path, lines, delimiter)
+    header, numbers = cells.header, cells.lines
+    names, by_header = _names_of(header)
+    _require(path, header, encoder, names)
+    if not len(cells):
+        raise table.NoObservations(f'{path} has a header row but no observations')
+    columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
+    if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
+        meta['from_horizon'] = True
+    for i, header_name in enumerate(header):
+        _take_column(path, cells, header_name, cells.column(i), columns, meta, by_header, names)
+        _note_near(header_name, header, by_header, names, meta['notes'])
+    _one_source(columns, meta, names)
+    first = content(lines)[0][0]
+    commented = [number for number, line in enumerate(lines, 1) if number > first
+                 and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
+    return Table(columns, numbers, meta, cells.reasons, commented=commented, names=names)
+
+
+def _names_of(header):
+    """Whose axes the columns are of, and name in the header -> name in memory."""
+    for names, by_header in _OTHERS:
+        first = names.columns[0]
+        ascension = {'ra_enc_deg'} if first == 'ha' else set()  # of the mount
+        if ({f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} | ascension) & set(header):
+            by_header = dict(by_header)
+            if 'ra_deg' in header:  # a declination among the stars, not the axis'
+                by_header['dec_deg'] = 'dec_deg'
+            if f'{first}_deg' not in header:
+                by_header.update(_HORIZON)
+            return names, by_header
+    return ALTAZ.names, CSV_NAMES
+
+
+def _is_row(line, delimiter, width):
+    cells = line.split(delimiter)
+    return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
+
+
+def _take_column(path, table_cells, header_name, cells, columns, meta, by_header, names):
+    numbers, reasons, header = table_cells.lines, table_cells.reasons, table_cells.header
+    name = by_header.get(header_name)
+    if name == 'time':
+        columns['time'] = _time(path, numbers, cells, meta, reasons)
+    elif name == 'run':
+        columns['run'] = _run_numbers(cells, meta)
+    elif name in _TEXT:
+        columns[name] = _numbers_or_text(cells)
+    elif name:
+        columns[name] = floats(path, numbers, header_name, cells, reasons)
+        if name in ('approach_az', 'approach_el'):
+            cost_rows(path, numbers, header_name, cells, {
+                int(i): 'is not -1, 0 or 1' for i in np.flatnonzero(
+                    ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))}, reasons)
+    elif header_name in ('mount', 'telescope'):
+        solves.one_mount(path, numbers, header_name, cells)
+    elif header_name in COLUMNS:
+        meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
+                             f'{column_name(header_name, names)}')
+    elif header_name:
+        _take_own(path, numbers, header, header_name, cells, columns, meta)
+    elif any(cells):
+        meta['notes'].append('a column without a name left out')
+
+
+def _note_near(header_name, header, by_header, names, notes):
+    """A note of a column that is none of those that are read, where its name is near one."""
+    if not header_name or header_name in by_header or header_name in COLUMNS:
+        return
+    near = near_column(header_name, header, by_header, names)
+    if near:
+        notes.append(f'column {header_name[:40]!r} is not read; is it {near}? Then give it that '
+                     'name')
+
+
+def _take_own(path, numbers, header, header_name, cells, columns, meta):
+    """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
+    bad = [i for i, cell in enumerate(table.decimal_points(cells))
+           if cell.lower() not in table.UNKNOWN and not is_number(cell)]
+    said = bad and f'(row {numbers[bad[0]]}: {cells[bad[0]][:40]!r})'
+    if 2 * len(bad) > sum(map(bool, cells)):
+        meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {said}')
+        return
+    known = np.array(cells, dtype=object)
+    known[bad] = ''
+    values = floats(path, numbers, header_name, known.tolist())
+    own = table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
+        else table.own_name(header_name, header, meta['notes'])
+    columns[own] = values
+    if bad:
+        meta['notes'].append(f'column {header_name[:40]!r} is not a number in {len(bad)} of '
+                             f'{len(cells)} rows: unknown there {said}')
+
+
+def _one_source(columns, meta, names):
+    """Offsets beside encoder columns would be a driver that explains everything."""
+    if {'az_enc', 'az_abs'} & set(columns):
+        for name in ('x_arcsec', 'y_arcsec'):
+            if columns.pop(name, None) is not None:
+                meta['notes'].append(f'{name} left out: the encoder columns are taken')
+    if {'az', 'el'} <= set(columns):
+        of = ALTAZ.names if meta.get('from_horizon') else names
+        taken = ', '.join(column_name(name, of) for name in ('az', 'el'))
+        for name in ('ra_deg', 'dec_deg'):
+            if columns.pop(name, None) is not None:
+                meta['notes'].append(f'{name} left out: {taken} are taken')
+
+
+def _require(path, header, encoder, names):
+    pair = 'abs' if encoder == 'abs' else 'enc'
+    readings = [column_name(f'{axis}_{pair}', names) for axis in ('az', 'el')]
+    if pair == 'enc' and {'x_arcsec', 'y_arcsec'} & set(header) and not set(readings) <= set(
+            header):
+        readings = ['x_arcsec', 'y_arcsec']
+    if pair == 'enc' and 'ra_enc_deg' in header and readings[0] not in header:
+        readings = ['ra_enc_deg', readings[1], 'lst_h' if 'lst_h' in header else 'time']
+    places = [column_name(axis, names) for axis in ('az', 'el')]
+    if names is not ALTAZ.names and set(_HORIZON) <= set(header):
+        places = list(_HORIZON)
+    if {'ra_deg', *({'dec_deg'} - set(places))} & set(header) and not set(places) <= set(header):
+        places = ['ra_deg', 'dec_deg', 'time']
+    required = list(dict.fromkeys(places + readings))
+    missing = [name for name in required if name not in header]
+    if not missing:
+        return
+    said = []
+    for name in missing:
+        near = hints.closest(name, [h for h in header if h not in required])
+        said.append(f'{name} (closest: {near[:40]})' if near else name)
+    hint = hints.offsets(header) if set(readings) & set(missing) else ''
+    second = [column_name(f'{axis}_abs', names) for axis in ('az', 'el')]
+    if pair != 'abs' and set(second) <= set(header):
+        hint += f"; encoder 'abs' reads {', '.join(second)} in their place"
+    there = ', '.join(h[:40] for h in header[:40])
+    raise ValueError(f'{path}: no column {", ".join(said)}; the file has {there}{hint}')
+
+
+def _numbers_or_text(cells):
+    try:
+        values = np.array(cells, dtype=float)
+    except ValueError:
+        return np.array(cells, dtype=str)
+    whole = np.isfinite(values) & (values == np.floor(values)) & (np.abs(values) < 2.0**53)
+    return values.astype(np.int64) if whole.all() else values
+
+
+def _run_numbers(cells, meta):
+    """Numbers of the runs; names are counted in the order they appear."""
+    values = _numbers_or_text(cells)
+    if values.dtype.kind != 'U':
+        return values
+    names = list(dict.fromkeys(cells))
+    meta['notes'].append('runs are numbered: ' + ', '.join(
+        f'{i} {name[:40]!r}' for i, name in enumerate(names, 1)))
+    number = {name: i for i, name in enumerate(names, 1)}
+    return np.array([number[cell] for cell in cells])
+
+
+def _time(path, numbers, cells, meta, reasons):
+    values = table.seconds_or_iso(path, numbers, 'time', cells, reasons)
+    if sum(map(is_number, cells)) * 2 > sum(map(bool, cells)):
+        _refuse_other_units(path, numbers, values, meta)
+        if np.any(np.abs(values) < table.CLOCK):
+            meta['time_is_utc'] = False
+            meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
+    return values
+
+
+def _refuse_other_units(path, numbers, values, meta):
+    finite = np.isfinite(values)
+    known = np.sort(values[finite])
+    if len(known) < 5 or known[0] == known[-1]:
+        return
+    gap = (known[-1] - known[0]) / (len(known) - 1)
+    unit = 'Julian days' if known[0] > 2.4e6 else 'days (MJD)' if known[0] > 3e4 \
+        else 'hours' if known[-1] <= 48.0 else 'days'
+    said = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
+    if gap < _TOO_CLOSE:
+        raise ValueError(f'{path}, column time, rows {numbers[finite][0]} to '
+                         f'{numbers[finite][-1]}: {said} Give seconds or ISO 8601')
+    if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
+        meta['notes'].append(f'time: {said}')
+
+
+# ------------------------------------------------------------------------------------- writing
+
+def iso_utc(seconds, unit='ns'):
+    """Times as ISO 8601 UTC; to the nanosecond enough for the same float64 when read again.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        UTC, seconds since 1970; NaN gives an empty text.
+    unit : {'ns', 'us'}
+        The last digit.
+
+    Returns
+    -------
+    list of str
+    """
+    known = np.isfinite(seconds)
+    whole = np.floor(np.where(known, seconds, 0.0))
+    parts = 1e9 if unit == 'ns' else 1e6
+    rest = np.rint((np.where(known, seconds, 0.0) - whole) * parts).astype(np.int64)
+    stamps = whole.astype(np.int64).astype('datetime64[s]') \
+        + rest.astype(f'timedelta64[{unit}]')
+    texts = np.datetime_as_string(stamps, unit=unit)
+    return [text + 'Z' if ok else '' for text, ok in zip(texts.tolist(), known.tolist())]
+
+
+def _plain(values, unit):
+    """Cells as people write them."""
+    known = values[values == values]
+    if known.size and np.all(known == np.rint(known)) and np.abs(known).max() < 1e15:
+        return ['' if v != v else f'{v:.0f}' for v in values.tolist()]
+    if unit == 1.0:
+        return ['' if v != v else repr(v) for v in values.tolist()]
+    digits = 10 if unit == DEG else 6
+    # not minus zero
+    return ['' if v != v else f'{round(v, digits) + 0.0:.{digits}f}' for v in values.tolist()]
+
+
+def write_csv(run, path, *, plain=False):
+    """Write a run as CSV that `read_run` gives back to better than 1e-9 arcsec.
+
+    Parameters
+    ----------
+    run : PointingRun
+    path : str or Path
+        Written anew.
+    plain : bool
+        Numbers as people write them: angles to 1e-10 degrees (3.6e-7 arcsec), what is in arcsec to
+        1e-6, times to the microsecond, whole numbers without a point.
+
+    Raises
+    ------
+    ValueError
+        A name in the run spans lines.
+    OSError
+        The file cannot be written.
+
+    Notes
+    -----
+    Of another mount than an alt-azimuth one comments before the header tell which. Columns in the
+    order of `COLUMNS`, then the user's own; numbers with all their digits unless they shall be
+    plain; unknown (NaN) is an empty cell; time is ISO 8601 UTC, or seconds where the run's
+    ``meta['time_is_utc']`` is False. The rest of ``meta`` is not written.
+    """
+    names = [name for name in COLUMNS if name in run]
+    names += [name for name in run.columns if name not in COLUMNS]
+    header, columns, mount = [], [], run.mount
+    beyond = is_beyond(run['el'])
+    places = {} if mount.altaz and not beyond.any() else dict(zip(
+        ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
+    for name in names:
+        values = places.get(name, run[name])
+        unit = COLUMNS[name][1] if name in COLUMNS else 1.0
+        header.append(column_name(name, mount.names))
+        if name in ('miss_x', 'miss_y'):
+            values = np.where(beyond, -values, values)
+        if name == 'time' and run.meta.get('time_is_utc', True):
+            columns.append(iso_utc(np.asarray(values, dtype=float), 'us' if plain else 'ns'))
+        elif values.dtype.kind in 'fc':
+            values = values if unit == 1.0 else values / unit
+            columns.append(_plain(values, unit) if plain else
+                           ['' if v != v else repr(v) for v in values.tolist()])
+        else:
+            columns.append(values.tolist())
+    texts = [cell for cells in [header, *columns] for cell in cells if isinstance(cell, str)]
+    if any('\n' in text or '\r' in text for text in texts):
+        raise ValueError(f'{path}: a name in the run spans lines; CSV rows are lines here')
+    # a row that begins with the comment sign would be lost
+    quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
+    with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
+        stream.writelines(f'# {line}\n' for line in _told_of(run))
+        write_rows(stream, [header, *zip(*columns)], quoting=quoting)
+
+
+def _told_of(run):
+    """Comments by which `read_csv` knows mount and site."""
+    mount = run.mount
+    if mount.altaz:
+        return []
+    site = run.meta.get('site') or {}
+    place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
+             for name, _ in _SITE.values()}
+    if mount.kind != 'free':
+        place['latitude'] = mount.latitude
+    said = [f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
+            if place[name] is not None]
+    return [f'mount: {mount_text(mount)}', *said]

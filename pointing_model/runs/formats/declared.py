@@ -1,0 +1,112 @@
+"""What the comments above a CSV file's header row declare: frame, site, air."""
+
+import difflib
+import re
+
+from msg_tools.units import DEG
+from pointing_model.runs.plate_solves.frames import Frame, parse_frame
+
+#: key in a file -> part of ``meta``, name there, its unit in SI, least and greatest
+NUMBERS = {
+    'latitude_deg': ('site', 'latitude', DEG, -90.0, 90.0),
+    'longitude_deg': ('site', 'longitude', DEG, -180.0, 360.0),
+    'height_m': ('site', 'height', 1.0, -500.0, 10000.0),
+    'pressure_hpa': ('weather', 'pressure_hpa', 1.0, 0.0, 1200.0),
+    'temperature_c': ('weather', 'temperature_c', 1.0, -90.0, 60.0),
+    'humidity': ('weather', 'humidity', 1.0, 0.0, 1.0),
+    'wavelength_um': ('weather', 'wavelength_um', 1.0, 0.2, 1e6),
+}
+_KEYS = ('frame', 'mount', 'unsolved', *NUMBERS)
+_LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
+
+
+def declarations(path, lines):
+    """Comments ``# key: value`` before the first row that is none.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+        Of the file.
+
+    Returns
+    -------
+    dict
+        For ``meta``: ``mount_told``, ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict,
+        SI), as far as they are declared; ``notes`` of images that were not solved, and of keys
+        that look like a mistyped one. Other comments are free.
+
+    Raises
+    ------
+    ValueError
+        A value is no number or out of range, an unknown frame, a key twice.
+    """
+    out, seen, notes = {}, set(), []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        if not line.lstrip().startswith('#'):
+            break
+        found = _LINE.fullmatch(line.strip())
+        if not found:
+            continue
+        key, value = found[1].lower(), found[2]
+        key = 'frame' if key == 'equinox' else key
+        if key not in _KEYS:
+            near = difflib.get_close_matches(key, _KEYS, 1, 0.8)
+            if near:
+                notes.append(f'row {number}: comment {key!r} not read; did you mean {near[0]}?')
+            continue
+        where = f'{path}, row {number}'
+        if key in seen:
+            raise ValueError(f'{where}: {key} is declared twice')
+        seen.add(key)
+        if key == 'unsolved':
+            notes.append(f'{value[:80]} were not solved: those that were may be no fair sample '
+                         '(low, faint and trailed ones are missing)')
+            continue
+        declare(out, key, value, where)
+    return {**out, 'notes': notes}
+
+
+def declare(out, key, value, where):
+    """Put one declared value where ``meta`` has it.
+
+    Parameters
+    ----------
+    out : dict
+        Gets ``frame``, or a part of ``site`` or ``weather``.
+    key : str
+        ``mount``, ``frame``, or one of `NUMBERS`.
+    value : str or float
+    where : str
+        For messages.
+
+    Raises
+    ------
+    ValueError
+        As `declarations`.
+    """
+    if key == 'mount':
+        out['mount_told'] = str(value)
+        return
+    if key == 'frame':
+        try:
+            out['sky_frame'] = value if isinstance(value, Frame) else parse_frame(value)
+        except ValueError as error:
+            raise ValueError(f'{where}: {error}') from None
+        return
+    part, name, unit, low, high = NUMBERS[key]
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f'{where}: {key} {str(value)[:40]!r} is not a number') from None
+    if not low <= number <= high:
+        raise ValueError(f'{where}: {key} {number:g} is outside {low:g} to {high:g}')
+    out.setdefault(part, {})[name] = number * unit
+
+
+def standard_pressure(height):
+    """Pressure of a standard atmosphere at a height in metres, hPa."""
+    return 1013.25 * (1.0 - 2.25577e-5 * height) ** 5.25588

@@ -1,0 +1,260 @@
+"""Catalogue places of an unnamed equinox: J2000 or of date, if the rows tell.
+
+A precession that is left out is a rotation about an axis that turns with the sky: to a mount it
+is a pole that lies elsewhere and walks with the sidereal time. Over a night of an hour or two that
+is a slow function of time, as wandering zeros are, and a curve of the direction where the sky is
+gone through in some order. So both equinoxes are judged with these in the model: beside the
+physical terms the other terms of the mount and what differs by the side of the pier, as one group,
+and zeros that wander as a random walk, as another, each with a size that the rows choose. What is
+compared is the likelihood with all of them integrated out, so that what they can explain decides
+nothing (restricted likelihood: Patterson and Thompson, Biometrika 58, 545, 1971).
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+from pointing_model import geometry
+from pointing_model.mounts import is_beyond
+from pointing_model.terms import stacked_design, terms_of
+
+#: the equinoxes that are tried; the first is taken where the rows do not tell
+J2000, OF_DATE = 'J2000', 'of date'
+#: log-likelihood by which one must be likelier than the other
+TOLD = 10.0
+_ROWS = 1000  # that are judged, evenly, of many
+_MODES = 6  # of the random walk of each axis
+_LEAST_NOISE = 0.5  # arcsec
+_OUTLIER = 6.0  # times the noise, from where a row has no weight
+_ROUNDS = 4
+_SIZES = (-8.0, 5.0)  # log of the size of a group, in units of the noise
+_FAR = 0.1  # rad, of a term, from where rows cannot tell it and it is not made exact
+
+
+def which_fits(table, rows, icrs, of_date, mount):
+    """Azimuth and elevation of the rows, by the equinox with which the mount fits.
+
+    Parameters
+    ----------
+    table : Table
+        With the readings, radians. A note says what was decided, and by how much;
+        ``meta['equinox_taken']`` holds it, see `judged`.
+    rows : ndarray of bool, shape (n,)
+        Those that the places are of.
+    icrs : tuple of ndarray
+        Observed azimuth and elevation with the places taken as ICRS.
+    of_date : tuple
+        Right ascension, declination, time, site and weather of the places, which may be apparent
+        ones of the moment.
+    mount : Mount
+
+    Returns
+    -------
+    az, el : ndarray
+    """
+    from pointing_model.runs.plate_solves import frames
+    from pointing_model.sky.places import icrs_to_observed
+    reading = np.array([table.columns[name][rows] for name in ('az_enc', 'el_enc')])
+    ra, dec, time, *air = of_date
+    time = np.broadcast_to(time, np.shape(ra))
+    ways = {J2000: icrs,
+            OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
+    found = judged(ways, reading, time, mount)
+    table.meta['equinox_taken'] = found
+    table.meta['notes'].append(sentence(found))
+    return ways[found['taken']]
+
+
+def judged(ways, reading, time, mount):
+    """Which equinox the rows tell.
+
+    Parameters
+    ----------
+    ways : dict of {str: (ndarray, ndarray)}
+        Equinox -> azimuth and elevation, radians, shape (n,); the default first.
+    reading : ndarray, shape (2, n)
+        Of the axes, radians.
+    time : ndarray, shape (n,)
+        Seconds.
+    mount : Mount
+
+    Returns
+    -------
+    dict
+        ``taken`` and ``other``; ``told``, whether the rows decide; ``likelier``, the equinox that
+        is, and ``log_likelihood``, by how much; ``left_arcsec``, by equinox what the physical terms
+        alone leave (robust, radial); ``polar_axis_arcsec``, by equinox the terms of the polar axis,
+        fitted alone (left out where no term is of it or the rows cannot tell them).
+    """
+    default, other = ways
+    places = {name: np.array(way) for name, way in ways.items()}
+    good = np.isfinite(time) & np.isfinite(reading).all(axis=0)
+    for place in places.values():
+        good &= np.isfinite(place).all(axis=0)
+    numbers = np.flatnonzero(good)
+    numbers = numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), _ROWS)).astype(int)] \
+        if len(numbers) else numbers
+    told = {'taken': default, 'other': other, 'told': False, 'likelier': default,
+            'log_likelihood': 0.0, 'left_arcsec': {}, 'polar_axis_arcsec': {}}
+    names = mount.names.physical
+    if len(numbers) <= len(names):
+        return told
+    ways = {name: _Way(place[:, numbers], reading[:, numbers], time[numbers], mount)
+            for name, place in places.items()}
+    weights = np.ones(len(numbers))
+    for _ in range(_ROUNDS):
+        for way in ways.values():
+            way.fit(weights)
+        # a row that stands apart with one equinox alone may be what tells them apart
+        weights = np.max([way.weights() for way in ways.values()], axis=0)
+    gain = float(ways[other].misfit - ways[default].misfit)
+    told['likelier'], told['log_likelihood'] = (default if gain >= 0.0 else other), abs(gain)
+    told['told'] = abs(gain) >= TOLD
+    if told['told'] and gain < 0.0:
+        told['taken'], told['other'] = other, default
+    for name, way in ways.items():
+        alone, left = way.terms_alone()
+        told['left_arcsec'][name] = left
+        polar = {term: alone[term] / ARCSEC for term in names
+                 if mount.names.terms[term][0] in ('AN', 'AW')}
+        if max(map(abs, alone.values())) < _FAR:
+            told['polar_axis_arcsec'][name] = polar
+    return told
+
+
+def sentence(found):
+    """What was decided, for people.
+
+    Parameters
+    ----------
+    found : dict
+        As `judged` gives it.
+
+    Returns
+    -------
+    str
+    """
+    said = 'the file does not say the equinox of its catalogue: '
+    left = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in found['left_arcsec'].items())
+    left = f'the physical terms alone leave (median) {left}' if left else 'they are too few'
+    by = (f'{found["likelier"]} is likelier by a log-likelihood of '
+          f'{found["log_likelihood"]:.1f} with wandering zeros and other terms in the model')
+    if found['told']:
+        return f'{said}taken as {found["taken"]}; {by}, and {left}'
+    out = (f'{said}the rows do not tell it, taken as {found["taken"]}, which is a guess; {left}')
+    if found['left_arcsec']:
+        out += f'; {by} ({TOLD:g} would tell)'
+    return f'{out}{_moved(found)}. Say it with --equinox j2000 or --equinox date'
+
+
+def _moved(found):
+    """How the polar axis would stand with the other equinox."""
+    polar = found['polar_axis_arcsec']
+    if set(polar) != {found['taken'], found['other']}:
+        return ''
+    taken, other = polar[found['taken']], polar[found['other']]
+    return f'; {found["other"]} would change ' + ', '.join(
+        f'{name} by {(other[name] - value) / 60.0:+.1f} arcmin'
+        for name, value in sorted(taken.items(), reverse=True))
+
+
+class _Way:
+    """The rows with the places of one equinox, and what fits them.
+
+    After `fit`, ``misfit`` is minus the log-likelihood, but for a constant that both equinoxes
+    share.
+    """
+
+    def __init__(self, place, reading, time, mount):
+        self._mount, self._names = mount, mount.names.physical
+        first, second = mount.axes_of(*place, is_beyond(reading[1]))
+        self._first, self._second = first, second
+        self._off = np.concatenate([wrap(reading[0] - first) * np.cos(second),
+                                    wrap(reading[1] - second)])
+        self._terms = stacked_design(self._names, first, second, mount)
+        self._others, self._walks = self._columns(time)
+        self._sizes = (-1.0, -1.0)
+        self._p = np.zeros(len(self._names))
+        self._radial = None
+
+    def _columns(self, time):
+        """Other columns of the direction, of unit size, and those of zeros that walk."""
+        mount, n = self._mount, len(time)
+        others = [name for name in terms_of(mount) if name not in (*self._names, 'TX3')]
+        parts = [stacked_design(others, self._first, self._second, mount)]
+        beyond = is_beyond(self._second)
+        if min(beyond.sum(), n - beyond.sum()) > 2:
+            parts.append(np.where(np.tile(beyond, 2), -1.0, 1.0) * self._terms)
+        parts = np.concatenate(parts)
+        since = (time - time.min()) / max(np.ptp(time), 1.0)
+        # the Karhunen-Loeve series of a random walk
+        order = np.arange(1, _MODES + 1)[:, None] - 0.5
+        modes = np.tile(np.sin(order * np.pi * since) / order, 2)
+        zeros = self._terms[[self._names.index(name) for name in self._index_terms()]]
+        walks = np.concatenate([modes * zero for zero in zeros])
+        return parts / np.sqrt(2.0 * np.mean(parts**2, axis=1, keepdims=True)), walks
+
+    def _index_terms(self):
+        return [name for name in self._names if self._mount.names.terms[name][0] in ('IA', 'IE')]
+
+    def _data(self):
+        """Offsets in arcsec, what is of the second order taken off where the terms are known."""
+        off = self._off
+        if np.abs(self._p).max() < _FAR:
+            exact = geometry.offsets(self._first, self._second, dict(zip(self._names, self._p)),
+                                     self._mount)
+            beyond = np.concatenate(exact) - self._p @ self._terms
+            off = off - np.where(np.isfinite(beyond), beyond, 0.0)  # none where it cannot point
+        return off / ARCSEC
+
+    def fit(self, weights):
+        """Fit terms and sizes with these weights of the rows."""
+        # slow to import, and few files leave their equinox open
+        from scipy.linalg import solve_triangular
+        from scipy.optimize import minimize
+
+        data, root = self._data(), np.sqrt(np.tile(weights, 2))
+        groups = np.concatenate([self._others, self._walks])
+        of_group = np.repeat([0, 1], [len(self._others), len(self._walks)])
+        basis = np.linalg.qr((self._terms * root).T)[0]
+        y, z = data * root, groups * root
+        y, z = y - basis @ (basis.T @ y), z - (z @ basis) @ basis.T
+        gram, both, square = z @ z.T, z @ y, float(y @ y)
+        free = max(len(y) - len(self._names), 1)
+
+        def solved(sizes):
+            scale = np.exp(np.array(sizes))[of_group]
+            lower = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * gram * scale)
+            u = solve_triangular(lower, scale * both, lower=True)
+            variance = max(square - float(u @ u), 0.0) / free + _LEAST_NOISE**2
+            return lower, u, scale, variance
+
+        def misfit(sizes):
+            lower, _, _, variance = solved(sizes)
+            return float(np.log(np.diag(lower)).sum() + 0.5 * free * np.log(variance))
+        found = minimize(misfit, self._sizes, method='L-BFGS-B', bounds=[_SIZES] * 2)
+        self._sizes, self.misfit = tuple(found.x), float(found.fun)
+        lower, u, scale, _ = solved(self._sizes)
+        rest = data - (scale * solve_triangular(lower, u, lower=True, trans='T')) @ groups
+        terms = np.linalg.lstsq((self._terms * root).T, rest * root, rcond=None)[0]
+        self._p = terms * ARCSEC
+        self._radial = np.hypot(*(rest - terms @ self._terms).reshape(2, -1))
+
+    def weights(self):
+        """Weights of the rows by what the fit leaves, 1 of most."""
+        return _weights(self._radial)
+
+    def terms_alone(self):
+        """The physical terms without anything else, radians, and what they leave, arcsec."""
+        weights, self._p = np.ones(len(self._first)), np.zeros(len(self._names))
+        for _ in range(5 * _ROUNDS):
+            data, root = self._data(), np.sqrt(np.tile(weights, 2))
+            terms = np.linalg.lstsq((self._terms * root).T, data * root, rcond=None)[0]
+            radial = np.hypot(*(data - terms @ self._terms).reshape(2, -1))
+            self._p, weights = terms * ARCSEC, _weights(radial)
+        left = float(np.sqrt(np.mean(weights * radial**2) / weights.mean()))
+        return dict(zip(self._names, self._p.tolist())), left
+
+
+def _weights(radial):
+    noise = max(float(np.median(radial)) / 1.1774, _LEAST_NOISE)
+    return np.where(radial > _OUTLIER * noise, 1e-6, 1.5 / np.maximum(radial / noise, 1.5))

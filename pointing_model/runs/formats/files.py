@@ -1,0 +1,267 @@
+"""Which kind of pointing-run file this is, and the run that it holds."""
+
+from pathlib import Path
+
+from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ, KINDS, Mount, parse_mount
+from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
+from pointing_model.runs.plate_solves.mapping import looks_like_mapping
+from pointing_model.runs.run import PointingRun
+
+from . import checks, hints, places, solves
+from .csv import csv_delimiter, read_csv
+from .gpoint import looks_like_gpoint, read_gpoint
+from .images import read_images
+from .iram import looks_like_iram, read_iram
+from .mmt import looks_like_mmt, read_mmt
+from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
+from .table import content, is_number, read_lines
+from .tpoint import looks_like_tpoint, read_tpoint
+from .unam import looks_like_unam, read_unam
+
+_KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
+          'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
+          'RAA:, TAA:), an IRAM log (# id ...), a log of the UNAM control system, a model of '
+          'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
+
+
+#: what may be given of the equinox of catalogue places
+EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
+
+
+def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None,
+             equinox=None):
+    """Read a pointing run; the kind of file is told from its content.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV (columns by the names of `COLUMNS`, any order; a further numeric column is kept
+        under its own name, or as ``column_<name>`` where that name has a meaning), TPOINT
+        (``ALTAZ``, format 4: observed azimuth and elevation, then those of the mount; also the
+        short form with a line ``A``), a raw MMT night, or a pointing log of the IRAM 30 m. A
+        CSV may give ``x_arcsec, y_arcsec`` (encoder - catalogue, on the sky) in place of the
+        encoder columns, and ``ra_deg, dec_deg, time`` in place of ``az_deg, el_deg``, in the frame
+        and at the site that comments above the header row declare (docs/plate_solved.md).
+        Of equatorial mounts: CSV with ``ha_deg, dec_deg, ha_enc_deg, dec_enc_deg`` (or
+        ``ra_deg, dec_deg, time`` and these readings; ``ra_enc_deg`` with the time for
+        ``ha_enc_deg``), exports of TheSky and TPOINT with
+        ``:EQUAT``, the short form with a line ``E``, the 12 columns of the UNAM control system.
+        Of solved images: models of MountWizzard4 (JSON), input of RTS2's gpoint, and the YAML of a
+        mount's keywords, beside FITS images with a WCS (docs/plate_solved.md).
+    azimuth_origin : {'N', 'S'}, optional
+        'N': azimuth 0 is north, 90 east. 'S': 0 is south, 90 east (azimuths are converted to
+        180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
+    site : pointing_model.sky.places.Site, or dict with some of its fields, optional
+        Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
+        place of what the file tells, what a dict has not as the file tells it; ``meta['notes']``
+        says so if its latitude is another than the file's.
+    weather : pointing_model.sky.places.Weather, optional
+        For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
+        ``pressure_hpa``. By default a standard atmosphere at the site, 10 C.
+    encoder : {'enc', 'abs'}, optional
+        'abs' takes the second encoder for the first, and the first for the second.
+    mount : str or Mount, optional
+        In place of what the file tells, see `mounts.parse_mount`.
+    equinox : {'j2000', 'date'}, optional
+        Of ``ra_deg, dec_deg``, in place of what the file tells or what fits: J2000 (ICRS), or
+        apparent places of date.
+
+    Returns
+    -------
+    PointingRun
+        Angles in radians, azimuth from north through east; of another mount those of its axes,
+        each row on its side of the pier. ``meta``: ``mount`` if it is no alt-azimuth one,
+        ``source``, ``format``, ``azimuth_origin``, ``site``, ``excluded`` (``row`` is the line in
+        the file), ``lines`` (of the rows that are kept, shape (n,)) and ``notes``; TPOINT also
+        ``caption``, ``date`` and ``weather`` where they are given.
+        ``time_is_utc`` is False where ``time`` counts from an arbitrary start, ``raw_reading``
+        False where the encoder angles are not what the encoders read.
+
+    Raises
+    ------
+    NoObservations
+        A ValueError: a sound file with a header and no row.
+    ValueError
+        One line: the file, the row, the column, and what is wrong.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    if azimuth_origin not in (None, 'N', 'S'):
+        raise ValueError(f'azimuth origin {azimuth_origin!r} is neither N nor S')
+    if encoder not in (None, 'enc', 'abs'):
+        raise ValueError(f"encoder {encoder!r} is neither 'enc' nor 'abs'")
+    if equinox not in (None, *EQUINOXES):
+        raise ValueError(f'equinox {equinox!r} is none of {", ".join(EQUINOXES)}')
+    try:
+        return _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox)
+    except ValueError as error:
+        # names and cells of a foreign file may hold anything
+        text = ''.join(c if c.isprintable() else '?' for c in str(error))
+        said = type(error)(text)
+        said.__dict__.update(error.__dict__)
+        raise said from None
+
+
+def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
+    table = _read_table(path, encoder)
+    columns, meta = table.columns, {'source': str(path), **table.meta}
+    table.meta = meta
+    if encoder == 'abs':
+        swap_encoders(path, columns, meta)
+    of_azimuths = table.names is ALTAZ.names and 'lst_told' not in columns
+    _settle_origin(azimuth_origin, meta, of_azimuths)
+    if site is not None:
+        _compare_site(site, meta)
+        meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site
+    if equinox is not None:
+        _settle_equinox(path, table, equinox)
+    mount = _settle_mount(path, table, mount)
+    checks.refuse_radians(path, table)
+    solves.take_sigma(table)
+    solves.flag_twice(table)
+    solves.flag_scales(table)
+    checks.to_si(columns)
+    checks.flag_numbers(table)
+    places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
+    places.mount_ascension(path, table)
+    checks.blank_absurd(table)
+    if mount.altaz:
+        meta.pop('from_horizon', None)
+    else:
+        places.to_axes(path, table, mount)
+    places.read_offsets(table)
+    if meta['azimuth_origin'] == 'S':
+        places.from_south(columns)
+    checks.flag_rows(table, mount)
+    if mount.altaz:
+        places.past_zenith(table)
+    checks.derive_approach(table)
+    return PointingRun(checks.finish(path, table), meta)
+
+
+def _settle_mount(path, table, given):
+    """The mount, of what is given, of what the file tells, or by the names of its columns."""
+    meta = table.meta
+    told = meta.pop('mount_told', None)
+    mount = given or told
+    if mount is None and table.names is ALTAZ.names:
+        return ALTAZ
+    if not isinstance(mount, Mount):
+        place = meta.get('site') or {}
+        latitude = place.get('latitude') if isinstance(place, dict) else place.latitude
+        if mount is None and table.names is not KINDS['equatorial']:
+            raise ValueError(f'{path}: the mount of the columns axis1, axis2 is not told: give a '
+                             'line "# mount: free:AZ,EL", or --mount')
+        try:
+            mount = parse_mount(mount or 'equatorial', latitude)
+        except ValueError as error:
+            if 'latitude' not in str(error):
+                raise ValueError(f'{path}: {error}') from None
+            # of places among the stars the longitude is asked for too, and not afterwards
+            both = 'ra_deg' in table.columns and not (meta.get('site') or {}).get('longitude')
+            raise ValueError(
+                f'{path}: {error}' + (', and its longitude' if both else '') +
+                ' (a line "# latitude_deg: 31.05" before the header, or --latitude DEG'
+                + (' --longitude DEG' if both else '') + ')') from None
+    if mount.names is not table.names:
+        first, second = mount.names.columns
+        raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of a '
+                         f'mount that is {mount.kind} are {first}_enc_deg, {second}_enc_deg')
+    if not mount.altaz:
+        meta['mount'] = mount
+    return mount
+
+
+def _read_table(path, encoder):
+    if looks_like_mapping(path) and path.is_file():
+        return read_images(path)
+    lines = read_lines(path)
+    if looks_like_mmt(lines):
+        return read_mmt(path, lines)
+    if looks_like_iram(lines):
+        return read_iram(path, lines)
+    if looks_like_unam(lines):
+        return read_unam(path, lines)
+    if looks_like_gpoint(lines):
+        return read_gpoint(path, lines)
+    if looks_like_mountwizzard(lines):
+        return read_mountwizzard(path, lines)
+    delimiter = csv_delimiter(lines)
+    if delimiter:
+        return read_csv(path, lines, delimiter, encoder)
+    if looks_like_tpoint(lines):
+        return read_tpoint(path, lines)
+    body = content(lines)
+    for delimiter in (',', ';', '\t', None):
+        cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []
+        if len(cells) > 3 and sum(map(is_number, cells)) >= 4 and (delimiter or len(body) > 1):
+            raise ValueError(hints.without_header(path, body, delimiter))
+    raise ValueError(f'{path} is not a pointing run: expected {_KINDS}')
+
+
+def swap_encoders(path, columns, meta):
+    """Take the second encoder for the first, in place.
+
+    Raises
+    ------
+    ValueError
+        There is no second encoder.
+    """
+    if 'az_abs' not in columns or 'el_abs' not in columns:
+        raise ValueError(f'{path} has no second encoder')
+    for axis in ('az', 'el'):
+        first = columns.pop(f'{axis}_enc', None)
+        columns[f'{axis}_enc'] = columns.pop(f'{axis}_abs')
+        columns.pop(f'{axis}_raw', None)  # it belongs to the first
+        if first is not None:
+            columns[f'{axis}_abs'] = first
+    graduations = {name: meta.pop(name) for name in ('graduation', 'graduation_abs')
+                   if name in meta}
+    for name, other in (('graduation', 'graduation_abs'), ('graduation_abs', 'graduation')):
+        if name in graduations:
+            meta[other] = graduations[name]
+    meta['notes'].append('the second (absolute) encoder was read in place of the first')
+
+
+def _settle_origin(given, meta, of_azimuths):
+    told = meta.pop('told_origin', None)
+    meta['azimuth_origin'] = given or told or 'N'
+    if not of_azimuths:
+        meta['azimuth_origin'] = 'N'
+        return
+    if told and given and told != given:
+        meta['notes'].append(f'the file says that azimuth 0 is {told}, it was read with {given}')
+    elif meta['format'] == 'tpoint' and not (told or given):
+        meta['notes'].append('azimuth taken from north through east: the file does not say')
+    elif meta['format'] == 'tpoint':
+        meta['notes'].append(
+            'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
+            + ' through east, as ' + ('the file says' if told else 'it was asked for'))
+
+
+def _settle_equinox(path, table, given):
+    """The equinox that was given, in place of what the file tells.
+
+    Raises
+    ------
+    ValueError
+        The file has no catalogue places.
+    """
+    if 'ra_deg' not in table.columns:
+        raise ValueError(f'{path}: an equinox is of right ascensions and declinations of a '
+                         'catalogue, and this file has none; leave out --equinox')
+    frame, told = EQUINOXES[given], table.meta.get('sky_frame')
+    if told is not None and told != frame:
+        table.meta['notes'].append(f'the file says that its places are {told.text}, they were read '
+                                   f'as {frame.text}')
+    table.meta['sky_frame'] = frame
+
+
+def _compare_site(site, meta):
+    mine = site.get('latitude') if isinstance(site, dict) else site.latitude
+    theirs = (meta.get('site') or {}).get('latitude')
+    if mine is not None and theirs is not None and abs(mine - theirs) > 0.01 * DEG:
+        meta['notes'].append(f'the file says latitude {theirs / DEG:.4f} deg, it was '
+                             f'read with {mine / DEG:.4f} deg')

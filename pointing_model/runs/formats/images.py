@@ -1,0 +1,203 @@
+"""A run from solved images: the YAML of a mount's keywords, and the FITS files beside it."""
+
+import difflib
+from collections import Counter
+
+import numpy as np
+
+from pointing_model.runs.plate_solves.images import (
+    NotThere,
+    read_header,
+    row_of,
+    site_of,
+    solution_of,
+)
+from pointing_model.runs.plate_solves.mapping import load_mapping
+from pointing_model.runs.run import COLUMNS, column_name
+
+from .declared import declare
+from .table import Table, own_name
+
+_SITE_APART = 0.01  # deg: sites of two images
+_TEXT = ('star', 'block', 'run', 'pier_side')
+
+
+def read_images(path):
+    """Read a folder of images by the YAML file that maps their keywords.
+
+    Parameters
+    ----------
+    path : Path
+        The YAML file: `pointing_model.runs.plate_solves.mapping`.
+
+    Returns
+    -------
+    Table
+        A row an image, in the order of their names; ``meta['row_names']`` has these. Images
+        without a solution carry the reason.
+
+    Raises
+    ------
+    ValueError
+        The YAML, no images, a keyword that is in none of them, several mounts or sites; no
+        astropy.
+    """
+    mapping = load_mapping(path)
+    files = mapping.images()
+    rows, reasons, absent = [], [], Counter()
+    headers = []
+    for file in files:
+        try:
+            header = read_header(file)
+        except NotThere as error:
+            rows.append({})
+            reasons.append(str(error))
+            continue
+        headers.append((file, header))
+        row, reason, missing = one_image(header, mapping)
+        absent.update(missing)
+        rows.append(row)
+        reasons.append(reason)
+    if not headers:
+        raise ValueError(f'{path}: none of {len(files)} images can be read '
+                         f'({files[0].name}: {reasons[0]})')
+    refuse_absent(path, absent, headers)
+    meta = {'format': 'images', 'notes': [],
+            'row_names': {i: file.name for i, file in enumerate(files, 1)}}
+    for name, value in common_site(path, mapping, headers).items():
+        declare(meta, name, value, str(path))
+    one_mount_of(path, files, rows)
+    _settle_frame(mapping, rows, reasons, meta)
+    if mapping.mount is not None:
+        meta['mount_told'] = mapping.mount
+    columns = _columns(rows, mapping, meta)
+    table = Table(columns, np.arange(1, len(files) + 1), meta,
+                  names=mapping.names)
+    for i, reason in enumerate(reasons):
+        if reason:
+            table.exclude(np.arange(len(files)) == i, reason)
+    return table
+
+
+def one_image(header, mapping, solve=True):
+    """Row of an image, why it is none (or None), and the keywords that it lacks."""
+    row, missing = {}, []
+    try:
+        row, missing = row_of(header, mapping)
+        lacking = [name for name in mapping.needed if name not in row]
+        if lacking:
+            return row, f'no keyword {", ".join(missing)} for {", ".join(lacking)}', missing
+        if mapping.shift and 'exposure_s' not in row:
+            return row, f'no keyword {", ".join(missing)} for exposure_s', missing
+        if solve:
+            found = solution_of(header, mapping.boresight)._asdict()
+            row.update(found)
+    except NotThere as error:
+        return row, str(error), missing
+    return row, None, missing
+
+
+def refuse_absent(path, absent, headers):
+    """Refuse a mapping whose keyword is in none of the images.
+
+    Raises
+    ------
+    ValueError
+        With the keyword that is closest.
+    """
+    for name, count in absent.items():
+        if headers and count == len(headers):
+            there = [k for k in headers[0][1] if k and k not in ('COMMENT', 'HISTORY')]
+            near = difflib.get_close_matches(name, there, 1, 0.5)
+            said = f'closest: {near[0]}' if near else f'they have {", ".join(there[:40])}'
+            raise ValueError(f'{path}: keyword {name} is in none of {count} images ({said})')
+
+
+def common_site(path, mapping, headers):
+    """The site that all images name; empty if the mapping has none.
+
+    Raises
+    ------
+    ValueError
+        Images of several sites.
+    """
+    first, where = None, None
+    for file, header in headers:
+        try:
+            site = site_of(header, mapping)
+        except NotThere:
+            continue
+        if first is None:
+            first, where = site, file
+        elif any(abs(site[name] - first[name]) > (30.0 if name == 'height_m' else _SITE_APART)
+                 for name in site):
+            raise ValueError(f'{path}: {file.name} is of another site than {where.name}: a run is '
+                             'of one mount')
+    if mapping.site and headers and first is None:
+        raise ValueError(f'{path}: no image has the keywords of the site')
+    return first or {}
+
+
+def one_mount_of(path, files, rows):
+    """Refuse images of several mounts.
+
+    Raises
+    ------
+    ValueError
+    """
+    first = None
+    for file, row in zip(files, rows):
+        mount = row.pop('telescope', None)
+        if mount is None:
+            continue
+        first = first or (mount, file)
+        if mount != first[0]:
+            raise ValueError(f'{path}: {file.name} is of mount {str(mount)[:40]!r}, '
+                             f'{first[1].name} of {str(first[0])[:40]!r}: a run is of one mount; '
+                             'split the folder')
+
+
+def _settle_frame(mapping, rows, reasons, meta):
+    """One frame for all: that of the mapping, else that of most images."""
+    frames = Counter(row['frame'] for row, reason in zip(rows, reasons) if not reason)
+    if mapping.frame is not None:
+        meta['sky_frame'] = mapping.frame
+        others = sum(n for frame, n in frames.items() if frame not in (None, mapping.frame))
+        if others:
+            meta['notes'].append(f'frame {mapping.frame.text} is taken as the mapping says; '
+                                 f'{others} images say another')
+        return
+    if not frames:
+        return
+    usual = frames.most_common(1)[0][0]
+    for i, row in enumerate(rows):
+        if not reasons[i] and row['frame'] != usual:
+            names = [frame.text if frame else 'not said' for frame in (row['frame'], usual)]
+            reasons[i] = f'the frame of its WCS is {names[0]}, of the others {names[1]}'
+    if usual is not None:
+        meta['sky_frame'] = usual
+
+
+def _columns(rows, mapping, meta):
+    """Columns by the names of a `Table`, in the file's units."""
+    names = list(dict.fromkeys(name for row in rows for name in row if name != 'frame'))
+    needed, columns = ('ra_deg', 'dec_deg', *mapping.needed), {}
+    known = {**{column_name(name, mapping.names): name for name in COLUMNS},
+             **{name: name for name in (*needed[:2], 'pier_side')}}
+    for csv_name in [*names, *(n for n in needed if n not in names)]:
+        values = [row.get(csv_name) for row in rows]
+        name = known.get(csv_name)
+        if name is None:
+            name = csv_name if csv_name in ('scale_arcsec_px', 'parity', 'sigma_arcsec') \
+                else own_name(csv_name, names, meta['notes'])
+        if name in _TEXT and any(isinstance(v, str) for v in values):
+            columns[name] = np.array(['' if v is None else str(v) for v in values])
+            continue
+        columns[name] = np.array([np.nan if v is None or isinstance(v, str) else v
+                                  for v in values], float)
+    if 'run' in columns and columns['run'].dtype.kind == 'U':
+        kinds = {text: i for i, text in enumerate(dict.fromkeys(columns['run'].tolist()), 1)}
+        meta['notes'].append('runs are numbered: '
+                             + ', '.join(f'{i} {text!r}' for text, i in kinds.items()))
+        columns['run'] = np.array([kinds[text] for text in columns['run'].tolist()])
+    return columns

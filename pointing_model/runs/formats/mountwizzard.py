@@ -1,0 +1,122 @@
+"""Model files of MountWizzard4: the solved images of a 10micron mount, as JSON."""
+
+import json
+from pathlib import PurePath
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mounts import KINDS
+from pointing_model.runs.plate_solves.frames import ICRS
+
+from .table import NoObservations, Table, parse_iso
+
+#: of each point; siderealTime and raJ2000S in hours, the others in degrees
+_NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
+_PRECESSED = 1.0  # deg, that a declination moves between J2000 and now, at most
+_SITES_APART = 0.1  # deg: the first point of a run may carry a rounded latitude
+
+
+def looks_like_mountwizzard(lines):
+    """Whether this is a JSON list of points with a solution each."""
+    first = next((line.strip() for line in lines if line.strip()), '')
+    return first.startswith('[') and any('"raJ2000S"' in line or '"angularPosRA"' in line
+                                         for line in lines)
+
+
+def read_mountwizzard(path, lines):
+    """MountWizzard4 ``.model``: a list of points, each an image that was solved, or not.
+
+    The readings are ``angularPosRA`` and ``angularPosDEC``, the mechanical angles of the axes
+    (58 points of such a file agree with the mount's hour angle and declination to 0.0006 deg by:
+    east of the pier hour angle, declination - 90; west of it hour angle + 180, 90 - declination;
+    so the second plus 90 is the declination, beyond 90 through the pole). The place is the
+    solution in J2000, the moment that of the mount's sidereal clock.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+        A row a point, numbered from 1; ``meta['row_names']`` has their images.
+
+    Raises
+    ------
+    ValueError
+        No JSON, no list of points, no point with a time, points of several sites.
+    """
+    try:
+        points = json.loads('\n'.join(lines))
+    except (json.JSONDecodeError, RecursionError) as error:
+        where = f', row {error.lineno}' if isinstance(error, json.JSONDecodeError) else ''
+        raise ValueError(f'{path}{where}: no JSON') from None
+    if not isinstance(points, list) or not all(isinstance(point, dict) for point in points):
+        raise ValueError(f'{path} is no list of points of MountWizzard4')
+    if not points:
+        raise NoObservations(f'{path} has no point')
+    numbers = np.arange(1, len(points) + 1)
+    values = {name: np.array([_number(point.get(name)) for point in points])
+              for name in (*_NUMBERS, 'scaleS', 'latitude')}
+    names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
+    meta = {'format': 'mountwizzard4', 'time_note': 'time: of the mount\'s sidereal clock',
+            'notes': [],
+            'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_told': 'german',
+            'clock_tells': True, 'sky_frame': ICRS,
+            'row_names': {int(i): name for i, name in zip(numbers, names) if name}}
+    if not np.isfinite(values['scaleS']).any():
+        del values['scaleS']
+    times = [str(point.get('julianDate') or '').strip() for point in points]
+    reasons = np.zeros(len(points), dtype=object)
+    columns = {
+        'star': np.array(names), 'time': parse_iso(path, numbers, 'julianDate', times, reasons),
+        'ra_deg': 15.0 * values['raJ2000S'], 'dec_deg': _declination(values),
+        'lst_told': 15.0 * values['siderealTime'], 'az_enc': values['angularPosRA'],
+        'el_enc': values['angularPosDEC'] + 90.0}
+    if 'scaleS' in values:
+        columns['scale_arcsec_px'] = values['scaleS']
+    if all(isinstance(point.get('mirroredS'), bool) for point in points):
+        columns['parity'] = np.array([1.0 if point['mirroredS'] else -1.0 for point in points])
+    table = Table(columns, numbers, meta, reasons,
+                  names=KINDS['equatorial'])
+    for i, point in enumerate(points):
+        missing = [name for name in _NUMBERS if not np.isfinite(values[name][i])]
+        if point.get('success') is False:
+            reason = f'not solved ({str(point.get("message") or "no message")[:60]})'
+        elif missing:
+            reason = f'no {", ".join(missing)}'
+        elif not np.isfinite(columns['dec_deg'][i]):
+            reason = 'decJ2000S does not belong to decJNowS'
+        else:
+            continue
+        table.exclude(numbers == i + 1, reason)
+    return table
+
+
+def _number(value):
+    """A JSON number; NaN is what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return np.nan
+    return float(value)
+
+
+def _declination(values):
+    """Degrees; some versions wrote decJ2000S in radians, which those of date tell."""
+    given, now = values['decJ2000S'], values['decJNowS']
+    with np.errstate(invalid='ignore', over='ignore'):
+        ways = [np.where(np.abs(given * unit - now) < _PRECESSED, given * unit, np.nan)
+                for unit in (1.0, 1.0 / DEG)]
+    return max(ways, key=lambda way: np.isfinite(way).sum())
+
+
+def _latitude(path, values):
+    known = values[np.isfinite(values) & (np.abs(values) <= 90.0)]
+    if not known.size:
+        raise ValueError(f'{path}: no point has the latitude of the site')
+    if np.ptp(known) > _SITES_APART:
+        raise ValueError(f'{path}: points of several sites, at latitudes {known.min():.2f} to '
+                         f'{known.max():.2f}: a run is of one mount')
+    return float(np.median(known)) * DEG

@@ -1,0 +1,166 @@
+"""What solutions of images bring beside their places: sigma, scale, copies."""
+
+import numpy as np
+
+from pointing_model.sky.places import icrs_to_observed
+
+_SAME_TIME = 1e-3  # s
+_SAME_READING = 0.02 / 3600.0  # deg
+#: part by which the scale of a solution may differ from the others'
+_SCALE = 0.03
+_LIKE = 0.005  # of scales of one other camera, or binning
+_HOURS = 24.0
+_LARGEST = 1e12
+_SIDEREAL = 239.3447  # s of UT a degree of sidereal time
+_FEW = 8
+SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
+
+
+def are_images(table):
+    """Whether the places are solutions of images: they have a sigma or a scale of their own."""
+    return bool(table.meta.get('solver_sigma') or table.meta.get('of_images'))
+
+
+def take_sigma(table):
+    """`sigma_x`, `sigma_y` (arcsec) of a plate-solved table from its column ``sigma_arcsec``.
+
+    A solution without one gets the median of the others. In place.
+    """
+    columns, notes = table.columns, table.meta['notes']
+    if 'ra_deg' not in columns or SIGMA not in columns:
+        return
+    sigma = columns.pop(SIGMA)
+    if {'sigma_x', 'sigma_y'} & set(columns):
+        notes.append(f'{SIGMA} left out: {table.label("sigma_x")}, {table.label("sigma_y")} are '
+                     'taken')
+        return
+    known = sigma[np.isfinite(sigma) & (sigma > 0.0)]
+    if not known.size:
+        notes.append(f'{SIGMA} left out: no solution has one')
+        return
+    missing = np.isnan(sigma)
+    if missing.any():
+        notes.append(f'{SIGMA} is empty in {missing.sum()} of {len(sigma)} rows: the median of '
+                     f'the others, {np.median(known):.3g}, is taken there')
+    sigma = np.where(missing, np.median(known), sigma)
+    table.exclude(~(sigma > 0.0), f'{SIGMA} is not positive')
+    columns['sigma_x'], columns['sigma_y'] = sigma, sigma.copy()
+    table.meta['solver_sigma'] = True
+
+
+def flag_twice(table):
+    """Leave out the less certain of two solutions of one image: same time, same readings."""
+    columns = table.columns
+    if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
+        return
+    time = columns['time']
+    if 'lst_told' in columns:  # the time is that of the day then
+        time = columns['lst_told'] * _SIDEREAL
+    known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
+    rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
+    order = rows[np.argsort(time[rows], kind='stable')]
+    # of many rows only those with a neighbour in time are looked at one by one
+    beside = np.diff(time[order], prepend=-np.inf, append=np.inf) <= _SAME_TIME
+    order = order[beside[:-1] | beside[1:]]
+    sigma = columns.get('sigma_x', np.zeros(len(time)))
+    kept = order[:1]
+    moved = 0
+    for row in order[1:]:
+        near = [k for k in kept[-8:] if time[row] - time[k] <= _SAME_TIME]
+        apart = [max(abs((columns['az_enc'][row] - columns['az_enc'][k] + 180.0) % 360.0 - 180.0),
+                     abs(columns['el_enc'][row] - columns['el_enc'][k])) for k in near]
+        twin = next((k for k, far in zip(near, apart) if far <= _SAME_READING), None)
+        moved += bool(near) and twin is None
+        if twin is None:
+            kept = np.append(kept[-8:], row)
+            continue
+        worse, better = (row, twin) if sigma[row] >= sigma[twin] else (twin, row)
+        mask = np.zeros(len(time), bool)
+        mask[worse] = True
+        table.exclude(mask, f'a second solution of the image of row {table.lines[better]}')
+        if worse == twin:
+            kept = np.append(kept[kept != twin], row)
+    if moved:
+        table.meta['notes'].append(f'{moved} rows have the time of another row and other readings '
+                                   'of the encoders: one of the two is not of that time')
+
+
+def flag_scales(table):
+    """Leave out solutions whose image scale or parity is not that of the others."""
+    columns, notes = table.columns, table.meta['notes']
+    if 'ra_deg' not in columns:
+        return
+    for name in (SCALE, PARITY):
+        if name not in columns:
+            continue
+        values = columns.pop(name)
+        table.meta['of_images'] = True
+        sound = (table.reasons == 0) & np.isfinite(values)
+        if sound.sum() < 3:
+            continue
+        usual = np.median(values[sound])
+        if name == PARITY:
+            odd = sound & (np.sign(values) != np.sign(usual))
+            said = 'its solution is mirrored, the others are not: a false solve, or a flipped image'
+        else:
+            odd = sound & ~(np.abs(values - usual) <= _SCALE * abs(usual))
+            said = ''
+        if not odd.any():
+            continue
+        if odd.sum() > sound.sum() / 3:
+            notes.append(f'{name} differs in {odd.sum()} of {sound.sum()} solutions: several '
+                         'cameras or binnings? Nothing left out for it')
+            continue
+        if said:
+            table.exclude(odd, said)
+            continue
+        other = np.median(values[odd])
+        if odd.sum() >= 3 and np.all(np.abs(values[odd] - other) <= _LIKE * abs(other)):
+            notes.append(f'{odd.sum()} solutions have a scale of {other:.4g} arcsec a pixel, the '
+                         f'others {usual:.4g}: another camera or binning?')
+            continue
+        for i in np.flatnonzero(odd):
+            mask = np.arange(len(values)) == i
+            flipped = ' (of the other sign)' if values[i] * usual < 0.0 else ''
+            table.exclude(mask, f'the scale of its solution is {values[i]:.4g} arcsec a pixel'
+                          f'{flipped}, of the others {usual:.4g}: a false solve')
+
+
+def refuse_hours(path, ra, dec, time, site):
+    """Refuse right ascensions that are hours: so they are above the horizon, as degrees not.
+
+    Parameters
+    ----------
+    path : Path
+    ra, dec, time : ndarray, shape (n,)
+        ICRS by what the file says, radians; UTC. Finite.
+    site : Site
+
+    Raises
+    ------
+    ValueError
+    """
+    degrees = np.degrees(ra)
+    if len(ra) < _FEW or degrees.min() < 0.0 or degrees.max() > _HOURS:
+        return
+    below = icrs_to_observed(ra, dec, time, site)[1] < 0.0
+    as_hours = icrs_to_observed(15.0 * ra, dec, time, site)[1] < 0.0
+    if below.mean() > 1.0 / 3.0 and as_hours.mean() < 0.1:
+        raise ValueError(
+            f'{path}: ra_deg never exceeds {degrees.max():.3g}, and {below.sum()} of {len(ra)} '
+            f'rows are below the horizon; as hours {as_hours.sum()} are: give degrees')
+
+
+def one_mount(path, lines, name, cells):
+    """Refuse a column that names more than one mount.
+
+    Raises
+    ------
+    ValueError
+        With the first row of another mount.
+    """
+    first = next((cell for cell in cells if cell), '')
+    for line, cell in zip(lines, cells):
+        if cell and cell != first:
+            raise ValueError(f'{path}, row {line}, column {name}: {cell[:40]!r}, but the rows '
+                             f'before are of {first[:40]!r}: a run is of one mount; split the file')

@@ -1,0 +1,98 @@
+"""Pointing runs of the telescope control system of the UNAM: COATLI, DDOTI, RATIR."""
+
+import re
+
+import numpy as np
+
+from pointing_model.mounts import KINDS
+from pointing_model.runs.plate_solves.frames import ICRS
+
+from .table import (
+    Table,
+    content,
+    cost_rows,
+    floats,
+    is_number,
+    parse_iso,
+    same_width,
+    usual_width,
+)
+
+#: a name holds a time stamp, to the second or finer
+_NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
+_COLUMNS = ('name', 'requested ra', 'requested dec', 'observed ra', 'observed dec', 'mount ha',
+            'mount ra', 'mount dec', 'rotation', 'solved ra', 'solved dec', 'equinox')
+_WIDTHS = (len(_COLUMNS), len(_COLUMNS) - 1)  # some logs have no equinox
+
+
+def looks_like_unam(lines):
+    """Whether the first row is a name that holds a time stamp, and so many numbers."""
+    return _is_row(next((line for _, line in content(lines)), '').split())
+
+
+def _is_row(cells):
+    return (len(cells) in _WIDTHS and _NAME.fullmatch(cells[0]) is not None
+            and all(map(is_number, cells[1:])))
+
+
+def read_unam(path, lines):
+    """Solved images with the angles of a German mount, and the side of the pier.
+
+    The catalogue is the solved place (J2000), the reading hour angle and declination of the mount;
+    rotation 180 is the side through the pole. The stamp in the name has whole seconds, so the
+    moment is told by the sidereal time, which is hour angle plus right ascension of the mount.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    ValueError
+        A row of another length, a cell that is no number.
+    """
+    body = content(lines)
+    numbers = np.array([number for number, _ in body])
+    cells = [line.split() for _, line in body]
+    names, reasons = _COLUMNS[:usual_width(body)], np.zeros(len(body), dtype=object)
+    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} in most rows', reasons)
+    stamps = [_NAME.fullmatch(row[0]) for row in cells]
+    cost_rows(path, numbers, 'name', [row[0] for row in cells], {
+        i: 'does not hold a time stamp such as 20211103T044721'
+        for i, (stamp, row) in enumerate(zip(stamps, cells)) if not stamp and row[0]}, reasons)
+    value = {name: floats(path, numbers, name, [row[i] for row in cells], reasons)
+             for i, name in enumerate(names) if i >= 5}
+    times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) if match else '' for match in stamps]
+    beyond = value['rotation'] == 180.0
+    columns = {
+        'ra_deg': value['solved ra'], 'dec_deg': value['solved dec'],
+        'time': parse_iso(path, numbers, 'name', times, reasons),
+        'lst_told': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
+        'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
+        'pier_side': np.where(beyond, -1, 1)}
+    meta = {'format': 'unam', 'mount_told': 'german', 'sky_frame': ICRS, 'notes': [
+        'places are the solved ones, readings hour angle and declination of the mount; rotation '
+        '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
+    if 'equinox' not in value:
+        meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
+    table = Table(columns, numbers, meta, reasons,
+                  commented=_commented(lines), names=KINDS['equatorial'])
+    for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
+                                 ('equinox', (2000.0,), '2000')):
+        for i in np.flatnonzero(~np.isin(value.get(name, allowed[0]), allowed)):
+            table.exclude(np.arange(len(cells)) == i, f'{name}: {value[name][i]:g} is not {words}')
+    return table
+
+
+def _commented(lines):
+    """Numbers of the rows that were taken back by a # before them."""
+    rows = ((number, line.lstrip().removeprefix('#').split())
+            for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
+    return [number for number, row in rows
+            if _is_row(row)]

@@ -1,0 +1,127 @@
+"""In which frame right ascensions and declinations are given, and what they are in the ICRS."""
+
+import re
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+
+from pointing_model.sky.earth import terrestrial
+
+#: what a frame may be called, for messages
+KNOWN = 'ICRS, J2000, J<year> (mean of that equinox), mean of date, of date (apparent), B1950'
+_NAMES = {
+    'icrs': ('icrs', None), 'j2000': ('icrs', None), 'fk5': ('icrs', None),
+    'fk5 j2000': ('icrs', None), 'of date': ('apparent', None), 'apparent': ('apparent', None),
+    'apparent of date': ('apparent', None), 'jnow': ('apparent', None),
+    'mean of date': ('mean', None), 'fk4': ('fk4', None), 'b1950': ('fk4', None),
+    'fk4 b1950': ('fk4', None)}
+_EQUINOX = re.compile(r'(?:fk[45] +)?([jb]?)(\d{3,5}(?:\.\d*)?)')
+_YEARS = (1900.0, 2100.0)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame of right ascension and declination.
+
+    Parameters
+    ----------
+    kind : {'icrs', 'mean', 'apparent', 'fk4'}
+        ICRS (J2000 too: they differ by 0.02", and what solvers call J2000 is the ICRS of their
+        catalogue); mean equator and equinox; true equator and equinox of date with annual
+        aberration (geocentric apparent place); FK4, equinox B1950.
+    equinox : float, optional
+        Julian year of 'mean'; None: that of each time.
+    """
+
+    kind: str
+    equinox: float | None = None
+
+    @property
+    def text(self):
+        """As people, and the header of a file, say it."""
+        if self.kind == 'mean':
+            return 'mean of date' if self.equinox is None else f'J{self.equinox:g}'
+        return {'icrs': 'ICRS', 'apparent': 'of date', 'fk4': 'B1950'}[self.kind]
+
+
+ICRS = Frame('icrs')
+MEAN_OF_DATE, OF_DATE, B1950 = Frame('mean'), Frame('apparent'), Frame('fk4')
+
+
+def parse_frame(text):
+    """The frame of a name, or of an equinox.
+
+    Parameters
+    ----------
+    text : str or float
+        One of `KNOWN`, in any case; a bare year is that Julian equinox, 1950 the Besselian one.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    ValueError
+        No such frame, or an equinox outside 1900 to 2100.
+    """
+    name = ' '.join(str(text).split()).lower()
+    if name in _NAMES:
+        return Frame(*_NAMES[name])
+    found = _EQUINOX.fullmatch(name)
+    if not found:
+        raise ValueError(f'frame {str(text)[:40]!r} is unknown; known are {KNOWN}')
+    letter, year = found[1], float(found[2])
+    if letter == 'b' or (not letter and year == 1950.0) or name.startswith('fk4'):
+        if year != 1950.0:
+            raise ValueError(f'equinox {str(text)[:40]!r}: of Besselian ones only B1950 is read')
+        return B1950
+    if not _YEARS[0] <= year <= _YEARS[1]:
+        raise ValueError(f'equinox {str(text)[:40]!r} is outside 1900 to 2100')
+    return ICRS if year == 2000.0 else Frame('mean', year)
+
+
+def to_icrs(ra, dec, frame, time):
+    """Directions of a frame in the ICRS.
+
+    Parameters
+    ----------
+    ra, dec : ndarray, shape (n,)
+        In the frame, radians.
+    frame : Frame
+    time : ndarray, shape (n,)
+        UTC, seconds since 1970: the date of a frame of date, and the epoch of FK4 places.
+
+    Returns
+    -------
+    ra, dec : ndarray, shape (n,)
+        ICRS, radians; FK4 and mean places through FK5 (IAU 2006), good to some 0.02".
+
+    Raises
+    ------
+    ValueError
+        A time outside 1900 to 2100.
+    """
+    ra, dec, time = (np.asarray(v, float) for v in (ra, dec, time))
+    if frame.kind == 'icrs':
+        return ra, dec
+    moments = terrestrial(time)
+    if frame.kind == 'apparent':
+        # apparent right ascension counts from the equinox, CIRS' from the intermediate origin
+        origins = erfa.ufunc.eo06a(*moments)
+        ra, dec, _ = erfa.ufunc.atic13(ra + origins, dec, *moments)
+        return np.mod(ra, 2.0 * np.pi), dec
+    if frame.kind == 'fk4':
+        ra, dec = erfa.ufunc.fk45z(ra, dec, erfa.ufunc.epb(*moments))
+        return np.mod(ra, 2.0 * np.pi), dec
+    if frame.equinox is not None:
+        moments = erfa.ufunc.epj2jd(frame.equinox)
+    turned = np.linalg.matrix_transpose(erfa.ufunc.pmat06(*moments)) @ _vector(ra, dec)
+    x, y, z = np.moveaxis(turned[..., 0], -1, 0)
+    return np.mod(np.arctan2(y, x), 2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
+
+
+def _vector(ra, dec):
+    return np.stack((np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)),
+                    axis=-1)[..., np.newaxis]

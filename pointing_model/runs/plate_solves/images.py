@@ -1,0 +1,283 @@
+"""What one image says: the keywords of its mount, and its solution (WCS)."""
+
+import re
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from .contradictions import WCS, NotThere, readings, refuse_twice, without
+from .frames import Frame, parse_frame
+
+_SEXAGESIMAL = re.compile(r'([+-]?)(\d+)[: ](\d+)[: ](\d+(?:\.\d*)?)')
+_DAY = 86400.0
+_MJD_1970, _JD_1970 = 40587.0, 2440587.5
+_SAME_PIXEL = 0.1  # of two descriptions that a header may hold
+_TEXT = ('star', 'telescope', 'pier_side', 'block', 'run')
+
+
+class Solution(NamedTuple):
+    """Of an image.
+
+    Attributes
+    ----------
+    ra_deg, dec_deg : float
+        Of the boresight, degrees, in `frame`.
+    scale_arcsec_px : float
+        Root of the area of a pixel.
+    parity : int
+        Sign of the determinant of pixel to sky: -1 as the eye sees the sky, 1 mirrored.
+    frame : Frame or None
+        None: the header does not say.
+    """
+
+    ra_deg: float
+    dec_deg: float
+    scale_arcsec_px: float
+    parity: int
+    frame: Frame | None
+
+
+def astropy_fits():
+    """The modules ``astropy.io.fits`` and ``astropy.wcs``.
+
+    Raises
+    ------
+    ValueError
+        astropy is not installed.
+    """
+    try:
+        from astropy import wcs
+        from astropy.io import fits
+    except ImportError:
+        raise ValueError('FITS images need the package astropy, which is not installed: '
+                         './install.sh ros,images, or pip install astropy') from None
+    return fits, wcs
+
+
+def read_header(path):
+    """Header of the image in a FITS file, with the keywords of its primary header.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    astropy.io.fits.Header
+
+    Raises
+    ------
+    NotThere
+        Not a FITS file.
+    ValueError
+        astropy is not installed.
+    """
+    fits, _ = astropy_fits()
+    try:
+        with warnings.catch_warnings(), fits.open(path, memmap=False, lazy_load_hdus=True) as hdus:
+            warnings.simplefilter('ignore')
+            first = hdus[0].header.copy()
+            if first.get('NAXIS', 0) >= 2 or 'CTYPE1' in first:
+                return first
+            for hdu in hdus:
+                if hdu.header.get('NAXIS', 0) >= 2 or 'CTYPE1' in hdu.header:
+                    header = hdu.header.copy()
+                    # of one solution, not a part of each
+                    header.extend(without(first, WCS) if 'CTYPE1' in header else first,
+                                  unique=True, strip=True)
+                    return header
+            return first
+    except (OSError, TypeError, ValueError, IndexError) as error:
+        raise NotThere(f'not a FITS image ({" ".join(str(error).split())[:60]})') from None
+
+
+def solution_of(header, boresight=None):
+    """Where the boresight of an image is, by the WCS in its header.
+
+    Parameters
+    ----------
+    header : astropy.io.fits.Header
+    boresight : tuple of float, optional
+        Pixel, the first is 1; by default the middle of the image.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    NotThere
+        No WCS, one that cannot be read, contradicts itself or is not in right ascension and
+        declination, or an equinox that is none.
+    """
+    kinds = [str(header.get(f'CTYPE{i}', '')).upper() for i in (1, 2)]
+    if not all(kinds):
+        raise NotThere('no WCS: it is not solved')
+    if {kind[:4].rstrip('-') for kind in kinds} != {'RA', 'DEC'}:
+        raise NotThere(f'its WCS is {kinds[0][:8]}, {kinds[1][:8]}, not of right ascension and '
+                       'declination')
+    width, height = (header.get(f'NAXIS{i}', header.get(f'IMAGE{c}'))
+                     for i, c in ((1, 'W'), (2, 'H')))
+    if boresight is None and not (width and height):
+        raise NotThere('no size of the image')
+    pixel = boresight or (0.5 * (width + 1), 0.5 * (height + 1))
+    frame = frame_of(header)
+    headers, said = readings(header)
+    place, matrix = _solved(headers[0], pixel)
+    area = np.linalg.det(matrix) if np.isfinite(matrix).all() else 0.0
+    if not np.isfinite(place).all() or area == 0.0:
+        raise NotThere('its WCS gives no place')
+    for other in headers[1:]:
+        away = _solved(other, pixel)[0] - place
+        away[0] = (away[0] + 180.0) % 360.0 - 180.0
+        away[0] *= np.cos(np.radians(place[1]))
+        if not np.hypot(*away) <= _SAME_PIXEL * np.sqrt(abs(area)):
+            raise NotThere(f'its WCS has {said}: which counts is not known')
+    return Solution(float(place[0]) % 360.0, float(place[1]), 3600.0 * float(np.sqrt(abs(area))),
+                    int(np.sign(area)), frame)
+
+
+def _solved(header, pixel):
+    """Right ascension and declination of a pixel (degrees), and the matrix of pixel to sky."""
+    _, wcs = astropy_fits()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')
+            found = wcs.WCS(header, naxis=2)
+            axes = [found.wcs.lng, found.wcs.lat]
+            place = found.all_pix2world([pixel], 1)[0][axes]
+            matrix = np.asarray(found.pixel_scale_matrix, float)[axes]
+    except Exception as error:  # wcslib has errors of its own kinds
+        raise NotThere(f'its WCS cannot be read ({" ".join(str(error).split())[:60]})') from None
+    return place, matrix
+
+
+def frame_of(header):
+    """Frame of a WCS, by RADESYS and EQUINOX (FITS standard 4.0, section 8.3); None: not said.
+
+    Raises
+    ------
+    NotThere
+        It is none that is known.
+    """
+    system = str(header.get('RADESYS', header.get('RADECSYS', ''))).strip().upper()
+    equinox = header.get('EQUINOX', header.get('EPOCH'))
+    try:
+        if equinox is not None and not isinstance(equinox, str):
+            equinox = f'{float(equinox):.10g}'
+        if system == 'GAPPT':
+            return parse_frame('of date')
+        if not system:
+            return None if equinox is None else parse_frame(
+                f'FK4 {equinox}' if _is_old(equinox) else equinox)
+        if system in ('FK5', 'FK4') and equinox is not None:
+            return parse_frame(f'{system} {str(equinox).strip()}')
+        return parse_frame(system)
+    except ValueError as error:
+        raise NotThere(f'{error} (RADESYS {system or "not there"}, EQUINOX {equinox})') from None
+
+
+def _is_old(equinox):
+    try:
+        return float(equinox) < 1984.0
+    except ValueError:
+        return False
+
+
+def row_of(header, mapping):
+    """Columns of an image by the keywords of its mount.
+
+    Parameters
+    ----------
+    header : astropy.io.fits.Header
+    mapping : Mapping
+
+    Returns
+    -------
+    row : dict of str to float or str
+        Time in seconds since 1970, UTC, when the encoders were read; keywords that are not
+        there are left out.
+    missing : list of str
+        Names of keywords that the image lacks.
+
+    Raises
+    ------
+    NotThere
+        A value is no number or no time, or the time is not UTC.
+    """
+    row, missing = {}, []
+    for name, keyword in mapping.columns.items():
+        lacking = [k for k in keyword.names if header.get(k) is None or header[k] == '']
+        if lacking:
+            missing += lacking
+            continue
+        refuse_twice(header, keyword.names)
+        row[name] = _value(header, name, keyword)
+    if mapping.shift and 'time' in row and 'exposure_s' in row:
+        row['time'] += mapping.shift * row['exposure_s']
+    return row, missing
+
+
+def site_of(header, mapping):
+    """Site of an image, by the names of `mapping.SITE`, degrees and metres.
+
+    Raises
+    ------
+    NotThere
+        A keyword is missing, or no number.
+    """
+    out = {}
+    for name, keyword in mapping.site.items():
+        if any(header.get(k) is None for k in keyword.names):
+            raise NotThere(f'no keyword {", ".join(keyword.names)} for the {name} of the site')
+        refuse_twice(header, keyword.names)
+        out[name] = _value(header, name, keyword)
+    return out
+
+
+def _value(header, name, keyword):
+    if keyword.constant is not None:
+        return keyword.constant
+    values = [header[k] for k in keyword.names]
+    if name == 'time':
+        return _time(header, keyword.names, values)
+    value = values[0]
+    if name in _TEXT and isinstance(value, str):
+        return value.strip()
+    return keyword.scale * _number(keyword.names[0], value) + keyword.offset
+
+
+def _number(name, value):
+    if isinstance(value, bool):
+        raise NotThere(f'{name} is {value}, not a number')
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        pass
+    found = _SEXAGESIMAL.fullmatch(str(value).strip())
+    if not found:
+        raise NotThere(f'{name} is {str(value)[:30]!r}, not a number')
+    degrees = float(found[2]) + float(found[3]) / 60.0 + float(found[4]) / 3600.0
+    return -degrees if found[1] == '-' else degrees
+
+
+def _time(header, names, values):
+    from pointing_model.runs.formats.table import YEAR_1900, YEAR_2100, parse_iso
+    system = str(header.get('TIMESYS', 'UTC')).strip().upper()
+    if system not in ('', 'UTC', 'UT'):
+        raise NotThere(f'TIMESYS is {system[:20]}, not UTC')
+    if isinstance(values[0], int | float) and not isinstance(values[0], bool):
+        value = float(values[0])
+        if names[0].startswith('MJD'):
+            value = (value - _MJD_1970) * _DAY
+        elif names[0].startswith('JD'):
+            value = (value - _JD_1970) * _DAY
+        if not YEAR_1900 <= value <= YEAR_2100:
+            raise NotThere(f'{names[0]} {values[0]:g} is no time from 1900 to 2100')
+        return value
+    text = 'T'.join(str(value).strip() for value in values)
+    try:
+        return float(parse_iso('', [0], '', [text])[0])
+    except ValueError:
+        raise NotThere(f'{" ".join(names)} {text[:40]!r} is no time in ISO 8601') from None

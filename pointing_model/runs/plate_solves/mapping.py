@@ -1,0 +1,242 @@
+"""Which keywords of an image are what: the small YAML beside a folder of images."""
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from pointing_model.mount_names import KINDS, Names
+from pointing_model.mounts import ALTAZ
+from pointing_model.runs.run import COLUMNS, column_name
+
+from .frames import Frame, parse_frame
+
+#: moments of an exposure, as parts of it
+MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
+SITE = ('latitude_deg', 'longitude_deg', 'height_m')
+_KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'boresight')
+#: names of columns with a meaning that `keywords` may give
+OTHERS = ('exposure_s', 'sigma_arcsec', 'telescope', 'pier_side')
+_PLACES = ('az_deg', 'el_deg', 'ra_deg', 'dec_deg', 'ha_deg', 'scale_arcsec_px', 'parity')
+PATTERNS = ('*.fits', '*.fit', '*.fts', '*.fits.gz', '*.fits.fz')
+
+
+@dataclass(frozen=True)
+class Keyword:
+    """A column of a run from an image: ``scale`` times the keyword (or keywords) plus ``offset``.
+
+    `constant` takes the place of the keyword where it is not None.
+    """
+
+    names: tuple = ()
+    scale: float = 1.0
+    offset: float = 0.0
+    constant: float | str | None = None
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """What a mount's images say, and where.
+
+    Attributes
+    ----------
+    path : Path
+        The YAML file.
+    patterns : tuple of str
+        Of the images, beside it.
+    columns : dict of str to Keyword
+        By the names of columns in a CSV file.
+    site : dict of str to Keyword
+        By the names of `SITE`.
+    shift : float
+        Part of the exposure from the moment that the time names to that at which the encoders
+        were read.
+    names : mounts.Names
+        Of the axes whose readings are given.
+    mount : str or None
+        As `mounts.parse_mount` takes it.
+    frame : Frame or None
+        In place of what the images say.
+    boresight : tuple of float, or None
+        Pixel that the mount points (FITS: the first is 1); None: the middle of the image.
+    """
+
+    path: Path
+    patterns: tuple
+    columns: dict
+    site: dict
+    shift: float
+    names: Names = ALTAZ.names
+    mount: str | None = None
+    frame: Frame | None = None
+    boresight: tuple | None = None
+
+    @property
+    def needed(self):
+        """Columns that an image must have."""
+        return ('time', *_readings(self.names))
+
+    def images(self, folder=None):
+        """Files of the images, sorted by name.
+
+        Raises
+        ------
+        ValueError
+            There is none.
+        """
+        folder = Path(folder) if folder is not None else self.path.parent
+        found = sorted({file for pattern in self.patterns for file in folder.glob(pattern)
+                        if file.is_file()})
+        if not found:
+            raise ValueError(f'{folder} has no image {", ".join(self.patterns)}')
+        return found
+
+
+def looks_like_mapping(path):
+    """Whether a file is such a YAML, by its name."""
+    return Path(path).suffix.lower() in ('.yaml', '.yml')
+
+
+def load_mapping(path):
+    """Read the YAML file of a mount's images.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Mapping
+
+    Raises
+    ------
+    ValueError
+        Not YAML, an unknown key, a keyword that is none, or a moment that is not said.
+    OSError
+        It cannot be read.
+    """
+    path = Path(path)
+    try:
+        told = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        line = getattr(getattr(error, 'problem_mark', None), 'line', None)
+        raise ValueError(f'{path}{"" if line is None else f", line {line + 1}"}: not a YAML '
+                         'file') from None
+    if not isinstance(told, dict) or not isinstance(told.get('keywords'), dict):
+        raise ValueError(f'{path}: no section "keywords:" with the keywords of a mount\'s images')
+    _known(path, told, _KEYS, '')
+    columns = {name: _keyword(path, f'keywords: {name}', value)
+               for name, value in told['keywords'].items()}
+    names = next((kind for kind in KINDS.values() if _readings(kind)[0] in columns), ALTAZ.names)
+    known = (*(column_name(name, names) for name in COLUMNS), *OTHERS)
+    for name in columns:
+        if not isinstance(name, str) or not name:
+            raise ValueError(f'{path}, keywords: {name!r} is not the name of a column')
+        if name in _PLACES:
+            raise ValueError(f'{path}, keywords: {name} comes from the solution of the image')
+        near = difflib.get_close_matches(name, known, 1, 0.85)
+        if name not in known and near:
+            raise ValueError(f'{path}, keywords: column {name!r} is unknown; did you mean '
+                             f'{near[0]}?')
+    needed = ('time', *_readings(names))
+    missing = [name for name in needed if name not in columns]
+    if missing:
+        near = difflib.get_close_matches(missing[0], [
+            str(name) for name in columns if name not in needed], 1)
+        raise ValueError(f'{path}, keywords: no keyword for {", ".join(missing)}'
+                         + (f' (closest: {near[0]})' if near else ''))
+    patterns = told.get('images', PATTERNS)
+    patterns = (patterns,) if isinstance(patterns, str) else tuple(patterns or ())
+    if not patterns or not all(isinstance(p, str) and p and not Path(p).is_absolute()
+                               for p in patterns):
+        raise ValueError(f'{path}, images: not a pattern of file names beside it')
+    return Mapping(path, patterns, columns, _site(path, told.get('site')),
+                   _shift(path, told, columns), names, _mount(path, told.get('mount')),
+                   _frame(path, told.get('frame')),
+                   _boresight(path, told.get('boresight')))
+
+
+def _known(path, given, names, where):
+    for key in given:
+        if key not in names:
+            near = difflib.get_close_matches(str(key), names, 1, 0.6)
+            hint = f'did you mean {near[0]}?' if near else f'known are {", ".join(names)}'
+            raise ValueError(f'{path}{where}: unknown key {str(key)[:40]!r}; {hint}')
+
+
+def _keyword(path, where, value):
+    """A keyword, a number, a list of keywords (date, time), or a dict with keyword and scale."""
+    if isinstance(value, bool) or value is None:
+        raise ValueError(f'{path}, {where}: {value!r} is neither a keyword nor a number')
+    if isinstance(value, int | float):
+        return Keyword(constant=float(value))
+    if isinstance(value, str):
+        return Keyword((value.upper(),))
+    if isinstance(value, list) and value and all(isinstance(v, str) for v in value):
+        return Keyword(tuple(v.upper() for v in value))
+    if isinstance(value, dict) and isinstance(value.get('keyword'), str):
+        _known(path, value, ('keyword', 'scale', 'offset'), f', {where}')
+        try:
+            return Keyword((value['keyword'].upper(),), float(value.get('scale', 1.0)),
+                           float(value.get('offset', 0.0)))
+        except (TypeError, ValueError):
+            pass
+    raise ValueError(f'{path}, {where}: {str(value)[:40]!r} is neither a keyword, a number, nor '
+                     '{keyword: ..., scale: ..., offset: ...}')
+
+
+def _site(path, given):
+    if given is None:
+        return {}
+    if not isinstance(given, dict):
+        raise ValueError(f'{path}: site needs latitude_deg and longitude_deg')
+    _known(path, given, SITE, ', site')
+    return {name: _keyword(path, f'site: {name}', value) for name, value in given.items()}
+
+
+def _shift(path, told, columns):
+    """From the time's moment to the encoders', as a part of the exposure."""
+    moments = []
+    for key in ('time_is', 'encoders_at'):
+        value = told.get(key)
+        if value not in MOMENTS:
+            said = 'is not said' if value is None else f'{str(value)[:40]!r} is unknown'
+            raise ValueError(f'{path}: {key} {said}: start, middle or end of the exposure')
+        moments.append(MOMENTS[value])
+    shift = moments[1] - moments[0]
+    if shift and 'exposure_s' not in columns:
+        raise ValueError(f'{path}, keywords: no keyword for exposure_s, and the time is of the '
+                         f'{told["time_is"]} while the encoders are read at the '
+                         f'{told["encoders_at"]}')
+    return shift
+
+
+def _readings(names):
+    """Columns of both encoders."""
+    return tuple(column_name(f'{axis}_enc', names) for axis in ('az', 'el'))
+
+
+def _mount(path, given):
+    if given is not None and not isinstance(given, str):
+        raise ValueError(f'{path}: mount {str(given)[:40]!r} is none: altaz, equatorial, german or '
+                         'free:AZ,EL (keywords: telescope is for a name)')
+    return given
+
+
+def _frame(path, given):
+    if given is None:
+        return None
+    try:
+        return parse_frame(given)
+    except ValueError as error:
+        raise ValueError(f'{path}: {error}') from None
+
+
+def _boresight(path, given):
+    if given is None:
+        return None
+    if (not isinstance(given, list) or len(given) != 2
+            or not all(isinstance(v, int | float) and abs(v) < 1e6 for v in given)):
+        raise ValueError(f'{path}: boresight is not a pixel [x, y]')
+    return float(given[0]), float(given[1])

@@ -1,0 +1,44 @@
+"""Site and weather as parameters of a node."""
+
+from msg_tools.node import Param
+from msg_tools.units import DEG
+
+from ..mounts import parse_mount
+from .places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
+
+KIND_OF_MOUNT = Param(
+    'mount', 'altaz', 'kind of mount: altaz, equatorial, german, or free:AZ,EL[,ROLL], where its '
+    'first axis points [deg]', check=lambda text: parse_mount(text, 0.0), fixed=True)
+
+#: in the order of the fields of `Site` and `Weather`
+SKY_PARAMS = (
+    Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'geodetic latitude of the site [deg]',
+          -90.0, 90.0),
+    Param('longitude_deg', DEFAULT_SITE.longitude / DEG,
+          'longitude of the site, east positive [deg]', -180.0, 360.0),
+    Param('height_m', DEFAULT_SITE.height, 'height above the ellipsoid [m]', -500.0, 9000.0),
+    Param('pressure_hpa', DEFAULT_WEATHER.pressure_hpa,
+          'air pressure at the site, 0 for no refraction [hPa]', 0.0, 1100.0),
+    Param('temperature_c', DEFAULT_WEATHER.temperature_c, 'air temperature at the site [Celsius]',
+          -90.0, 60.0),
+    Param('humidity', DEFAULT_WEATHER.humidity, 'relative humidity at the site [1]', 0.0, 1.0),
+    Param('wavelength_um', DEFAULT_WEATHER.wavelength_um,
+          'effective wavelength of the camera [um]', 0.2, 1000.0),
+)
+
+
+def mount_of(node):
+    """The `Mount` from the parameters of `node`, at its site."""
+    return parse_mount(node.value(KIND_OF_MOUNT.name), node.value('latitude_deg') * DEG)
+
+
+def sky_of(node):
+    """Site and weather from the parameters of `node`.
+
+    Returns
+    -------
+    site : Site
+    weather : Weather
+    """
+    latitude, longitude, height, *weather = (node.value(param.name) for param in SKY_PARAMS)
+    return Site(latitude * DEG, longitude * DEG, height), Weather(*weather)

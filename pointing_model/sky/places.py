@@ -1,0 +1,271 @@
+"""Where a star is seen: observed azimuth and elevation by ERFA.
+
+IAU 2006/2000A precession-nutation (to 0.0005": `nutation`), light deflection by the Sun, annual and
+diurnal aberration, parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything
+that depends on the time alone is kept for two hours (`sky_frame`), then each star costs less than a
+microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import erfa
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+
+from .earth import terrestrial
+from .frame import frame
+
+_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the mount stands.
+
+    Parameters
+    ----------
+    latitude, longitude : float
+        Geodetic (WGS84), radians, north and east positive.
+    height : float
+        Above the ellipsoid, metres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    latitude: float = 34.3 * DEG
+    longitude: float = 109.0 * DEG
+    height: float = 500.0
+
+    def __post_init__(self):
+        _within('latitude', self.latitude / DEG, -90.0, 90.0, 'degrees')
+        _within('longitude', self.longitude / DEG, -360.0, 360.0, 'degrees')
+        _within('height', self.height, -500.0, 10000.0, 'm')
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air at the mount, for the refraction; each a number or one for each observation.
+
+    Parameters
+    ----------
+    pressure_hpa : float or ndarray
+        Pressure at the mount, not reduced to sea level; 0 means no refraction.
+    temperature_c : float or ndarray
+        Degrees Celsius.
+    humidity : float or ndarray
+        Relative, 0 to 1.
+    wavelength_um : float
+        Micrometres.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+
+    pressure_hpa: float = 955.0
+    temperature_c: float = 10.0
+    humidity: float = 0.5
+    wavelength_um: float = 0.55
+
+    def __post_init__(self):
+        _within('pressure', self.pressure_hpa, 0.0, 1200.0, 'hPa')
+        _within('temperature', self.temperature_c, -90.0, 60.0, 'degrees Celsius')
+        _within('humidity', self.humidity, 0.0, 1.0, '(a fraction)')
+        _within('wavelength', self.wavelength_um, 0.2, 1e6, 'micrometres')
+
+
+def _within(name, value, low, high, unit):
+    value = np.asarray(value, float)
+    bad = ~((value >= low) & (value <= high))
+    if np.any(bad):
+        raise ValueError(f'{name} {value[bad].flat[0]:g} is outside {low:g} to {high:g} {unit}')
+
+
+DEFAULT_SITE = Site()
+DEFAULT_WEATHER = Weather()
+
+
+def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed place of catalogue stars.
+
+    Parameters
+    ----------
+    stars : Stars
+        n of them.
+    time : float or ndarray
+        UTC, seconds since 1970-01-01: one time, one for each star, or many for a single star.
+    site : Site
+    weather : Weather
+        ``pressure_hpa=0`` for the direction without refraction.
+
+    Returns
+    -------
+    az, el : ndarray, shape (n,)
+        Radians; azimuth from north through east, in [0, 2 pi). ERFA's refraction is good above
+        some 5 degrees and meaningless below the horizon.
+
+    Raises
+    ------
+    ValueError
+        A time is outside 1900-2100, or the number of times does not fit.
+    """
+    astrom = _frame(time, site, len(stars))
+    return _observe(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)
+
+
+def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed place of ICRS directions at infinity, without proper motion.
+
+    Parameters
+    ----------
+    ra, dec : float or ndarray
+        ICRS, radians.
+    time, site, weather
+        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+
+    Returns
+    -------
+    az, el : float or ndarray
+        Radians.
+    """
+    return observed_directions(ra, dec, time, site, weather)[:2]
+
+
+class Observed(NamedTuple):
+    """An observed direction, refracted, in both pairs of axes of an ideal mount; radians.
+
+    Attributes
+    ----------
+    az, el : float or ndarray
+        Azimuth from north through east, in [0, 2 pi), and elevation.
+    ha, dec : float or ndarray
+        The same direction about the pole of the site's latitude: hour angle, west positive, in
+        (-pi, pi], and declination.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    ha: np.ndarray
+    dec: np.ndarray
+
+
+def observed_directions(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """Observed directions of ICRS places at infinity, for mounts with any axes.
+
+    Parameters
+    ----------
+    ra, dec : float or ndarray
+        ICRS, radians.
+    time, site, weather
+        As for `observed_place`; `ra`, `dec` and `time` broadcast.
+
+    Returns
+    -------
+    Observed
+    """
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    astrom = _frame(time, site, None if ra.ndim == 0 else ra.size)
+    return _directions(erfa.ufunc.atciq(ra, dec, 0.0, 0.0, 0.0, 0.0, astrom), astrom, weather)
+
+
+def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
+    """ICRS direction that is observed at a place: the inverse of `icrs_to_observed`.
+
+    Parameters
+    ----------
+    az, el : float or ndarray
+        Observed azimuth and elevation, radians.
+    time, site, weather
+        As for `observed_place`; `az`, `el` and `time` broadcast.
+
+    Returns
+    -------
+    ra, dec : float or ndarray
+        ICRS, radians, of an object at infinity; to 0.003" above 15 degrees (ERFA's inverse
+        refraction).
+    """
+    az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+    astrom = _in_air(_frame(time, site, None if az.ndim == 0 else az.size), weather)
+    cirs = erfa.ufunc.atoiq(b'A', az, np.pi / 2.0 - el, astrom)
+    return erfa.ufunc.aticq(*cirs, astrom)
+
+
+def sidereal_time(time, site=DEFAULT_SITE):
+    """Local apparent sidereal time, radians in [0, 2 pi).
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    site : Site
+    """
+    time = np.asarray(time, float)
+    return np.mod(_frame(time, site, None)['eral'] - _equation_of_origins(time), 2.0 * np.pi)
+
+
+def moment_of(lst, near, site=DEFAULT_SITE):
+    """The moment nearest to another at which a sidereal clock shows a time.
+
+    Parameters
+    ----------
+    lst : ndarray, shape (n,)
+        Local apparent sidereal time, radians.
+    near : ndarray, shape (n,), or float
+        UTC, seconds since 1970-01-01.
+    site : Site
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    """
+    time = np.broadcast_to(np.asarray(near, float), np.shape(lst)).copy()
+    for _ in range(3):  # each leaves what the equation of the equinoxes does in between
+        time += wrap(lst - sidereal_time(time, site)) / _SIDEREAL
+    return time
+
+
+def _equation_of_origins(time):
+    return erfa.ufunc.eo06a(*terrestrial(time))
+
+
+def _frame(time, site, count):
+    """ERFA's astrom for each time; with no refraction."""
+    time = np.asarray(time, float)
+    if time.ndim > 1 or (time.ndim == 1 and count not in (None, 1) and time.size != count):
+        raise ValueError(f'{time.size} times for {count} stars: give one time, or one for each')
+    return frame(time, site)
+
+
+@lru_cache(maxsize=256)
+def _constants(pressure, temperature, humidity, wavelength):
+    return erfa.ufunc.refco(pressure, temperature, humidity, wavelength)
+
+
+def _in_air(astrom, weather):
+    """With the refraction; `astrom` itself where its shape is that of the weather."""
+    air = (weather.pressure_hpa, weather.temperature_c, weather.humidity, weather.wavelength_um)
+    if all(isinstance(value, (float, int)) for value in air):
+        refa, refb = _constants(*air)
+    else:
+        refa, refb = erfa.ufunc.refco(*air)
+        if np.ndim(refa) > astrom.ndim:
+            astrom = np.broadcast_to(astrom, np.shape(refa)).copy()
+    astrom['refa'], astrom['refb'] = refa, refb
+    return astrom
+
+
+def _directions(cirs, astrom, weather):
+    az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, _in_air(astrom, weather))
+    return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)
+
+
+def _observe(cirs, astrom, weather):
+    return _directions(cirs, astrom, weather)[:2]

@@ -1,0 +1,1 @@
+"""Mounts and cameras of other systems as topics: INDI, Alpaca."""

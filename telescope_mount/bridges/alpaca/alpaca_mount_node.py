@@ -1,0 +1,44 @@
+"""A mount of an Alpaca server in the graph: its position as joint states, `command` as goto."""
+
+import sys
+
+from msg_tools.lifecycle import AUTOSTART
+from msg_tools.node import Param
+from msg_tools.running import run_node
+from msg_tools.units import ARCSEC
+from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
+
+from ..indi.indi_mount_node import IndiMount
+from .driver import AlpacaDriver
+from .params import SERVER_PARAMS
+
+PARAMS = (
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
+    Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
+          '[arcsec]', 0.1, 3600.0, fixed=True),
+    Param('set_site', True, 'tell the driver the site where it has another', fixed=True),
+    Param('period_ms', 100, 'time between two readings [ms]', 20, 10000, fixed=True),
+)
+
+
+class AlpacaMount(IndiMount):
+    """As `IndiMount`, of another protocol."""
+
+    def __init__(self, **kwargs):
+        super().__init__('alpaca_mount', PARAMS, 'mount of an Alpaca server', **kwargs)
+
+    def make_driver(self, mount):
+        """That of the parameters."""
+        value = self.value
+        return AlpacaDriver(
+            value('host'), value('port'), mount, sky_of(self)[0], value('number'),
+            value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms') * 1e-3)
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount alpaca_mount``."""
+    sys.exit(run_node(AlpacaMount, args))
+
+
+if __name__ == '__main__':
+    main()

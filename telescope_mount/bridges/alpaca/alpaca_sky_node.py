@@ -1,0 +1,37 @@
+"""The sky that a simulated telescope of an Alpaca server sees: where a star lies from it.
+
+What a driver of a real mount reports is what it believes, and no camera: that needs one.
+"""
+
+import sys
+
+from msg_tools.lifecycle import AUTOSTART
+from msg_tools.running import run_node
+from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS
+
+from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
+from .params import SERVER_PARAMS
+from .sources import TrueSky
+
+PARAMS = AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, *FIELD_PARAMS
+
+
+class AlpacaSky(IndiSky):
+    """As `IndiSky`, of another protocol."""
+
+    def __init__(self, **kwargs):
+        super().__init__('alpaca_sky', PARAMS, 'what an Alpaca mount sees', **kwargs)
+
+    def make_source(self, field):
+        """That of the parameters."""
+        value = self.value
+        return TrueSky(value('host'), value('port'), value('number'), field, value('rate_hz'))
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount alpaca_sky``."""
+    sys.exit(run_node(AlpacaSky, args))
+
+
+if __name__ == '__main__':
+    main()

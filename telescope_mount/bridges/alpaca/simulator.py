@@ -1,0 +1,85 @@
+"""An Alpaca telescope that points beside: ``python -m telescope_mount.bridges.alpaca.simulator``.
+
+It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until Ctrl-C. Where its
+tube looks it tells by an action of its own, `TRUE_PLACE`, as no driver of a real mount can.
+"""
+
+import sys
+from contextlib import contextmanager
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import parse_mount
+from pointing_model.sky.places import DEFAULT_SITE
+
+from ..indi.pointing import HOUR
+from ..indi.simulating import simulate
+from ..indi.two_axes import TwoAxes, draw_errors
+from . import PORT
+from .server import AlpacaServer
+from .telescope import KINDS, TRUE_PLACE
+
+
+class SimulatedTelescope(AlpacaServer):
+    """A `TwoAxes` that speaks Alpaca.
+
+    Parameters
+    ----------
+    telescope : TwoAxes
+    port : int
+    """
+
+    def __init__(self, telescope, port=0):
+        super().__init__(port)
+        self._telescope, self._parked = telescope, True
+
+    def tell(self, name):
+        """A property."""
+        telescope = self._telescope
+        (ra, dec), site = telescope.look()[1], telescope.site
+        kind = next(number for number, kind in KINDS.items() if kind == telescope.mount.kind)
+        now = {'RightAscension': ra / HOUR, 'Declination': dec / DEG,
+               'Slewing': telescope.slewing, 'Tracking': telescope.tracking,
+               'SideOfPier': int(telescope.beyond), 'AtPark': self._parked}
+        return {name.lower(): value for name, value in {
+            **now, 'DeviceState': [{'Name': name, 'Value': value} for name, value in now.items()],
+            'Connected': True, 'AlignmentMode': kind, 'EquatorialSystem': 1, 'CanSlewAsync': True,
+            'SiteLatitude': site.latitude / DEG, 'SiteLongitude': float(wrap(site.longitude)) / DEG,
+            'SiteElevation': site.height, 'SupportedActions': [TRUE_PLACE]}.items()}[name]
+
+    def obey(self, order, told):
+        """An order."""
+        telescope = self._telescope
+        if order == 'slewtocoordinatesasync':
+            if self._parked:
+                raise ValueError('it is parked')
+            telescope.goto(float(told['RightAscension']) * HOUR, float(told['Declination']) * DEG)
+        elif order == 'tracking':
+            telescope.track(told['Tracking'] == 'True')
+        elif order == 'abortslew':
+            if telescope.slewing:
+                telescope.abort()
+        elif order == 'unpark':
+            self._parked = False
+        elif order == 'action' and told['Action'] == TRUE_PLACE:
+            axes, _, true = telescope.look()
+            return ' '.join(repr(float(value)) for value in (*true, axes[1]))
+        elif order != 'connected':
+            raise KeyError(order)
+        return None
+
+
+@contextmanager
+def _serve(given):
+    errors = draw_errors(given.seed, given.kind)
+    mount = parse_mount(given.kind, DEFAULT_SITE.latitude)
+    with SimulatedTelescope(TwoAxes(mount, DEFAULT_SITE, errors), given.port) as server:
+        yield server, errors, ''
+
+
+def main(args=None):
+    """Run it; the exit code."""
+    return simulate(__doc__, 'alpaca', PORT, _serve, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""What a camera on the tube would see of the catalogue, where it is known where the tube looks."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import is_beyond
+from pointing_model.sky.places import icrs_to_observed, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+
+from .pointing import axes_at
+
+#: stars that are looked at closer, rad, and when they are chosen anew
+AROUND, MOVED = 4.0 * DEG, 1.0 * DEG
+
+
+class StarField:
+    """Miss distance of the brightest star of the field.
+
+    Parameters
+    ----------
+    mount : Mount
+    site : Site
+    weather : Weather
+    field : float
+        Radius, rad.
+    magnitude : float
+        Faintest star.
+    noise : float
+        Of each axis, rad.
+    seed : int
+    """
+
+    def __init__(self, mount, site, weather, field, magnitude=8.0, noise=0.3 * ARCSEC, seed=1):
+        self.mount, self.site, self.weather = mount, site, weather
+        self._field, self._noise, self._seed = field, noise, seed
+        self._all = load_catalogue(mag_limit=magnitude)
+        self._near, self._about = None, None
+
+    def miss(self, stamp, place, second):
+        """Star minus boresight in the frame of the tube, rad, shape (2,); NaN without a star.
+
+        Parameters
+        ----------
+        stamp : int
+            ns since 1970.
+        place : array_like, shape (2,)
+            Right ascension and declination of date at which the tube looks, rad.
+        second : float
+            Angle of the second axis, which says whether that is through the pole, rad.
+        """
+        axes = axes_at(self.mount, *place, stamp * 1e-9, self.site, bool(is_beyond(second)))
+        return self.miss_of(stamp * 1e-9, axes,
+                            self._noise * np.random.default_rng([self._seed, stamp]).normal(size=2))
+
+    def looks_at(self, time, ra, dec, beyond):
+        """Axes of a perfect mount that looks at an ICRS place through the air, rad, shape (2,).
+
+        Parameters
+        ----------
+        time : float
+            UTC, s since 1970.
+        ra, dec : float
+            rad.
+        beyond : bool
+            Whether it looks there through the pole.
+        """
+        az, el = icrs_to_observed(np.array([ra]), np.array([dec]), time, self.site, self.weather)
+        return np.array(self.mount.on_travel(*self.mount.axes_of(az[0], el[0], beyond)))
+
+    def miss_of(self, time, axes, noise=0.0):
+        """As `miss`, of a mount whose perfect axes are `axes` (rad) at a time (s since 1970)."""
+        forward = self.mount.direction(*map(np.asarray, axes))
+        stars = self._around(time, forward)
+        directions = _directions(*observed_place(stars, time, self.site, self.weather))
+        inside = np.flatnonzero(forward @ directions > np.cos(self._field))
+        if not len(inside):
+            return np.full(2, np.nan)
+        star = directions[:, inside[np.argmin(stars.mag[inside])]]
+        # about the boresight, to the right and the top of the tube, whatever its side
+        right, top = self.mount.tangents(*map(np.asarray, axes))
+        return np.array([star @ right, star @ top]) / (star @ forward) + noise
+
+    def _around(self, time, forward):
+        if self._about is None or forward @ self._about < np.cos(MOVED):
+            places = _directions(*observed_place(self._all, time, self.site, self.weather))
+            self._near = self._all.select(np.flatnonzero(forward @ places > np.cos(AROUND)))
+            self._about = forward
+        return self._near
+
+
+def _directions(az, el):
+    """East, north, up; shape (3, n)."""
+    return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])

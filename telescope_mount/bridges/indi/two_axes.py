@@ -1,0 +1,168 @@
+"""A telescope of two axes that points beside by errors of its parts, to try and to test on.
+
+Its driver knows nothing of the errors: it goes to a place as if the mount were perfect, tells what
+its axes read, and the tube looks elsewhere. The parts are turned as they stand, one after the
+other; no formula of the pointing model is used.
+"""
+
+import threading
+import time
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.sky.places import sidereal_time
+
+from .pointing import axes_at, place_of_date
+
+#: how the axes slew, both at once, rad/s
+SPEED = 6.0 * DEG
+#: terms in the order of `draw_errors`: zeros, collimation, non-perpendicularity, lean
+TERMS = {'altaz': ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW'),
+         'polar': ('IH', 'ID', 'CH', 'NP', 'ME', 'MA')}
+
+
+def draw_errors(seed, kind, sizes=(0.02, 0.1)):
+    """Errors of a mount, encoder - catalogue, as the pointing model names them.
+
+    Parameters
+    ----------
+    seed : int
+    kind : str
+        Of mount.
+    sizes : tuple of float
+        Smallest and largest, deg.
+
+    Returns
+    -------
+    dict of str to float
+        rad.
+    """
+    rng = np.random.default_rng(seed)
+    names = TERMS['altaz' if kind == 'altaz' else 'polar']
+    values = rng.uniform(*sizes, len(names)) * rng.choice((-1.0, 1.0), len(names))
+    return dict(zip(names, (float(value) * DEG for value in values)))
+
+
+class TwoAxes:
+    """The telescope; whoever asks moves it on to now. Safe to be asked by several threads.
+
+    Parameters
+    ----------
+    mount : Mount
+    site : Site
+    errors : dict of str to float
+        As of `draw_errors`; those that are left out are 0.
+    clock : callable
+        UTC, s since 1970.
+
+    Attributes
+    ----------
+    slewing, tracking : bool
+    """
+
+    def __init__(self, mount, site, errors=None, clock=time.time):
+        self.mount, self.site, self._clock = mount, site, clock
+        errors = errors or {}
+        names = TERMS['altaz' if mount.altaz else 'polar']
+        unknown = set(errors) - set(names)
+        if unknown:
+            raise ValueError(f'{", ".join(sorted(unknown))}: a mount that is {mount.kind} has '
+                             f'{", ".join(names)} here')
+        values = [errors.get(name, 0.0) for name in names]
+        self._zeros, (self._cone, self._skew) = np.array(values[:2]), values[2:4]
+        # AN and AW of an alt-azimuth mount; MA grows to the other side
+        self._lean = values[4], values[5] if mount.altaz else -values[5]
+        self.slewing = self.tracking = False
+        self._axes, self._place, self._beyond = np.array([0.0, 80.0 * DEG]), None, False
+        self._at, self._lock = clock(), threading.Lock()
+
+    # --- orders -------------------------------------------------------------------------------
+
+    def goto(self, ra, dec):
+        """Slew to a place of date, rad, and track it."""
+        with self._lock:
+            self._go_on()
+            hour_angle = sidereal_time(self._at, self.site) - ra
+            self._beyond = bool(self.mount.side_for(hour_angle, dec, 0.0, False))
+            self._place, self.slewing, self.tracking = (ra, dec), True, True
+
+    def track(self, on):
+        """Follow the sky from where it looks now, or stand."""
+        with self._lock:
+            self._go_on()
+            if self.slewing:
+                return
+            if on and not self.tracking:
+                self._place = place_of_date(self.mount, self._axes, self._at, self.site)
+                self._beyond = bool(np.cos(self._axes[1]) < 0.0)
+            self.tracking = on
+
+    def abort(self):
+        """Stop at once, and stand."""
+        with self._lock:
+            self._go_on()
+            self.slewing = self.tracking = False
+
+    # --- what it tells ------------------------------------------------------------------------
+
+    def look(self):
+        """Where it is now.
+
+        Returns
+        -------
+        axes : ndarray, shape (2,)
+            What they read, on the travel; azimuth from 0 to 2 pi, rad.
+        believed, true : tuple of float
+            Right ascension and declination of date by its driver, and of the tube, rad.
+        """
+        with self._lock:
+            self._go_on()
+            axes, now = self._axes.copy(), self._at
+        if self.mount.altaz:
+            axes[0] = np.mod(axes[0], 2.0 * np.pi)
+        true = self.mount.axes_of(*_azimuth_and_elevation(self._direction(axes)))
+        return (axes, place_of_date(self.mount, axes, now, self.site),
+                place_of_date(self.mount, true, now, self.site))
+
+    @property
+    def beyond(self):
+        """Whether it looks through the pole."""
+        return bool(np.cos(self._axes[1]) < 0.0)
+
+    def _go_on(self):
+        now = self._clock()
+        passed, self._at = now - self._at, now
+        if not self.tracking:
+            return
+        there = np.array(axes_at(self.mount, *self._place, now, self.site, self._beyond))
+        ahead = there - self._axes
+        if self.mount.altaz:
+            ahead[0] = wrap(ahead[0])
+        most = SPEED * max(passed, 0.0) if self.slewing else np.inf
+        self._axes = self._axes + np.clip(ahead, -most, most)
+        self.slewing = self.slewing and bool(np.abs(ahead).max() > most)
+
+    def _direction(self, axes):
+        """East, north, up of the tube: its parts turned one after the other."""
+        first, second = np.asarray(axes) - self._zeros
+        # the line of sight beside the tube, the second axis, beside the first one, the first
+        tube = _turn((0.0, 1.0, 0.0), 0, 1, -self._cone)
+        tube = _turn(_turn(tube, 2, 1, second), 0, 2, -self._skew)
+        tube = _turn(tube, 0, 1, first)
+        # its pole to the meridian, and to the left
+        tube = _turn(_turn(tube, 1, 2, self._lean[0]), 0, 2, -self._lean[1])
+        return np.array(self.mount.frame).T @ tube
+
+
+def _turn(vector, to, of, angle):
+    """Turned from one coordinate axis, `of`, toward another, `to`."""
+    out = np.array(vector, float)
+    s, c = np.sin(angle), np.cos(angle)
+    out[to], out[of] = c * vector[to] + s * vector[of], c * vector[of] - s * vector[to]
+    return out
+
+
+def _azimuth_and_elevation(direction):
+    east, north, up = direction
+    return np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))

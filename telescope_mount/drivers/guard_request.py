@@ -1,0 +1,92 @@
+"""Asks the guard of a graph to move the mount; where none runs, one of its own."""
+
+from msg_tools import convert, topics
+from pointing_model.mounts import mount_text
+
+#: how often a request is said to hold, s
+RENEW = 0.2
+
+
+class Asking:
+    """Publishes `request`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    executor : rclpy.executors.Executor
+        In which a guard is run where the graph has none.
+    mount : Mount
+    spin : callable
+        ``spin(seconds, until)`` of `Listener`.
+    guard : dict
+        Parameters of that guard.
+
+    Attributes
+    ----------
+    told : dict of str to str
+        Rows of the guard's last status.
+
+    Raises
+    ------
+    ValueError
+        Somebody else may command the mount: one line.
+    """
+
+    def __init__(self, node, executor, mount, spin, guard):
+        commanders = [info.node_name for info in node.get_publishers_info_by_topic(
+            node.resolve_topic_name(topics.REQUEST.name))]
+        if commanders:
+            raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
+                             'it first')
+        self._node, self._executor, self._mount, self._spin = node, executor, mount, spin
+        self._request, self.told, self._said, self._guard = None, {}, '', None
+        self._pub = node.create_publisher(topics.REQUEST.message, topics.REQUEST.name,
+                                          topics.REQUEST.qos)
+        node.create_subscription(topics.GUARD_STATUS.message, topics.GUARD_STATUS.name,
+                                 self._on_status, topics.GUARD_STATUS.qos)
+        if not node.count_publishers(node.resolve_topic_name(topics.COMMAND.name)):
+            from telescope_mount.guard.mount_guard_node import MountGuard
+            self._guard = MountGuard(context=node.context, namespace=node.get_namespace(),
+                                     overrides={'mount': mount_text(mount), **guard})
+            executor.add_node(self._guard)
+        if not spin(10.0, lambda: self.told and self._pub.get_subscription_count()):
+            raise ValueError('not nudged: what publishes command takes no request; end it, and a '
+                             'guard is started')
+        node.create_timer(RENEW, self._renew)
+
+    def _on_status(self, message):
+        self.told = {row.key: row.value for row in message.values}
+        self._said = message.message
+
+    def _renew(self):
+        if self._request is not None:
+            self._pub.publish(self._request)
+
+    def ask(self, stamp, times, angles, rates):
+        """Ask for a track, again and again: ns, s, rad, rad/s."""
+        self._request = convert.trajectory(stamp, times, angles, rates, self._mount.names.keys)
+        self._request.header.frame_id = self._node.get_fully_qualified_name()
+        self._renew()
+
+    def obeyed(self, seconds, until=lambda: False):
+        """Spin so long, or until something holds; ValueError where the guard does not go on."""
+        stamp = str(convert.from_stamp(self._request.header.stamp))
+
+        def stopped():
+            return self.told.get('refused') == stamp or self.told.get('state') in (
+                'stopped', 'aborted', 'paused', 'parked', 'parking')
+        self._spin(seconds, lambda: stopped() or until())
+        if stopped():
+            raise ValueError('the guard stopped it: ' + (
+                self.told['reason'] if self.told.get('refused') == stamp else self._said))
+
+    def close(self):
+        """Nothing is wanted any more: the mount stops."""
+        if self._request is not None:
+            self._request.points = []
+            self._renew()
+            self._request = None
+            self._spin(0.5, lambda: self.told.get('state') == 'idle')
+        if self._guard is not None:
+            self._executor.remove_node(self._guard)
+            self._guard.destroy_node()

@@ -1,0 +1,100 @@
+"""A keeper of drivers that are told a place and slew to it as they like.
+
+What such a driver does on the way is its own. So it is sent the track alone, as far as it may be
+followed, and told again while all is well; that its axes keep to what was judged, all that lies
+between where they were and the track, is seen in their readings.
+"""
+
+import math
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from ..observing.axis_demand import Track
+from .keeper import KNOT, OK, Keeper
+from .motion import State
+from .track import resting
+
+#: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
+LONGEST = 150.0 * DEG
+#: points to pass keep so far from the pole of a polar mount, rad: there a place of the sky says
+#: little of the first axis
+POLE = 6.0 * DEG
+#: a track that rests, and is over so soon, is a stop, s
+STOP = 0.1
+
+
+class GotoKeeper(Keeper):
+    """As `Keeper`, whose `settings.whole` is False; parameters are the same.
+
+    A stop is a track at rest of `STOP` seconds. Legs that are longer than `LONGEST` are gone in
+    parts. Where nothing is known of how fast and in which order the axes go, the limits' `timing`
+    is to be 0.
+    """
+
+    def __init__(self, limits, sun, settings, wall):
+        super().__init__(limits, sun, settings, wall)
+        self._low = self._high = None
+
+    def _here(self, now):
+        return State(tuple(map(float, self.readings.here)), tuple(
+            float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+
+    def _to_via(self, now):
+        first, second = self._vias[0]
+        beside = second - 0.5 * math.pi
+        # the last one of a way to the park position is that itself
+        if abs(beside) < POLE and not self._limits.mount.altaz and (
+                self._goal is not None or len(self._vias) > 1):
+            side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
+            self._vias[0] = first, 0.5 * math.pi + side * POLE
+        super()._to_via(now)
+
+    def _set_out(self, cubic, state, now, name, text=''):
+        here, move = np.array(state.angles), cubic.angles[0] - state.angles
+        longest = float(np.abs(move).max())
+        legs = math.ceil(longest / LONGEST)
+        if legs > 1:
+            # where it comes by, that has been judged with the whole
+            there = here + np.clip(move, -longest / legs, longest / legs)
+            self._vias = [tuple(there.tolist()), *self._vias]
+            cubic = resting(there)
+            name, text = 'around', f'{len(self._vias)} points to pass'
+        self._path = now, None, cubic
+        ends = np.vstack([cubic.angles, here])
+        self._low, self._high = ends.min(0), ends.max(0)
+        self._piece(now)
+        self._told(name, OK, text or 'as requested')
+        return True
+
+    def _piece(self, now):
+        start, _, cubic = self._path
+        count = max(1, round(self._settings.ahead / KNOT))
+        times = KNOT * np.arange(count + 1)
+        at = (now - start) * 1e-9 + times
+        points = np.array([[cubic.at(t, i) for i in (0, 1)] for t in at.tolist()])
+        self._send_braked(now, times, points[:, :, 0], points[:, :, 1])
+
+    def _brake(self, now):
+        self._path = None
+        if self.readings.here is not None:
+            self._out.append(Track(now, np.array([0.0, STOP]), np.tile(self.readings.here, (2, 1)),
+                                   np.zeros((2, 2))))
+
+    def _astray(self):
+        if self.readings.stamp <= self._path[0]:
+            return ''
+        here, most = self.readings.here, self._settings.behind
+        # near the pole the first axis turns far while the tube hardly does
+        ends = most / max(abs(math.cos(float(here[1]))), 1e-9), most
+        for i, (axis, word) in enumerate(zip(self._limits.axes, self._limits.mount.names.axes)):
+            low = max(self._low[i] - ends[i], min(self._low[i], axis.low) - most)
+            high = min(self._high[i] + ends[i], max(self._high[i], axis.high) + most)
+            angle = float(here[i])
+            if not low <= angle <= high:
+                off = max(self._low[i] - angle, angle - self._high[i])
+                return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside of '
+                        'the way that was judged: stopped; its driver goes another way or to the '
+                        'other side; look at it, and call resume')
+        return ''

@@ -1,0 +1,392 @@
+"""The mount guard: what is asked for on `request` goes to the mount on `command`, if it may."""
+
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
+
+from msg_tools import convert, topics
+from msg_tools.lifecycle import ACTIVATION, AUTOSTART, ManagedNode
+from msg_tools.node import Param
+from msg_tools.quick_tracks import joint_track
+from msg_tools.readiness import drives
+from msg_tools.running import run_node
+from msg_tools.units import DEG
+from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
+from pointing_model.sky.places import Site
+from pointing_model.sky.skyline import Horizon, parse_horizon
+from pointing_model.sky.sun import Sun, sun_place
+
+from ..observing.allowed_sky import PLACE, rows_of
+from ..observing.axis_demand import Track
+from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
+from .goto import GotoKeeper
+from .guard_settings import Settings
+from .keeper import ERROR, LATE, STILL, WARN, Keeper
+from .limits import Axis, Limits, parse_pair, travel_of
+
+
+def _travel(name, which):
+    return Param(name, '', f'ends of the travel of the {which} axis, turns counted: -270,270; '
+                 'empty: what mounts of this kind have [deg]',
+                 check=lambda text: parse_pair(text, 'both ends in degrees'), fixed=True)
+
+
+PARAMS = (
+    AUTOSTART, KIND_OF_MOUNT,
+    # a mount stays where it is, and the Sun is computed for that
+    *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
+    _travel('first_travel_deg', 'first'),
+    _travel('second_travel_deg', 'second'),
+    Param('first_rate_deg_s', 4.0, 'largest speed of the first axis [deg/s]', 1e-3, 360.0,
+          fixed=True),
+    Param('second_rate_deg_s', 4.0, 'largest speed of the second axis [deg/s]', 1e-3, 360.0,
+          fixed=True),
+    Param('first_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
+          fixed=True),
+    Param('second_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
+          fixed=True),
+    Param('least_elevation_deg', 10.0, 'the tube never points lower [deg]', -90.0, 90.0,
+          fixed=True),
+    Param('horizon', '', 'corners of the skyline, azimuth and elevation: 0 12, 45 20.5, 180 8; or '
+          'a file with one on each line [deg]', check=parse_horizon, fixed=True),
+    Param('sun_distance_deg', 20.0, 'least distance from the Sun, on the way too; 0: it is no '
+          'matter [deg]', 0.0, 90.0, fixed=True),
+    Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
+          'acceleration, and no track asks for more than it; 0: in any order, and all of it',
+          0.0, 1.0, fixed=True),
+    Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
+          'safe on any turn is allowed', fixed=True),
+    Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '
+          'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
+    Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
+          3600.0, fixed=True),
+    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
+          'the track alone, and any way in between must be free', fixed=True),
+    Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
+          fixed=True),
+    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
+          60.0, fixed=True),
+    Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
+          fixed=True),
+    Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
+          check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
+)
+#: steady seconds between looks at it all
+LOOK = 0.05
+#: s in which a node of a graph finds the others
+LOOK_AROUND = 1.0
+#: s in which it is logged once that this machine is late
+LATE_ONCE = 10.0
+#: states in which the mount is led somewhere
+LEADING = ('following', 'around', 'parking', 'waiting')
+#: s after a start in which it is no news that it is not active
+STARTS = 5.0
+#: of the keeper's sentence about axes that are not where they were sent
+ASTRAY = 'look at its drive and encoder'
+#: s in which drivers take the last command
+HEARD = 0.3
+LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+
+
+class MountGuard(ManagedNode):
+    """Publishes `command`: it alone, and nothing that the mount must not follow.
+
+    What is judged and sent stands in `guard.keeper`, which knows no ROS.
+    """
+
+    GATHER = 0.002  # of readings at 1 kHz; a command waits no longer than that
+
+    def __init__(self, **kwargs):
+        super().__init__('mount_guard', PARAMS, hardware_id='mount guard', **kwargs)
+        self._mount, value = mount_of(self), self.value
+        self._names, self._whole = self._mount.names.keys, value('renew_s') == 0.0
+        self._resting = False
+        self._limits = limits = Limits(
+            self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
+            Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
+            value('sun_distance_deg') * DEG, value('slew_timing'))
+        self._sky = rows_of(limits) | {param.name: value(param.name) for param in SKY_PARAMS[:3]}
+        blocked = limits.blocked_pole
+        if blocked:
+            self.get_logger().warning(
+                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
+                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
+                'least_elevation_deg and horizon lower there')
+        self._park = parse_pair(value('park_deg'))
+        keeper = GotoKeeper if value('goto') else Keeper
+        self._keeper = keeper(limits, Sun(_site(self)), Settings(
+            self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
+            value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
+            self._whole and value('use_sim_time')),
+            time.monotonic)
+        self._said, self._renewed, self._crowd = None, 0.0, ''
+        self._idle, self._asked = time.monotonic(), False  # not active since, and asked then
+        self._ticked, self._late = 0.0, False
+        self._late_said, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
+        self._request = None  # the message as it came
+        self._command_pub = self.publisher(topics.COMMAND)
+        self._status_pub = self.publisher(topics.GUARD_STATUS)
+        self.subscribe(topics.INCREMENTAL, self._on_reading)
+        self.subscribe(topics.REQUEST, self._on_request)
+        self.serve('abort', self._on_abort)
+        self.serve('pause', lambda: self._do('paused', self._keeper.pause))
+        self.serve('resume', lambda: self._do('resumed', self._keeper.resume), once=True)
+        self.serve('park', self._on_park, once=True)
+        self.every(LOOK, self._tick)
+        self.every(0.5, self._look_at_commanders)
+
+    def _axis(self, i, name):
+        low, high = parse_pair(self.value(f'{name}_travel_deg')) or travel_of(self._mount)[i]
+        return Axis(low * DEG, high * DEG, self.value(f'{name}_rate_deg_s') * DEG,
+                    self.value(f'{name}_acceleration_deg_s2') * DEG)
+
+    def check_together(self, values):
+        """Travel and park position must be such."""
+        for name in ('first_travel_deg', 'second_travel_deg'):
+            low, high = parse_pair(values[name]) or (0.0, 1.0)
+            if low >= high:
+                raise ValueError(f'{name} = {values[name]}: give the smaller end first')
+        if values['renew_s'] and values['sun_distance_deg'] and not all(
+                name in self._parameter_overrides for name in PLACE):
+            raise ValueError('no site, so nobody knows where the Sun is: set latitude_deg and '
+                             'longitude_deg (in a parameter file under /**: for all nodes; or '
+                             '--latitude and --longitude), or sun_distance_deg: 0.0')
+        if values['goto'] and not values['renew_s']:
+            raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
+                             '0.5')
+
+    # --- messages -----------------------------------------------------------------------------
+
+    def _on_reading(self, message):
+        if convert.joints_of(message.name) != self._names:
+            return  # of another mount: the observer says so
+        stamp, angles, rates, _ = convert.read_joints(message)
+        if not self.value('use_sim_time') and not (
+                -BEHIND_LIVE <= stamp - time.time_ns() <= AHEAD_LIVE):
+            raise ValueError("stamps of another clock than this machine's")  # as silent
+        angles = self._limits.on_travel(*angles)
+        self._keeper.take_reading(stamp, angles, rates)
+        if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
+            self._look()
+
+    def _on_request(self, message):
+        if not len(message.points):
+            self._keeper.withdraw(self._now())
+            self._look()
+            return
+        if not self.active and not self._resting:
+            self._asked = True  # it is renewed while it is wanted; the status says why not
+            return
+        stamp, times, angles, rates = convert.read_trajectory(message)
+        asked = convert.joints_of(message.joint_names)
+        if asked != self._names:
+            raise ValueError(f'request for {" and ".join(asked)}: the parameter mount says '
+                             f'{" and ".join(self._names)}')
+        owner = message.header.frame_id
+        if self._crowd and not owner:
+            raise ValueError(self._crowd)
+        try:
+            self._keeper.take_request(Track(stamp, times, angles, rates), self._now(), owner)
+            self._request = message
+        finally:
+            self._look()
+
+    def _now(self):
+        """ns; of a mount that answers of a time to come, that of its readings."""
+        now = self.get_clock().now().nanoseconds
+        return max(now, self._keeper.readings.stamp) if self._whole else now
+
+    def _tick(self):
+        """Look; where this process was held up, once more what waits is heard before."""
+        before, self._ticked = self._ticked, time.monotonic()
+        self._late = self._ticked - before > 3.0 * LOOK and not self._late
+        if not self._late:
+            self._look()
+
+    def _look(self):
+        """Send what is due."""
+        if not self.active:
+            if self._is_told:
+                self._tell()
+            return
+        now = time.monotonic()
+        due = now - self._renewed >= self.value('renew_s')
+        tracks = self._keeper.step(self._now(), due)
+        for track in tracks:
+            self._send(track)
+        if tracks:
+            self._renewed = now
+        self._tell()
+
+    def _send(self, track):
+        message = self._request
+        if not self._keeper.is_request(track) or message is None:
+            message = joint_track(*track, self._names)
+        message.header.frame_id = ''
+        self._command_pub.publish(message)
+
+    def _tell(self):
+        keeper = self._keeper
+        state, level, reason = keeper.state, keeper.level, self._reason
+        if not self.active:
+            state, level, reason = 'inactive', WARN, self.inactive
+        told = state, reason, keeper.refused
+        if told == self._said:
+            return
+        self._said = told
+        self._status_pub.publish(convert.status(
+            LEVELS[level], self.get_fully_qualified_name(), reason,
+            state=state, refused=keeper.refused[0], reason=keeper.refused[1],
+            goto=self.value('goto'), **self._sky))
+        text = reason if reason.startswith(state) else f'{state}: {reason}'
+        after, now = self._quiet, time.monotonic()
+        self._quiet = reason == LATE and now - self._late_said < LATE_ONCE
+        if reason == LATE and not self._quiet:
+            self._late_said = now
+        if self._quiet or after and not level:  # on the way again
+            return
+        if level == ERROR:
+            self.get_logger().error(text)
+        elif level:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
+
+    @property
+    def _is_told(self):
+        """Whether it is news that this node is not active: at a start it is not, at first."""
+        return not self.starting and (
+            self._asked or self._said is not None or time.monotonic() - self._idle > STARTS)
+
+    @property
+    def _reason(self):
+        """That of the keeper; of axes that do not move, whether there is a driver at all."""
+        reason = self._keeper.reason
+        if ASTRAY not in reason or self._is_driven():
+            return reason
+        return reason.replace(ASTRAY, 'no driver follows command: start it')
+
+    def _is_driven(self):
+        """Whether somebody follows `command`, and not only listens to it."""
+        return any(drives(info.node_name) for info in self.get_subscriptions_info_by_topic(
+            self.resolve_topic_name(topics.COMMAND.name)))
+
+    def _look_at_commanders(self):
+        full = self.resolve_topic_name(topics.REQUEST.name)
+        crowd = ''
+        if self.count_publishers(full) > 1:
+            names = sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                            for info in self.get_publishers_info_by_topic(full)
+                            # right after its discovery the name of a node is not known
+                            if 'UNKNOWN' not in info.node_name})
+            if len(names) > 1:
+                crowd = f'{" and ".join(names)} publish {full}: end all but one'
+        if crowd and crowd != self._crowd:
+            self.get_logger().error(crowd)
+        self._crowd = crowd
+
+    # --- lifecycle ----------------------------------------------------------------------------
+
+    def look_around(self):
+        """A second guard must not have sent anything when it finds the first one."""
+        return LOOK_AROUND if self.value('renew_s') else 0.0
+
+    def activated(self):
+        """Go on with the request that is renewed."""
+        if self._resting and self._keeper.state == 'paused':
+            self._do('', self._keeper.resume)
+        self._resting = False
+        site = _site(self)
+        if not self._whole and self._limits.sun:  # by which a wrong site or clock is seen
+            az, el = sun_place(self._now() * 1e-9, site)
+            self.get_logger().info(
+                f'at latitude {site.latitude / DEG:.4f}, longitude {site.longitude / DEG:.4f} deg '
+                f'the Sun is at azimuth {az / DEG:.1f}, elevation {el / DEG:.1f} deg now: it is '
+                f'kept {self._limits.sun / DEG:g} deg away from')
+
+    def deactivated(self):
+        """Stop the mount, and follow nothing."""
+        now, before = self._now(), self._keeper.state
+        with suppress(ValueError):  # it is aborted or parked, and stands
+            self._keeper.pause(now)
+            self._resting = before != 'paused'
+        for track in self._keeper.step(now, False):
+            self._send(track)
+
+    def before_end(self):
+        """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
+        if self.active and not self._whole and self._keeper.state in LEADING:
+            self._do('', self._keeper.abort)
+            self._command_pub.wait_for_all_acked(Duration(seconds=HEARD))
+
+    # --- services -----------------------------------------------------------------------------
+
+    def _do(self, done, call, *args):
+        if not self.active:
+            return False, self.inactive
+        try:
+            call(self._now(), *args)
+        except ValueError as err:
+            return False, str(err)
+        self._look()
+        return True, done
+
+    def _on_abort(self):
+        """Stop what this guard sends; say so where the axes move all the same."""
+        resting = self._keeper.state in ('idle', 'stopped', 'paused', 'parked')
+        done, text = self._do('aborted', self._keeper.abort)
+        if done and resting and not (self._whole or self._keeper.readings.stand(STILL)):
+            text += (': the axes move, or say no place, and not by this guard; what a driver does '
+                     'by itself (home) ends by the driver alone')
+        return done, text
+
+    def _on_park(self):
+        if self._park is None:
+            return False, 'no park position: set the parameter park_deg'
+        return self._do('on the way to the park position', self._keeper.park,
+                        tuple(angle * DEG for angle in self._park))
+
+    # --- diagnostics --------------------------------------------------------------------------
+
+    def waiting_for(self):
+        """As all managed nodes; but not at once at each start for its activation."""
+        missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_told]
+        command = self.resolve_topic_name(topics.COMMAND.name)
+        if self.count_subscribers(command) and not self._is_driven():
+            missing.append(f'a driver of the mount: of the subscribers of {command} none is one')
+        return missing
+
+    def required(self):
+        """Readings, and a mount."""
+        return {self.resolve_topic_name(topic.name) for topic in (
+            topics.INCREMENTAL, topics.COMMAND)}
+
+    def problems(self):
+        """What holds the mount up."""
+        keeper = self._keeper
+        found = [(LEVELS[keeper.level], self._reason)] if keeper.level else []
+        if self._crowd:
+            found.insert(0, (DiagnosticStatus.ERROR, self._crowd))
+        return found
+
+    def details(self):
+        """What the mount does."""
+        return [*super().details(), ('mount', self._keeper.state), ('why', self._reason)]
+
+
+def _site(node):
+    latitude, longitude, height = (node.value(param.name) for param in SKY_PARAMS[:3])
+    return Site(latitude * DEG, longitude * DEG, height)
+
+
+def main(args=None):
+    """Entry point of ``ros2 run telescope_mount mount_guard``."""
+    sys.exit(run_node(MountGuard, args))
+
+
+if __name__ == '__main__':
+    main()

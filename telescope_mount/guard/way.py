@@ -1,0 +1,276 @@
+"""A way around what the straight slew would pass: points to come to one after the other."""
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.sky.earth import TURN_RATE
+from pointing_model.sky.sun import turned
+
+from .boxes import Boxes
+from .motion import State, plan_move
+from .track import resting
+from .track_judgement import Judge
+from .verdicts import Allowed
+
+#: between points of the grids on which a way is looked for, one after the other, rad
+GRIDS = (5.0 * DEG, 1.5 * DEG)
+#: an axis goes so far beyond both ends at most where its travel has no end, rad
+REACH = 2.0 * math.pi
+#: points in between keep so far from the ends of the travel, rad
+EDGE = 0.5 * DEG
+#: a way is looked for that is clear of the Sun for so long, s; for longer where it takes longer,
+#: so many times
+WINDOW, TRIES = 480.0, 4
+#: at a point in between the mount comes to rest within so much more, s
+SETTLED = 2.0
+
+
+def stopped(judge, state):
+    """`State` at rest, where the axes of a `State` stand after they have braked as they can."""
+    return State(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration) for angle, rate, axis
+                       in zip(state.angles, state.rates, judge.limits.axes)))
+
+
+def lead(judge, cubic, state, sun=None, pole=None):
+    """A way to a track whose straight slew is refused: on its turn, else on another one.
+
+    Parameters
+    ----------
+    judge, cubic, state, sun, pole
+        As of `around`.
+
+    Returns
+    -------
+    (list of (float, float), track.Cubic) or None
+        Points as of `around`, none where the straight slew is allowed; the track on its turn.
+    """
+    for track in (cubic, *judge.other_turns(cubic, state)):
+        if _ok(judge.onto(track, state.angles, sun, pole)):
+            return [], track
+        vias = around(judge, track, state, sun, pole)
+        if vias is not None:
+            return vias, track
+    return None
+
+
+def around(judge, cubic, state, sun=None, pole=None):
+    """Points that lead to a track whose straight slew is refused.
+
+    Between points of a grid the axes go one at a time, so that nothing depends on their timing;
+    then points are left out wherever the judge allows the straight slew.
+
+    Parameters
+    ----------
+    judge : judging.Judge
+    cubic : track.Cubic
+        The track, on the turn that the mount takes.
+    state : motion.State
+        At rest.
+    sun, pole
+        As of `judging.Judge.judge`.
+
+    Returns
+    -------
+    list of (float, float) or None
+        Angles, rad, without those of the track; None where no way was found.
+    """
+    by_sun = sun is not None and bool(judge.limits.sun)
+    seconds = WINDOW if by_sun else math.inf
+    for _ in range(TRIES):
+        clear, then = judge, sun
+        if by_sun:  # where the Sun is in the middle of it, and so much wider
+            clear = _wider(judge, 0.5 * seconds * TURN_RATE)
+            then = sun if pole is None else turned(sun, pole, 0.5 * seconds)
+        vias, clean = _free_of_all(clear, cubic, state, then, pole, _Leaving(
+            judge, tuple(map(float, state.angles)), sun, pole) if by_sun else None)
+        if not clean:
+            return None
+        needed = _lead_time(judge, state.angles, vias)
+        if needed <= seconds:
+            return vias
+        seconds = 30.0 * math.ceil(1.1 * needed / 30.0)
+    return None
+
+
+class _Leaving:
+    """Whether a point may be reached from the begin: from within the circle of the Sun the way is
+    held against staying, and for that the Sun is where it is now.
+
+    Parameters
+    ----------
+    judge, sun, pole
+        As of `around`.
+    here : (float, float)
+        rad.
+    """
+
+    def __init__(self, judge, here, sun, pole):
+        self._judge, self._here, self._sun, self._pole = judge, here, sun, pole
+
+    def to(self, place, there):
+        """Of a way from `place`, whether it begins elsewhere or may be gone, too."""
+        return place != self._here or _ok(self._judge.way(place, there, self._sun, self._pole,
+                                                          True))
+
+
+def _free_of_all(judge, cubic, state, sun, pole, leaving):
+    """The points of `around` for a Sun that stays; whether the track is clear of it too."""
+    own = judge.sky.in_axes(sun, pole, state)
+    for step in GRIDS:
+        path = _path(judge, cubic, state, own, step, sun, pole, leaving)
+        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole,
+                                   leaving)
+        if vias:
+            return vias, not judge.sky.where_not(cubic.boxes(), own)
+    return None, False
+
+
+def _lead_time(judge, here, vias):
+    """Seconds until the axes have passed all points at the latest."""
+    timing = judge.limits.timing
+    if not timing:
+        return 0.0  # as long as they like: each leg is judged once more when it begins
+    seconds = 0.0
+    for via in vias:
+        cubic = resting(via)
+        seconds += SETTLED + max(
+            plan_move(here[i], 0.0, cubic, i, timing * axis.rate, timing * axis.acceleration).end
+            for i, axis in enumerate(judge.limits.axes))
+        here = via
+    return seconds
+
+
+@lru_cache(16)
+def _wider(judge, margin):
+    """A judge that keeps farther from the Sun, which moves while the axes are under way."""
+    return Judge(replace(judge.limits, sun=judge.limits.sun + margin))
+
+
+class _Grid:
+    """Points within the travel, and which steps between them are free of the horizon.
+
+    Parameters
+    ----------
+    judge : Judge
+    ends : tuple of (int, int)
+        Of each axis, in steps.
+    step : float
+        rad.
+    """
+
+    def __init__(self, judge, ends, step):
+        self.nodes = [np.unique(np.clip(np.arange(low, high + 1) * step, axis.low + EDGE,
+                                        axis.high - EDGE))
+                      for (low, high), axis in zip(ends, judge.limits.axes)]
+        self.shape = tuple(map(len, self.nodes))
+        self.size = self.shape[0] * self.shape[1]
+        first, second = np.meshgrid(*self.nodes, indexing='ij')
+        index = np.arange(self.size).reshape(self.shape)
+        every, first_of, last_of = slice(None), slice(None, -1), slice(1, None)
+        low, high, row, column, seconds = [], [], [], [], []
+        for axis, a, b in ((0, (first_of, every), (last_of, every)),
+                           (1, (every, first_of), (every, last_of))):
+            low.append([first[a].ravel(), second[a].ravel()])
+            high.append([first[b].ravel(), second[b].ravel()])
+            row.append(index[a].ravel())
+            column.append(index[b].ravel())
+            seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
+        low, high = np.concatenate(low, 1), np.concatenate(high, 1)
+        free = judge.sky.free(Boxes(low, high, np.zeros(low.shape[1])), None)
+        self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
+        self.row, self.column, self.seconds = (
+            np.concatenate(v)[free] for v in (row, column, seconds))
+        middle = 0.5 * (self.boxes.low + self.boxes.high)
+        self.place = np.array([np.cos(middle[1]) * np.sin(middle[0]),
+                               np.cos(middle[1]) * np.cos(middle[0]), np.sin(middle[1])])
+
+    def graph(self, judge, sun, step):
+        """Sparse matrix of the seconds of each step that is free of the Sun too."""
+        free = np.ones(len(self.row), bool)
+        if sun is not None:
+            near = np.flatnonzero(sun[0] @ self.place
+                                  > np.cos(min(judge.sky.keep_out + step, np.pi)))
+            free[near] = judge.sky.free(self.boxes.of(near), sun)
+        from scipy.sparse import coo_matrix  # few nights need a way around
+        return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
+                          shape=(self.size, self.size)).tocsr()
+
+    def node(self, k):
+        """Angles of a point."""
+        i, j = divmod(int(k), self.shape[1])
+        return float(self.nodes[0][i]), float(self.nodes[1][j])
+
+    def beside(self, place):
+        """Points about a place, the nearer ones first."""
+        near = [np.argsort(np.abs(points - at))[:4] for points, at in zip(self.nodes, place)]
+        return [int(near[0][i] * self.shape[1] + near[1][j]) for _, i, j in sorted(
+            (i + j, i, j) for i in range(len(near[0])) for j in range(len(near[1])))]
+
+
+@lru_cache(16)
+def _grid(judge, ends, step):
+    return _Grid(judge, ends, step)
+
+
+def _path(judge, cubic, state, own, step, sun, pole, leaving):
+    """Points of a grid from the begin to one from which the track is reached; None without."""
+    from scipy.sparse.csgraph import connected_components, dijkstra
+
+    here, there = state.angles, cubic.angles[0].tolist()
+    ends = tuple((math.floor(max(axis.low, min(a, b) - REACH) / step),
+                  math.ceil(min(axis.high, max(a, b) + REACH) / step))
+                 for axis, a, b in zip(judge.limits.axes, here, there))
+    grid = _grid(judge, ends, step)
+    graph = grid.graph(judge, own, step)
+    region = connected_components(graph, directed=False)[1]
+    starts, goals = grid.beside(here), grid.beside(there)
+    both = {region[k] for k in starts} & {region[k] for k in goals}
+    both = [r for r in both if np.count_nonzero(region == r) > 1]
+    reached = []
+    for k in goals:
+        if region[k] in both and _ok(judge.onto(cubic, grid.node(k), sun, pole, True)):
+            reached.append(k)
+            if len(reached) == 3:
+                break
+    for start in starts:
+        good = [k for k in reached if region[k] == region[start]]
+        if not good or not _ok(judge.way(here, grid.node(start), sun, pole, True)) or (
+                leaving and not leaving.to(tuple(map(float, here)), grid.node(start))):
+            continue
+        distance, before = dijkstra(graph, directed=False, indices=start,
+                                    return_predecessors=True)
+        k = good[int(np.argmin(distance[good]))]
+        path = []
+        while k >= 0:
+            path.append(grid.node(k))
+            k = int(before[k])
+        return path[::-1]
+    return None
+
+
+def _shortened(judge, here, path, cubic, sun, pole, leaving):
+    """Fewer points of a path: each time the last that is reached straight."""
+    vias, at, place = [], -1, here
+    while at < len(path) - 1:
+        if vias and _ok(judge.onto(cubic, place, sun, pole, True)):
+            break
+        near, far, at = at + 1, len(path), at + 1
+        last = len(path) - 1
+        while near < last:  # by halves: what is reached straight mostly goes on so
+            if _ok(judge.way(place, path[last], sun, pole, True)) and (
+                    not leaving or leaving.to(place, path[last])):
+                at = near = last
+            else:
+                far = last
+            last = (near + far) // 2
+        place = path[at]
+        vias.append(place)
+    return vias
+
+
+def _ok(found):
+    return isinstance(found, Allowed)

@@ -1,0 +1,122 @@
+"""Where a guard lets the tube look: told by it in words, and known where stars are chosen."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.sky.skyline import Horizon, parse_horizon
+from pointing_model.sky.sun import Sun
+
+from ..guard.limits import parse_pair
+
+#: a star keeps so far from horizon and ends of travel, and from the Sun, which moves while it is
+#: gone to, rad: readings are beside places of the sky by zero, model and refraction, and the guard
+#: looks at tracks in boxes
+NEAR, NEAR_SUN = 1.5 * DEG, 2.0 * DEG
+#: rows of `guard/status`
+LEAST, HORIZON, SUN = 'least_elevation_deg', 'horizon', 'sun_distance_deg'
+TRAVEL = 'first_travel_deg', 'second_travel_deg'
+#: without which nobody knows where the Sun is
+PLACE = 'latitude_deg', 'longitude_deg'
+#: sites that differ by less are one, deg
+APART = 0.01
+_TURN = 2.0 * np.pi
+
+
+def rows_of(limits):
+    """What of a guard's limits a chooser of stars must know: rows of `guard/status`.
+
+    Parameters
+    ----------
+    limits : guard.limits.Limits
+
+    Returns
+    -------
+    dict of str to str
+        Degrees; the corners of the skyline as its parameter has them.
+    """
+    corners = ', '.join(f'{az / DEG:.10g} {el / DEG:.10g}' for az, el in limits.horizon.points)
+    travel = {name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
+              for name, axis in zip(TRAVEL, limits.axes)}
+    return {LEAST: f'{limits.horizon.least / DEG:.10g}', HORIZON: corners,
+            SUN: f'{limits.sun / DEG:.10g}', **travel}
+
+
+def _elsewhere(rows, site):
+    ours = site.latitude / DEG, site.longitude / DEG
+    theirs = tuple(float(rows.get(name, own)) for name, own in zip(PLACE, ours))
+    if abs(ours[0] - theirs[0]) < APART and abs(wrap((ours[1] - theirs[1]) * DEG)) < APART * DEG:
+        return ''
+    return (f'the guard takes the mount to be at {theirs[0]:.4f}, {theirs[1]:.4f} deg, not at '
+            f'{ours[0]:.4f}, {ours[1]:.4f}: give both one site (under /**: in the parameter file)')
+
+
+class AllowedSky(NamedTuple):
+    """The sky that a guard allows.
+
+    Attributes
+    ----------
+    horizon : guard.limits.Horizon
+    distance : float
+        From the Sun, rad; 0: it is no matter.
+    sun : guard.sun.Sun
+    travel : tuple of (float, float)
+        Ends of both axes, rad; empty where an older guard does not tell.
+    elsewhere : str
+        Why that may be another sky: the guard goes by another site; '' where it does not.
+    """
+
+    horizon: Horizon
+    distance: float
+    sun: Sun
+    travel: tuple = ()
+    elsewhere: str = ''
+
+    @classmethod
+    def of_rows(cls, rows, site):
+        """From the rows of a status; None where it does not tell. ValueError for bad ones."""
+        if not {LEAST, HORIZON, SUN} <= rows.keys():
+            return None
+        return cls(Horizon(float(rows[LEAST]) * DEG, parse_horizon(rows[HORIZON])),
+                   float(rows[SUN]) * DEG, Sun(site),
+                   tuple(tuple(end * DEG for end in parse_pair(rows[name]))
+                         for name in TRAVEL if name in rows), _elsewhere(rows, site))
+
+    def __call__(self, time, az, el):
+        """Whether places of the horizon system are allowed.
+
+        Parameters
+        ----------
+        time : float
+            UTC, s.
+        az, el : ndarray, shape (n,)
+            rad.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        beside = NEAR / np.maximum(np.cos(el), NEAR / np.pi)
+        up = el >= self.horizon.highest(az, beside) + NEAR
+        if not self.distance:
+            return up
+        place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
+        return up & (place @ self.sun.at(time) < np.cos(self.distance + NEAR_SUN))
+
+    def within(self, first, second):
+        """Whether the travel of the axes has such angles, on whatever turn.
+
+        Parameters
+        ----------
+        first, second : ndarray, shape (n,)
+            Of the axes, rad.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        inside = np.ones(len(first), bool)
+        for angles, (low, high) in zip((first, second), self.travel):
+            inside &= np.mod(angles - low - NEAR, _TURN) <= high - low - 2.0 * NEAR
+        return inside

@@ -1,0 +1,168 @@
+"""Where the axes must go for a target: its demand, and the track that is commanded."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.in_force import pointing_context
+from pointing_model.mounts import ALTAZ, through_pole
+
+#: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec
+KNOT = 20.0
+
+
+class Conditions(NamedTuple):
+    """Under which a target is pointed at.
+
+    Attributes
+    ----------
+    site : sky.Site
+    air : sky.Weather
+        With the temperature of now.
+    here : ndarray, shape (2,)
+        Where the encoders stand, rad.
+    run : int
+        Number of the power-on.
+    row : dict or None
+        The observation before, of the same power-on.
+    """
+
+    site: object
+    air: object
+    here: np.ndarray
+    run: int
+    row: dict | None
+
+
+class Pointing:
+    """A target while the mount is pointed at it.
+
+    Parameters
+    ----------
+    target : StarTarget or SatelliteTarget
+    in_force : InForce
+    aim : ndarray, shape (2,)
+        By how much to point beside what model and zero say, rad.
+    mount : Mount, optional
+    meridian_limit : float
+        How far past the meridian a German mount may turn, rad.
+
+    Attributes
+    ----------
+    beyond : bool or None
+        Whether the mount looks there through the pole; None before the first demand.
+    approach : ndarray, shape (2,), or None
+        Sign with which the axes came to the target; None before the first command.
+    """
+
+    def __init__(self, target, in_force, aim, mount=ALTAZ, meridian_limit=0.0):
+        self.target, self.aim, self.mount = target, aim, mount
+        self.beyond = self.approach = None
+        self._in_force, self._limit = in_force, meridian_limit
+
+    def place(self, stamps, site, air):
+        """Angles (n,), (n,) at which the axes of a perfect mount look at it, rad.
+
+        On the side of the pier that is chosen when it is asked for the first time: where both
+        reach it, that of the parity of its number, so that stars of both are on either side.
+        """
+        az, el = self.target.place(stamps * 1e-9, site, air)
+        if self.mount.altaz:
+            return az, el
+        first, second = self.mount.axes_of(az, el)
+        if self.beyond is None:
+            self.beyond = bool(self.mount.side_for(
+                first[0], second[0], self._limit, self.target.number % 2 == 1))
+        first, second = self.mount.on_travel(*through_pole(first, second, self.beyond))
+        return first[0] + wrap(first - first[0]), second
+
+    def demand(self, stamps, conditions):
+        """Encoder angles (n, 2), rad, at each stamp (n,), ns."""
+        az, el = self.place(stamps, conditions.site, conditions.air)
+        context = self._context(stamps, az, el, conditions)
+        return self._in_force.encoder(az, el, context) + self.aim
+
+    def _context(self, stamps, az, el, conditions):
+        """What the effects of the model may ask for, None if it has none."""
+        model = self._in_force.model
+        if model is None or not model.effects:
+            return None
+        known = {'temperature': conditions.air.temperature_c,
+                 'pressure': conditions.air.pressure_hpa, 'magnitude': self.target.magnitude,
+                 'star': np.array(self.target.number), 'run': conditions.run}
+        return pointing_context(
+            model, stamps, az, el, known, zero=self._in_force.zero_now,
+            here=conditions.here, approach=self.approach, row=conditions.row,
+            site=conditions.site, mount=self.mount)
+
+
+class Standing:
+    """The mount stays where it stands.
+
+    Parameters
+    ----------
+    here : ndarray, shape (2,)
+        Encoder angles, rad.
+    mount : Mount, optional
+    """
+
+    def __init__(self, here, mount=ALTAZ):
+        self.approach, self.mount = None, mount
+        self._here = here
+
+    def demand(self, stamps, conditions):
+        """Encoder angles (n, 2), rad, at each stamp (n,)."""
+        return np.tile(self._here, (len(stamps), 1))
+
+
+class Track(NamedTuple):
+    """Knots of a commanded track.
+
+    Attributes
+    ----------
+    start : int
+        ns.
+    times : ndarray, shape (n,)
+        Seconds since then.
+    angles, rates : ndarray, shape (n, 2)
+        Of the encoders, rad and rad/s.
+    """
+
+    start: int
+    times: np.ndarray
+    angles: np.ndarray
+    rates: np.ndarray
+
+    @property
+    def end(self):
+        """ns."""
+        return self.start + round(self.times[-1] * 1e9)
+
+
+def track_to(pointing, start, conditions, slew_rate):
+    """The track of a target from `start` on; notes in `pointing` how the axes come to it.
+
+    Parameters
+    ----------
+    pointing : Pointing or Standing
+    start : int
+        ns.
+    conditions : Conditions
+    slew_rate : float
+        Of the mount, deg/s.
+
+    Returns
+    -------
+    Track
+        Long enough for half a turn, the settling and the exposure.
+    """
+    times = np.arange(0.0, 60.0 + 200.0 / slew_rate + KNOT, KNOT)
+    angles = pointing.demand(start + (times * 1e9).astype(np.int64), conditions)
+    here = conditions.here
+    move = np.array([pointing.mount.way(here[0], angles[0, 0]), angles[0, 1] - here[1]])
+    if pointing.approach is None:  # later moves to the same star are small
+        pointing.approach = np.sign(move)
+    # azimuth the shorter way from here; the mount's own limits are the driver's affair
+    angles[:, 0] = here[0] + move[0] + (np.unwrap(angles[:, 0]) - angles[0, 0])
+    return Track(start, times, angles, np.gradient(angles, KNOT, axis=0, edge_order=2))

@@ -1,0 +1,223 @@
+"""By how much the camera's clock is off the encoder's, from one star while the axes drift over it.
+
+A star's image is taken at a moment that the camera stamps T + late, and the reading is taken where
+the encoder says T + late: off by the rate of the axis times `late`. Where every star is tracked
+that is no more than a clock error of the sky (of an alt-azimuth mount exactly IA + AW), which no
+pointing run can tell. Beside a star that the axes drift past at known rates it is: the readings of
+one place differ by `late` times the difference of the rates.
+"""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, wrap
+
+from .axis_demand import Pointing
+
+#: exposures on one leg; the legs go to and fro, without a jump in between
+LEG = 2
+#: of the full rate, leg by leg: two magnitudes, so that what depends on the sense alone (backlash,
+#: friction) is not taken for time
+SHARES = 1.0, 0.2
+#: senses of both axes on pairs of legs: all four
+SENSES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+#: farther than this from the star a leg leads back, rad
+FARTHEST = 240.0 * ARCSEC
+#: a star is not trailed by more within one exposure, arcsec
+TRAIL = 30.0
+#: exposures needed for all that is fitted
+LEAST = 12
+#: residuals beyond so many of their scatter are no exposures of a star that drifts evenly
+OUTLIER = 4.0
+#: an offset is one from so many of its errors and so many seconds on
+SIGMAS, WORTH = 4.0, 0.02
+
+
+class Drifting(Pointing):
+    """A star past which the axes drift.
+
+    Parameters
+    ----------
+    pointing : Pointing
+        Of the star, centred.
+    start : int
+        ns.
+    place, rate : ndarray, shape (2,)
+        Beside the star at `start`, on the sky (rad), and how that changes (rad/s).
+    """
+
+    def __init__(self, pointing, start, place, rate):
+        self.__dict__.update(vars(pointing))
+        self._star, self._start, self._place, self._rate = pointing, start, place, rate
+
+    def beside(self, stamps):
+        """Where the boresight shall be beside the star, on the sky, rad, shape (n, 2)."""
+        return self._place + np.multiply.outer((stamps - self._start) * 1e-9, self._rate)
+
+    def demand(self, stamps, conditions):
+        """Encoder angles (n, 2), rad, at each stamp (n,), ns."""
+        star = self._star.demand(stamps, conditions)
+        beside = self.beside(stamps)
+        return star + np.column_stack([beside[:, 0] / np.cos(star[:, 1]), beside[:, 1]])
+
+
+def legs(count, full):
+    """The rates beside the star, exposure by exposure.
+
+    Parameters
+    ----------
+    count : int
+    full : float
+        rad/s on an axis.
+
+    Returns
+    -------
+    ndarray, shape (count, 2)
+    """
+    leg = np.arange(count) // LEG
+    senses = np.array(SENSES)[leg // len(SHARES) % len(SENSES)]
+    # one share goes there and comes back before the other: places stay near the star
+    shares = np.array(SHARES)[leg // (len(SHARES) * len(SENSES) // 2) % len(SHARES)]
+    to_and_fro = np.where(leg % 2, -1.0, 1.0)
+    return full * (shares * to_and_fro)[:, np.newaxis] * senses
+
+
+def rate_for(exposure, full):
+    """The rate that does not trail a star too far in an exposure.
+
+    Parameters
+    ----------
+    exposure : float
+        s.
+    full : float
+        arcsec/s.
+
+    Returns
+    -------
+    float
+        rad/s.
+    """
+    return min(full, TRAIL / max(exposure, 1e-3)) * ARCSEC
+
+
+def row_of(stamp, rate, sense, miss, beside):
+    """An exposure as a list of numbers, for `offset_of` and the log.
+
+    Parameters
+    ----------
+    stamp : int
+        ns.
+    rate : ndarray, shape (2,)
+        Of the axes beside the star, on the sky, rad/s.
+    sense : ndarray, shape (2,)
+        In which the axes turned.
+    miss : ndarray, shape (2,)
+        Miss distance, rad.
+    beside : ndarray, shape (2,)
+        The centred reading less the demand of the star, on the sky, rad.
+    """
+    return [int(stamp), *(float(v) for part in (rate, sense, miss, beside) for v in part)]
+
+
+def on_sky(reading, demand):
+    """Difference of two pairs of encoder angles, on the sky, rad, shape (2,)."""
+    return np.array([wrap(reading[0] - demand[0]) * np.cos(demand[1]), reading[1] - demand[1]])
+
+
+def offset_of(exposures):
+    """The offset of the clocks by least squares.
+
+    Beside it are fitted where the star is, how that drifts, scale, rotation and shear of the
+    camera, and what follows the sense of each axis.
+
+    Parameters
+    ----------
+    exposures : list of list
+        As `row_of` makes them.
+
+    Returns
+    -------
+    dict or None
+        ``offset_s``: by how much the camera's stamps are late, ``sigma_s`` its standard error,
+        ``exposures`` how many were used, ``noise_arcsec`` the scatter of one on an axis. None where
+        they are too few.
+    """
+    rows = np.array([row[1:] for row in exposures], float).reshape(-1, 8)
+    stamps = np.array([row[0] for row in exposures], np.int64)
+    used = np.isfinite(rows).all(axis=1)
+    while True:
+        if used.sum() < LEAST:
+            return None
+        found = _solve(stamps[used], rows[used])
+        if found is None:
+            return None
+        offset, sigma, left, free = found
+        scatter = 1.4826 * np.median(np.abs(left)) * np.sqrt(len(left) / free)
+        off = np.hypot(*left.reshape(2, -1))
+        worst = int(np.argmax(off))  # one at a time: it draws the others along
+        if off[worst] <= OUTLIER * max(scatter, 1e-3 * ARCSEC) or used.sum() <= 0.75 * len(used):
+            break
+        used[np.flatnonzero(used)[worst]] = False
+    noise = np.sqrt(np.sum(left**2) / free)
+    return {'offset_s': float(offset), 'sigma_s': float(sigma), 'exposures': int(used.sum()),
+            'noise_arcsec': float(noise / ARCSEC)}
+
+
+def _solve(stamps, rows):
+    rate, sense, miss, beside = rows[:, :2], rows[:, 2:4], rows[:, 4:6], rows[:, 6:]
+    count = len(rows)
+    one = np.ones(count)
+    time = (stamps - stamps[0]) * 1e-9
+    columns = []
+    for axis in (0, 1):
+        # an axis that always turned the same way has its sense in the constant
+        turned = sense[:, axis] - sense[:, axis].mean()
+        for part in (one, time - time.mean(), miss[:, 0], miss[:, 1], turned):
+            column = np.zeros((2, count))
+            column[axis] = part
+            columns.append(column.ravel())
+    design = np.column_stack([rate.T.ravel(), *columns])
+    size = np.linalg.norm(design, axis=0)
+    design, size = design[:, size > 0.0] / size[size > 0.0], size[size > 0.0]
+    answer, _, rank, _ = np.linalg.lstsq(design, beside.T.ravel(), rcond=1e-7)
+    free = 2 * count - rank
+    if rank < design.shape[1] or free < 2:
+        return None
+    left = beside.T.ravel() - design @ answer
+    inverse = np.linalg.inv(design.T @ design)
+    sigma = np.sqrt(np.sum(left**2) / free * inverse[0, 0]) / size[0]
+    return answer[0] / size[0], sigma, left, free
+
+
+def sentence(found, late=0.0, second=None):
+    """What an offset says, and what to do.
+
+    Parameters
+    ----------
+    found : dict or None
+        Of `offset_of`.
+    late : float
+        What is taken off the camera's stamps already, s.
+    second : dict, optional
+        The offset against the absolute encoder.
+
+    Returns
+    -------
+    str
+    """
+    if found is None:
+        return 'clocks of camera and encoder: too few exposures to tell their offset'
+    offset, sigma = found['offset_s'], found['sigma_s']
+    other = '' if second is None else (
+        f' ({second["offset_s"]:+.3f} ± {second["sigma_s"]:.3f} s against the absolute one)')
+    if not is_off(found):
+        return f'clocks of camera and encoder agree: {offset:+.3f} ± {sigma:.3f} s{other}'
+    word = 'late' if offset > 0.0 else 'early'
+    return (f"the camera's stamps are {abs(offset):.3f} ± {sigma:.3f} s {word} against the "
+            f"encoder's{other}: mend the clock that is off, or set camera_late_s of star_observer "
+            f'to {late + offset:.3f}')
+
+
+def is_off(found):
+    """Whether an offset is one."""
+    return found is not None and abs(found['offset_s']) > max(
+        SIGMAS * found['sigma_s'], WORTH)

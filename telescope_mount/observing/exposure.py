@@ -1,0 +1,380 @@
+"""One observation: command the track of a target, wait for an exposure on it, centre it."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from calibration.analysis.camera_faults import turned_rows
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.runs.run import PointingRun
+
+from .axis_demand import Conditions, Pointing, track_to
+from .clocks import Drifting, on_sky, row_of
+from .following_check import FollowingCheck
+from .instrument_health import OFF_TARGET
+from .instruments import ABSOLUTE, CAMERA, MOUNT
+from .pairing import centred, centred_second
+
+#: exposures without a star after which it is given up: one that was under way when the mount was
+#: commanded is smeared
+BLANKS = 3
+#: exposures of a star that is centred again and again
+CENTRINGS = 3
+#: one that is so much farther off after it was centred moves the wrong way
+WORSE = 1.2
+#: how a mount is moved to see whether the camera is right, in units of what need not be centred:
+#: as far as can be from the axes and their middles, where one that is mirrored would be right
+BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
+#: rows by which the camera is judged, and their columns
+LAST, JUDGED = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
+#: exposures in a row in which the axes swing that are no settling any more
+RESTLESS = 5
+#: after so long a commanded axis moves, s
+BEGUN = 10.0
+
+
+class Exposer:
+    """Makes rows of targets.
+
+    What waits is a generator of conditions, for `msg_tools.steps.Steps`.
+
+    Parameters
+    ----------
+    outbox
+        As of a `Sequencer`.
+    instruments : Instruments
+    in_force : InForce
+    table : Table
+    ready : callable
+        Gives the steps after which the mount can be commanded.
+    waiting : callable
+        Called with what is waited for, in words; '' when it has come.
+
+    Attributes
+    ----------
+    earliest : int
+        Before this the next track does not begin, ns.
+    commanded : int
+        Begin of the last track, ns.
+    exposed : int
+        The last exposure, ns.
+    refusal : str
+        Why the last track was refused; '' if it was not.
+    """
+
+    def __init__(self, outbox, instruments, in_force, table, ready, waiting):
+        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+        self._table, self._ready, self._waiting = table, ready, waiting
+        self.earliest = self.commanded = self.exposed = 0
+        self._following = None  # what is commanded and waited for
+        self._blanks = 0  # targets in a row without a star
+        self.refusal = ''
+        self.forget_aim()
+
+    def forget_aim(self):
+        """With a new model or zero, what was learned of the stars before is in it."""
+        self._carried = np.zeros(2)
+
+    def watch(self, now):
+        """Say whether the axes follow what is commanded, while an exposure is waited for.
+
+        `now` is of the clock of the instruments that goes on, s.
+        """
+        instruments = self._instruments
+        if self._following is None or not instruments.homed or instruments.excused:
+            return
+        text, swings = '', instruments.exposures.restless
+        if len(swings) >= RESTLESS:
+            text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
+                    f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
+        instruments.health.axes(
+            MOUNT, self._following.say(instruments.stamp, instruments.here, now,
+                                       self._out.sent(instruments.stamp)) or text)
+
+    def observe(self, target, block, blind=False):
+        """Steps that point at `target` and centre it where it is far off.
+
+        Parameters
+        ----------
+        target : StarTarget or SatelliteTarget
+        block : int
+            Number of the step of the plan.
+        blind : bool
+            With model and zero alone, and the first exposure counts.
+
+        Returns
+        -------
+        dict or None
+            The row; None where there was no star in the field, or the track was refused.
+        """
+        pointing = self.aimed_at(target)
+        if blind:
+            pointing.aim = np.zeros(2)
+        if self._instruments.health.doubted(CAMERA) and not (
+                yield from self._sees_motion(pointing)):
+            return None
+        seen = blank = 0
+        first = None
+        while True:
+            exposed = yield from self.expose(pointing)
+            if exposed is None:
+                return None
+            stamp, miss = exposed
+            if not np.isfinite(miss).all():
+                blank += 1
+                if blank < BLANKS:
+                    continue
+                if not blind:
+                    self.forget_aim()  # it may be why
+                self._blanks += 1
+                if self._blanks >= BLANKS:
+                    self._instruments.health.blanks(CAMERA, self._blanks)
+                return None
+            self._blanks = 0
+            self._instruments.health.blanks(CAMERA, 0)
+            reading, rate = self._instruments.exposures.over(
+                'enc', stamp, self._out.value('exposure_s'))
+            enc = np.array(centred(*reading, *miss, pointing.beyond))
+            second = self._second(stamp, miss, reading, pointing.beyond)
+            second_on = self._instruments.absolute_power_on
+            self._in_force.take_readings(self._instruments.run, enc, second,
+                                         second_on.started if second_on else np.nan)
+            if blind:
+                break
+            demand = pointing.demand(np.array([stamp]), self._conditions())[0]
+            # only for pointing: the next star lies nearer to where this one was found
+            pointing.aim = pointing.aim + np.array(
+                [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
+            self._carried = pointing.aim / self._stretch(pointing)
+            seen += 1
+            off = float(np.hypot(*miss))
+            first = off if first is None else first
+            near = off <= self._out.value('recentre_arcsec') * ARCSEC
+            # farther off than before: what is left of it would lead farther still
+            if near or seen == CENTRINGS or off > WORSE * first:
+                break
+        if first is not None and not near and not self._instruments.health.centres(
+                CAMERA, first, off):
+            self.forget_aim()
+            self._out.refuse_frame('a star that was centred is as far off as before')
+            return None
+        row = self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+        self._judge_camera(row)
+        return row
+
+    def _sees_motion(self, pointing):
+        """Steps that move the mount a little beside a star; whether the camera sees by how much."""
+        aim, seen = pointing.aim, []
+        beside = BESIDE * self._out.value('recentre_arcsec') * ARCSEC
+        second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
+        for moved in (np.zeros(2), beside / [np.cos(second), 1.0]):
+            pointing.aim = aim + moved
+            exposed = yield from self.expose(pointing)
+            if exposed is None or not np.isfinite(exposed[1]).all():
+                return False
+            seen.append(np.array(exposed[1]))
+        pointing.aim = aim
+        if self._instruments.health.moves(CAMERA, seen[1] - seen[0], -beside):
+            return True
+        self.forget_aim()
+        self._out.refuse_frame('the camera does not see by how much the mount was moved')
+        return False
+
+    def _judge_camera(self, row):
+        """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
+        rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
+        wrong, sense = turned_rows(PointingRun(
+            {name: np.array([own[name] for own in rows]) for name in JUDGED},
+            {} if self._out.mount().altaz else {'mount': self._out.mount()}))
+        if len(wrong) and wrong[-1]:
+            self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)
+            self.forget_aim()
+
+    def drift(self, pointing, rate, place):
+        """Steps that make an exposure while the axes drift past a star, see `clocks`.
+
+        Parameters
+        ----------
+        pointing : Pointing
+            Of the star.
+        rate, place : ndarray, shape (2,)
+            Beside the star, on the sky: rad/s, and rad at the begin.
+
+        Returns
+        -------
+        row : list or None
+            As of `clocks.row_of`; None where there was no star or the track was refused.
+        second : list or None
+            The same of the absolute encoder.
+        place : ndarray, shape (2,)
+            Where the axes are beside the star by now.
+        """
+        drifting = Drifting(pointing, max(self.now(), self.earliest), np.array(place), rate)
+        exposed = yield from self.expose(drifting)
+        now = drifting.beside(np.array([self.now()]))[0]
+        if exposed is None or not np.isfinite(exposed[1]).all():
+            return None, None, now
+        stamp, miss = exposed
+        reading, moving = self._instruments.exposures.over(
+            'enc', stamp, self._out.value('exposure_s'))
+        demand = pointing.demand(np.array([stamp]), self._conditions())[0]
+        rows = []
+        for angles in (centred(*reading, *miss, pointing.beyond),
+                       self._second(stamp, miss, reading, pointing.beyond)):
+            beside = on_sky(angles, demand)
+            rows.append(row_of(stamp, rate, np.sign(moving), miss, beside)
+                        if np.isfinite(beside).all() else None)
+        return *rows, now
+
+    def aimed_at(self, target):
+        """`Pointing` at a target, with what was learned of the stars before."""
+        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
+                            self._out.value('meridian_limit_deg') * DEG)
+        pointing.aim = self._carried * self._stretch(pointing)
+        return pointing
+
+    def _stretch(self, pointing):
+        """By what an aim on the sky is that of the axes: near a pole the first turns far.
+
+        Azimuths are carried as they are: a zero that is off is most of it.
+        """
+        if pointing.mount.altaz:
+            return 1.0
+        second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
+        return np.array([1.0 / np.cos(second), 1.0])
+
+    def _second(self, stamp, miss, first, beyond):
+        """Of the absolute encoder; NaN, for each axis, where it is not known or cannot be."""
+        try:
+            reading, _ = self._instruments.exposures.over('abs', stamp,
+                                                          self._out.value('exposure_s'))
+        except ValueError:
+            return np.full(2, np.nan)
+        if not self._instruments.health.second(ABSOLUTE, reading, first):
+            return np.full(2, np.nan)
+        return centred_second(reading, first, miss, beyond)
+
+    def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
+        target, (site, air, *_) = pointing.target, self._conditions()
+        power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
+        az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
+        row = {
+            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
+            'encoder_start': power_on.started if power_on else np.nan,
+            'absolute_start': second_on.started if second_on else np.nan, 'block': block,
+            'check': float(blind), 'star': target.number, 'az': az, 'el': el,
+            'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
+            'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
+            'approach_az': pointing.approach[0], 'approach_el': pointing.approach[1],
+            'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
+            'magnitude': target.magnitude,
+        }
+        for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
+            if self._out.value(parameter):  # as before where neither is used
+                row[name] = self._out.value(parameter)
+        if self._out.value('inclinometer'):
+            row['lean_north'], row['lean_west'] = self._in_force.inclinometer.before(
+                stamp, (np.nan, np.nan))
+        if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
+            for name in ('absolute_start', 'az_abs', 'el_abs'):
+                del row[name]
+        return row
+
+    def expose(self, pointing):
+        """Steps that command a track, again until there is an exposure on it: stamp and miss.
+
+        None where it is refused.
+        """
+        found = None
+        while found is None:
+            found = yield from self._try(pointing)
+            if self.refusal:
+                return None
+            self._instruments.look()
+            if found is not None and self._instruments.health.suspect:
+                self._out.refuse_frame('an exposure that may be of another instrument')
+                found = None
+        return found
+
+    def until_free(self):
+        """The steps that wait while the guard lets nothing move the mount."""
+        held = self._out.held
+        if held():
+            self._waiting(f'the guard ({held()})')
+            yield lambda: not held()
+            self._waiting('')
+
+    def _try(self, pointing):
+        """Command once; None when nobody answered in time."""
+        yield from self._ready()
+        instruments, value, held = self._instruments, self._out.value, self._out.held
+        yield from self.until_free()
+        self.commanded = max(self.now(), self.earliest)
+        track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
+        instruments.exposures.begin(track.start, track.times, track.angles)
+        self._out.send_command(track)
+        asked, before = instruments.ask(), instruments.here
+        self._following = FollowingCheck(
+            track, before, self._out.mount(),
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way(), asked)
+        began = instruments.began
+        take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
+                       self._out.refuse_frame, value('exposure_s'),
+                       value('smear_arcsec') * ARCSEC)
+        found = None
+
+        def answered():
+            nonlocal found
+            found = take()
+            # a slew may take as long as the track
+            return (found is not None or self._out.refusal(track.start) or held()
+                    or instruments.silent(value('answer_timeout_s'))
+                    or not instruments.homed or instruments.stamp > track.end
+                    or instruments.began != began)
+
+        yield answered
+        self._following = None
+        self.refusal = '' if found is not None else self._out.refusal(track.start)
+        off = self._note_motion(track, before, found is not None)
+        if found is not None:
+            self._waiting('')
+            self.exposed = found[0]
+        elif instruments.homed:
+            wait = value('answer_timeout_s')
+            beside = off > value('on_target_arcsec') * ARCSEC
+            # whoever is told of a frame off target has answered
+            mute = instruments.silent(wait) if beside else instruments.unanswered(wait)
+            self._waiting(f'an answer of {", ".join(mute)}' if mute else
+                          f'the mount to come on target: {off / ARCSEC:.0f} arcsec off')
+        return found
+
+    def _note_motion(self, track, before, exposed):
+        """Whether the encoder follows what was commanded, as far as that can be told by now.
+
+        Returns how far off it is, rad; 0 where that cannot be told.
+        """
+        instruments = self._instruments
+        at = (instruments.stamp - track.start) * 1e-9
+        stands = np.array_equal(instruments.here, before)
+        # an axis that still slews is where it should be; one that has not begun is not
+        told = exposed or instruments.stamp > track.end or (stands and at > BEGUN)
+        if not instruments.homed or not told:
+            return 0.0
+        demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
+        here = instruments.here
+        distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
+        instruments.health.follows(MOUNT, float(distance), not stands)
+        return float(distance)
+
+    def _conditions(self):
+        """Those of now; the thermometer's reading is that of before the last exposure."""
+        site, weather = self._out.sky()
+        celsius = self._in_force.thermometer.before(self.exposed, weather.temperature_c)
+        run = self._instruments.run
+        return Conditions(site, replace(weather, temperature_c=celsius), self._instruments.here,
+                          run, self._table.last_of(run))
+
+    def now(self):
+        """Time of the next command: never before the last reading, whatever /clock lags."""
+        return max(self._instruments.stamp, self._out.now())

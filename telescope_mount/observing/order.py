@@ -1,0 +1,98 @@
+"""In which order to observe stars."""
+
+import numpy as np
+
+from pointing_model.mounts import ALTAZ
+
+_TRIALS, _STEPS = 48, 300  # changed orders tried a step, steps
+
+
+def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
+    """Order directions so that slews are short and approaches come from all sides.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Radians.
+    rng : numpy.random.Generator
+    start : (float, float), optional
+        Where the mount stands before the first, radians.
+    way : callable
+        ``way(here, there)``: by how much the first axis turns.
+    slews : float
+        What their length counts beside all else; see `pace.weight_of_slews`.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+
+    Notes
+    -----
+    The shortest tour would go once around in azimuth: time, azimuth and the direction of approach
+    would then be one and the same, and so would a drift, an encoder error and a backlash. So
+    the order is searched (simulated annealing) that makes small the mean slew *and* the
+    correlations of time and of the sign of approach of each axis with each other and with
+    sin A, cos A and sin E, and that has both signs equally often. A slew turns the azimuth the
+    shorter way (a cable wrap is the mount's own concern) and both axes move at once.
+    """
+    n = len(az)
+    if n < 3:
+        return np.arange(n)
+    place = _unit(np.stack([np.sin(az), np.cos(az), np.sin(el)], axis=1)).T.copy()
+    line = np.linspace(-1.0, 1.0, n)
+    clock = _unit(np.stack([line, line**2], axis=1))
+    # what a move from one star (row) to another tells and costs: signs of both axes, length;
+    # row n is the way from the start
+    from_az = np.append(az, az[0] if start is None else start[0])[:, None]
+    from_el = np.append(el, el[0] if start is None else start[1])[:, None]
+    move = np.stack([way(from_az, az), el - from_el])
+    length = np.abs(move).max(axis=0)
+    length *= slews * (n - 1) / length[:n].sum()
+    sign = np.sign(move) / np.sqrt(n)
+    if start is None:
+        length[n], sign[:, n] = 0.0, 0.0
+    moves = np.concatenate([sign, length[np.newaxis]]).reshape(3, -1)
+    # with which both signs, and places, are summed: squared, that is correlation or one-sidedness
+    along = np.concatenate([np.full((n, 1), 1.0 / np.sqrt(n)), clock], axis=1)
+
+    row, told = np.empty((_TRIALS, n), int), np.empty((5, _TRIALS, n))
+
+    def cost(order):
+        row[:, 0] = n * n
+        np.multiply(order[:, :-1], n, out=row[:, 1:])
+        np.add(row, order, out=row)
+        moves.take(row, axis=1, out=told[:3], mode='clip')
+        approach, size = told[:2], told[2].sum(axis=1)
+        both = np.einsum('tn,tn->t', *approach)
+        where = place.take(order, axis=1, out=told[2:], mode='clip')
+        pairs = np.einsum('atn,wtn->awt', approach, where).reshape(6, -1)
+        sums = (told.reshape(-1, n) @ along).reshape(5, len(order), 3)
+        return (size + both * both + np.einsum('pt,pt->t', pairs, pairs)
+                + np.einsum('atc,atc->t', sums, sums))
+
+    trials = np.argsort(rng.random((_TRIALS, n)), axis=1)
+    value = cost(trials)
+    order, now = trials[np.argmin(value)], value.min()
+    best, best_value = order, now
+    index, each = np.arange(n), np.arange(_TRIALS)
+    before = index - 1
+    for temperature in np.geomspace(0.1, 0.001, _STEPS):
+        ends = rng.integers(0, n, 2 * _TRIALS).reshape(2, _TRIALS, 1)
+        i, j = np.minimum(*ends), np.maximum(*ends)
+        # a stretch of the order reversed, or its last star put first
+        turned = rng.random((_TRIALS, 1)) < 0.5
+        changed = np.where(turned, i + j - index, before)
+        changed[each, i[:, 0]] = j[:, 0]
+        trials = order.take(np.where((index >= i) & (index <= j), changed, index))
+        value = cost(trials)
+        k = np.argmin(value)
+        if value[k] < now or rng.random() < np.exp((now - value[k]) / temperature):
+            order, now = trials[k], value[k]
+            if now < best_value:
+                best, best_value = order, now
+    return best
+
+
+def _unit(columns):
+    columns = columns - columns.mean(axis=0)
+    return columns / (np.linalg.norm(columns, axis=0) + 1e-12)

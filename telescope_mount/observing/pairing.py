@@ -1,0 +1,355 @@
+"""One observation from what the instruments sent: encoder readings and a miss distance."""
+
+from array import array
+from bisect import bisect_left
+from collections import deque
+
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.interpolation import interpolate
+
+from .zero_jumps import demand_of
+
+#: readings older than the last by this are of a new simulation, ns
+CLOCK_JUMP = 1_000_000_000
+#: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
+#: second apart show a slip, not how the axis moves
+RATE_OVER = 1_000_000_000
+#: ns of readings that are kept before a track: it may be told late
+KEPT_BEFORE = 600_000_000_000
+ENCODERS = ('enc', 'abs')
+
+
+class Readings:
+    """The newest readings of an encoder, 24 bytes each.
+
+    Attributes
+    ----------
+    stamps : array of int
+        Nanoseconds, increasing.
+    """
+
+    def __init__(self, most=20000):
+        self._most = most
+        self.clear()
+
+    def __len__(self):
+        return len(self.stamps)
+
+    def clear(self):
+        """Forget all."""
+        self.stamps, self._angles = array('q'), array('d')
+
+    def append(self, stamp, angles):
+        """Take a reading of both axes, rad."""
+        if len(self.stamps) >= 2 * self._most:
+            del self.stamps[:self._most], self._angles[:2 * self._most]
+        self.stamps.append(stamp)
+        self._angles.extend(angles)
+
+    def forget_before(self, stamp):
+        """Forget what is older, but for the last of them, if that is most of all."""
+        first = bisect_left(self.stamps, stamp) - 1
+        if first > len(self.stamps) // 2:
+            del self.stamps[:first], self._angles[:2 * first]
+
+    def since(self, stamp):
+        """The newest, back to the last one before `stamp`.
+
+        Returns
+        -------
+        stamps : ndarray of int, shape (n,)
+        angles : ndarray, shape (n, 2)
+        """
+        first = max(bisect_left(self.stamps, stamp) - 1, 0)
+        return (np.array(self.stamps[first:], np.int64),
+                np.array(self._angles[2 * first:]).reshape(-1, 2))
+
+
+def beside(stamps, angles, track, begin, end):
+    """Readings less the track of the mount, from `begin` to `end`.
+
+    Parameters
+    ----------
+    stamps : array_like of int, shape (n,)
+        ns, increasing, from before `begin` to after `end`.
+    angles : array_like, shape (n, 2)
+        Readings, rad.
+    track : tuple
+        Begin (ns), seconds since then (m,), angles demanded (m, 2), rad.
+    begin, end : int
+        ns.
+
+    Returns
+    -------
+    times : ndarray, shape (k,)
+        Seconds since the begin of the track: `begin`, the readings in between, `end`.
+    way : ndarray, shape (k, 2)
+        rad.
+    """
+    start, times, demand = track
+    stamps, angles = np.array(stamps, np.int64), np.array(angles, float).reshape(-1, 2)
+    at = (stamps - start) * 1e-9
+    way = angles - np.column_stack([np.interp(at, times, axis) for axis in demand.T])
+    way[:, 0] = wrap(way[:, 0])
+    edges = (np.array([begin, end]) - start) * 1e-9
+    inside = (at > edges[0]) & (at < edges[1])
+    ends = np.column_stack([np.interp(edges, at, axis) for axis in way.T])
+    return (np.concatenate([edges[:1], at[inside], edges[1:]]),
+            np.concatenate([ends[:1], way[inside], ends[1:]]))
+
+
+def mean_over(stamps, angles, track, stamp, half):
+    """The mean of the readings over an exposure, as the image is one.
+
+    They are averaged beside the track, which is no straight line.
+
+    Parameters
+    ----------
+    stamps, angles, track
+        As of `beside`.
+    stamp, half : int
+        Middle and half the length of the exposure, ns; `half` above 0.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        rad, on the turn of the reading in the middle.
+    """
+    middle, _ = interpolate(stamps, angles, stamp)
+    at, way = beside(stamps, angles, track, stamp - half, stamp + half)
+    start, times, demand = track
+    wanted = [np.interp((stamp - start) * 1e-9, times, axis) for axis in demand.T]
+    mean = wanted + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
+    return middle + [wrap(mean[0] - middle[0]), mean[1] - middle[1]]
+
+
+def half_of(exposure):
+    """Half the length of an exposure, s, in ns."""
+    return round(0.5e9 * exposure)
+
+
+def centred_second(reading, first, miss, beyond=False):
+    """`centred` of the second encoder, each axis of which may be NaN.
+
+    How an axis centres depends a little on where the other one is: the `first` encoder's reading
+    will do.
+
+    Parameters
+    ----------
+    reading, first, miss : array_like, shape (2,)
+        Radians.
+    beyond : bool
+        As of `centred`.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+    """
+    known = np.isfinite(reading)
+    return np.where(known, centred(*np.where(known, reading, first), *miss, beyond), np.nan)
+
+
+def centred(az, el, miss_x, miss_y, beyond=False):
+    """The encoder reading that would have put the star on the boresight.
+
+    The miss distance is a point in the tangent plane about the pointing; taking it back to the
+    sphere exactly keeps stars near the zenith right.
+
+    Parameters
+    ----------
+    az, el : float or ndarray
+        Encoder reading, rad.
+    miss_x, miss_y : float or ndarray
+        Star minus boresight to the right and the top of the tube, rad: differences of the
+        first angle times the cosine of the second, and of the second.
+    beyond : bool or ndarray of bool
+        Whether the mount looks through the pole.
+
+    Returns
+    -------
+    az, el : float or ndarray
+        Radians.
+    """
+    up = np.cos(el) - miss_y * np.sin(el)
+    side = np.where(beyond, -1.0, 1.0)[()]
+    new_az = az + np.arctan2(side * miss_x, side * up)
+    new_el = np.arctan2(np.sin(el) + miss_y * np.cos(el), side * np.hypot(miss_x, up))
+    # on the turn of the reading
+    return new_az, np.where(beyond, el + wrap(new_el - el), new_el)[()]
+
+
+class Exposures:
+    """Readings and frames since a track was commanded, and which of them belong together.
+
+    Parameters
+    ----------
+    encoders : sequence of str
+        Of `ENCODERS`: those that an exposure must have readings of around it.
+
+    Attributes
+    ----------
+    restless : list of float
+        Of the frames on this track that did not count because the axes moved beside it: by how
+        much, rad.
+    """
+
+    def __init__(self, encoders=ENCODERS):
+        self._readings = {encoder: Readings() for encoder in encoders}
+        self._frames = deque(maxlen=1000)
+        self._track = None
+        self.restless = []
+
+    @property
+    def end(self):
+        """Of the commanded track, ns; 0 without one."""
+        return 0 if self._track is None else self._track[0] + round(self._track[1][-1] * 1e9)
+
+    def demand(self, stamp):
+        """Where the track leads at a stamp, rad, shape (2,); None where it does not."""
+        return demand_of(self._track, stamp)
+
+    def begin(self, start, times, track):
+        """Forget what was before: a track is commanded.
+
+        Parameters
+        ----------
+        start : int
+            ns.
+        times : ndarray, shape (n,)
+            Seconds since `start`.
+        track : ndarray, shape (n, 2)
+            Encoder angles demanded then, rad.
+        """
+        self._track = start, times, track
+        for readings in self._readings.values():
+            readings.forget_before(start - KEPT_BEFORE)
+        self._frames.clear()
+        self.restless = []
+
+    def forget(self):
+        """The clock began anew: what was read before is of no time that will be asked for."""
+        for readings in self._readings.values():
+            readings.clear()
+        self._frames.clear()
+        self._track = None
+
+    def add_reading(self, encoder, stamp, angle):
+        """Take a reading.
+
+        Returns
+        -------
+        bool
+            The clock went back, and what was before is forgotten.
+
+        Raises
+        ------
+        ValueError
+            It is not newer than the one before.
+        """
+        readings = self._readings[encoder]
+        back = bool(readings) and stamp <= readings.stamps[-1]
+        if back:
+            if readings.stamps[-1] - stamp < CLOCK_JUMP:
+                raise ValueError('stamp not after the one before: two encoders on one topic?')
+            readings.clear()
+        readings.append(stamp, angle)
+        return back
+
+    def add_frame(self, stamp, x, y):
+        """Take a measured miss distance, rad."""
+        self._frames.append((stamp, x, y))
+
+    def at(self, encoder, stamp):
+        """Angles and rates of an encoder at `stamp`; see `interpolate`.
+
+        The absolute encoder may give one axis alone; without both of the incremental one no star
+        can be pointed at: ValueError, as where there is no such encoder.
+        """
+        if encoder not in self._readings:
+            raise ValueError('the mount has no such encoder')
+        stamps, read = self._around(encoder, stamp - RATE_OVER)
+        angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
+        if encoder == 'enc' and not np.isfinite(angles).all():
+            raise ValueError('encoder reading is not a number: home the encoder')
+        return angles, rates
+
+    def _around(self, encoder, begin):
+        """Stamps and angles of the readings from before `begin` (ns) on."""
+        return self._readings[encoder].since(begin)
+
+    def over(self, encoder, stamp, exposure):
+        """As `at`, on the mean over an exposure about `stamp`, as the image is one.
+
+        Parameters
+        ----------
+        encoder : str
+        stamp : int
+            Its middle, ns.
+        exposure : float
+            Its length, s.
+        """
+        angles, rates = self.at(encoder, stamp)
+        half = half_of(exposure)
+        if half:
+            angles = mean_over(*self._around(encoder, stamp - half), self._track, stamp, half)
+        return angles, rates
+
+    def _settled(self, stamp, half, tolerance, smear):
+        """Whether the axes were on target, and did not move beside it, all the exposure long."""
+        start, times, track = self._track
+        _, way = beside(*self._around('enc', stamp - half), self._track,
+                        stamp - half, stamp + half)
+        way = way * (np.cos(np.interp((stamp - start) * 1e-9, times, track[:, 1])), 1.0)
+        if not np.isfinite(way).all() or np.hypot(*way.T).max() > tolerance:
+            return False
+        moved = float(np.hypot(*np.ptp(way, axis=0)))
+        if moved > smear:
+            self.restless.append(moved)
+        return moved <= smear
+
+    def take(self, tolerance, refuse, exposure=0.0, smear=np.inf):
+        """The next frame on the commanded track that has readings of both encoders around it.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest difference of the encoder from its demand, on the sky, rad.
+        refuse : callable
+            Called with the reason for a frame that cannot be used.
+        exposure : float
+            Its length, s: the encoder must be within `tolerance` all that time; 0: in its middle.
+        smear : float
+            Largest way of the axes beside the track in that time, rad.
+
+        Returns
+        -------
+        (int, ndarray) or None
+            Stamp in ns and miss distance (2,) in rad; None where there is none yet.
+        """
+        if self._track is None:
+            return None
+        start, times, track = self._track
+        half = half_of(exposure)
+        while self._frames:
+            stamp, *miss = self._frames[0]
+            if stamp >= start and not all(
+                    r and r.stamps[-1] > stamp and r.stamps[-1] >= stamp + half
+                    for r in self._readings.values()):
+                return None
+            self._frames.popleft()
+            if stamp - half < max([start, *(r.stamps[0] for r in self._readings.values() if r)]):
+                continue  # under way when the command came
+            try:
+                reading, _ = self.at('enc', stamp)
+            except ValueError as err:
+                refuse(str(err))
+                continue
+            t = (stamp - start) * 1e-9
+            wanted = [np.interp(t, times, axis) for axis in track.T]
+            error = wrap(reading[0] - wanted[0]) * np.cos(wanted[1]), reading[1] - wanted[1]
+            if np.hypot(*error) <= tolerance and (
+                    not half or self._settled(stamp, half, tolerance, smear)):
+                return stamp, np.array(miss)
+        return None

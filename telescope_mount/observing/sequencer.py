@@ -1,0 +1,426 @@
+"""The observing plan as work that waits: what is done step by step, and what each step awaits.
+
+The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoever runs it, its
+outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
+"""
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.status import Progress, Taken
+from msg_tools.steps import Refused, Steps
+from pointing_model.sky.earth import earth_orientation
+
+from .blind_checks import blind_summary
+from .clocks import is_off
+from .fault_watch import FaultWatch
+from .night_file import NoFile
+from .night_steps import NightSteps
+from .plan import POWER_CYCLES, parse_plan
+
+#: said of a plan that was finished by an observer before
+OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
+#: as the parameter `looks`: a thousand readings a second ask for it
+LOOKS = 0.02
+#: steps that need no exposure of their own, and make what is in force
+MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
+
+
+class Sequencer:
+    """Runs a plan.
+
+    Parameters
+    ----------
+    outbox
+        Whoever runs it, with these methods (times are int, ns):
+
+        - ``value(name)``: a parameter of the star observer
+        - ``sky()``: site and weather of now, sky.Site and sky.Weather
+        - ``mount()``: the `Mount`
+        - ``now()``: the (simulated) time; 0 before it is known
+        - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
+        - ``client(verb)``: client of a service, see `msg_tools.steps.call`
+        - ``send_command(track)``: ask for a `Track`
+        - ``refusal(stamp)``: why the guard refused the track that began then, '' if it did not
+        - ``sent(stamp)``: where the guard sent the mount then, rad, shape (2,), None if unknown
+        - ``held()``: why the mount may not be moved now, '' if it may
+        - ``allowed()``: an `AllowedSky`, where the guard lets the tube look; None if unknown
+        - ``own_way()``: whether the mount slews as it likes to places that it is told
+        - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
+        - ``send_table(run, stamp)``: publish all rows so far
+        - ``send_checks(text)``: publish the document of the blind checks
+        - ``send_status(progress, text)``: publish how far the plan is, a `Progress`
+        - ``refuse_frame(reason)``: count an exposure that cannot be used
+        - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
+    instruments : Instruments
+    in_force : InForce
+    table : Table
+    memory : NightFile, optional
+        Keeps the night beyond the end of the process.
+    looks : float
+        Wall s between two looks at whether the graph is there.
+
+    Attributes
+    ----------
+    earth : str
+        What is known of the Earth's orientation.
+    begun : bool
+        Whether a plan has ever got beyond waiting for the graph.
+    """
+
+    def __init__(self, outbox, instruments, in_force, table, memory=None, looks=LOOKS):
+        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+        self._table, self._memory = table, memory or NoFile()
+        self._night = NightSteps(outbox, instruments, in_force, table, self.advance,
+                                 self._memory.row)
+        self._steps = Steps(self._ended)
+        self.earth = ''
+        self._told = None
+        self._lacks = ''  # what the graph lacks before a plan can begin, in words
+        self._watch = FaultWatch(outbox, instruments, self._night.exposer)
+        self.begun = False
+        self._looks, self._looked = looks, -math.inf
+        self._plan, self._left = '', None
+        self._before = None  # rows of the night before this plan, None where nobody knows
+        self._calibration_is_new = False
+        self._mended = 0  # the newest row as the table was sent to a calibration that lacked some
+
+    @property
+    def text(self):
+        """What it does or waits for."""
+        return self._night.text
+
+    @property
+    def refusal(self):
+        """The last target that the guard has refused, and why; '' for none."""
+        return self._night.refusal
+
+    # --- from outside -------------------------------------------------------------------------
+
+    @property
+    def busy(self):
+        """Whether a plan is under way."""
+        return self._steps.busy
+
+    @property
+    def progress(self):
+        """How far it is, `Progress`."""
+        return replace(self._night.progress, observations=len(self._table),
+                       run=self._instruments.run, plan=self._plan, forgotten=self._table.forgotten)
+
+    def start(self, plan, anew=False):
+        """Take up a plan; it begins with the next `advance`.
+
+        One that has ended before its end goes on where it stopped, unless it shall begin `anew`.
+        """
+        if anew or self._left is None or plan != self._plan:
+            self._left, self._before = None, len(self._table)
+        self._plan = plan
+        self._steps.start(self._follow(plan))
+
+    def advance(self):
+        """Go on with the plan as far as the conditions allow."""
+        if not self._steps.busy:
+            return
+        self._steps.advance()
+        self._tell()
+
+    def stopped_at(self, plan):
+        """Where `plan` ended before its end, in words; '' where it did not."""
+        if self._left is None or self._left.plan != plan:
+            return ''
+        return f'step {self._left.block + 1}, {self._left.step}'
+
+    def _tell(self):
+        words = self._night.text
+        if self.busy:
+            words = '; '.join([words if self.begun else self._lacks or words,
+                               *self._watch.sentences])
+        # looked at for each reading: what `progress` is made of, which changes in its place
+        made_of = words, len(self._table), self._instruments.run, self._plan
+        if (made_of, self._night.progress) != self._told:
+            self._told, progress = (made_of, replace(self._night.progress)), self.progress
+            if self.begun:
+                self._memory.stands(progress, self._night.evening, self._before or 0)
+            self._out.send_status(progress, words)
+
+    @property
+    def clocks(self):
+        """What is known of the clocks of camera and encoder, and whether they are off."""
+        found = self._night.clocks.get('found')
+        return self._night.clocks_told, is_off(found)
+
+    def forget_clocks(self):
+        """What was measured of the clocks no longer holds."""
+        self._night.clocks = {}
+
+    @property
+    def faults(self):
+        """What is wrong now and what to do, sentences."""
+        return self._watch.sentences
+
+    def look(self, now):
+        """Name what is wrong with the instruments, and give a plan up that cannot go on.
+
+        Parameters
+        ----------
+        now : float
+            Wall time that goes on, s.
+
+        Returns
+        -------
+        bool
+            Whether something else is wrong than at the last look.
+        """
+        if not self.busy:
+            return self._watch.rest()
+        waits = self._night.text if self._night.progress.state == 'waiting' else ''
+        lacks = ', '.join(self._out.waiting_for()) if waits and not self.begun else ''
+        self._lacks = f'{waits}: {lacks}' if lacks else ''
+        waits = self._lacks or waits
+        verb = self._night.progress.step.split(' ')[0]
+        changed, reason = self._watch.look(now, self.begun, waits, verb, len(self._table))
+        if reason:
+            self._steps.end(Refused(reason))
+            self._watch.rest()
+        self._tell()
+        return changed
+
+    def cancel(self, reason):
+        """End the plan here; whether there was one."""
+        if not self._steps.busy:
+            return False
+        self._steps.cancel()
+        self._night.set_state('cancelled', reason)
+        self._remember()
+        self._tell()
+        where = self.stopped_at(self._plan)
+        self._out.get_logger().warning(f'plan cancelled: {reason}' + (
+            f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
+            if where else ''))
+        return True
+
+    def pointing_changed(self):
+        """A new model or zero is in force."""
+        self._night.exposer.forget_aim()
+        self.advance()
+
+    def calibration_has(self, taken):
+        """What the calibration has, `msg_tools.status.Taken`."""
+        before, table = self._night.calibrated, self._table
+        anew = taken.newest < before.newest or not taken.kept and before.kept
+        lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)
+        if anew or lacks and self._mended != table.newest:
+            # it knows nothing of the night so far, or a row was lost
+            self._mended = table.newest
+            self._calibration_is_new = not taken.kept
+            self._night.asked = None
+            self._send_table(again=True)
+        self._night.calibrated = taken
+        self.advance()
+
+    def asked_for(self, asked):
+        """What the calibration asks for to tell causes apart, an `Asked`."""
+        self._night.asked = asked
+        self.advance()
+
+    def rows_turned_up(self):
+        """Somebody has rows of the night: a plan that has begun without any begins again.
+
+        Who is discovered first is not told, and the calibration may be the last. A plan that has
+        not yet given a row goes back to waiting for the graph, and so for the rows.
+        """
+        if not (self._steps.busy and self.begun) or len(self._table):
+            return
+        self._out.get_logger().info('the calibration has rows of the night so far: '
+                                    'the plan begins again, with them')
+        self.begun = False
+        self._night.progress = Progress()
+        self._steps = Steps(self._ended)
+        self.start(self._plan)
+
+    def take_up(self, run, stamp, left, forgotten=0):
+        """Take the rows of the night so far, and where its plan stood, before a plan begins.
+
+        Parameters
+        ----------
+        run : PointingRun
+        stamp : int
+            Of the last row, ns.
+        left : Progress or None
+            The last that was heard of the plan.
+        forgotten : int
+            Rows before them, as far as the calibration knows.
+        """
+        # the plan may have been told before its last row was made
+        forgotten = max(forgotten, left.observations - len(run) if left else 0)
+        self._table.restore(run, stamp, forgotten)
+        self._before = None
+        self._taken_up(run, left)
+
+    def take_up_file(self, plan):
+        """As `take_up`, from what `memory` has kept of `plan`; whether it was over then.
+
+        One that is over is not begun again by itself.
+        """
+        rows, left, evening, before = self._memory.kept
+        if left is None or left.plan != plan or not rows:
+            self._memory.forget()
+            return False
+        self._plan, self._table.rows = plan, list(rows)
+        self._night.evening, self._before = evening, before
+        # of the calibration nobody knows yet whether it has them
+        self._night.calibrated = Taken(self._table.of_last(0), newest=self._table.newest)
+        self._taken_up(self._table.all(), left)
+        if left.state == 'done':
+            self._left, self._night.progress = None, left
+            self._night.set_state('done', OVER)
+            self._night.calibrated = Taken()
+            self._send_table(again=True)
+            self._tell()
+        return left.state == 'done'
+
+    def _taken_up(self, run, left):
+        self._instruments.remember_runs(run['run'], run.get('encoder_start'))
+        self._left = left
+        self._out.get_logger().info(
+            f'took up {len(run)} observations of the night so far; they are of power-ons '
+            + ', '.join(f'{number:.0f}' for number in np.unique(run['run'])))
+        self.advance()
+
+    # --- the plan -----------------------------------------------------------------------------
+
+    def _ended(self, error):
+        if error is None:
+            outcome = self._night.outcome
+            self._night.set_state('done', 'plan finished' + (f': {outcome}' if outcome else ''))
+            self._out.get_logger().info(f'plan finished: {len(self._table)} observations, '
+                                 f'{self._night.progress.lost} stars lost')
+        else:
+            self._night.set_state('failed', str(error))
+            self._remember()
+            where = self.stopped_at(self._plan)
+            self._out.get_logger().error(f'{error}' + (
+                f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
+                if where else ''))
+
+    def _remember(self):
+        """Where the plan has ended before its end; of that step only what has a row is done."""
+        if self.begun:
+            progress = self.progress
+            self._left = replace(progress, done=self._rows_of(progress.block))
+
+    def _rows_of(self, block):
+        """How many of the last rows are of a step of this plan."""
+        return min(self._table.trailing(block), len(self._table) - (self._before or 0))
+
+    def _connected(self):
+        """Whether the graph lacks nothing, looked at now and then."""
+        now = time.monotonic()
+        if now - self._looked < self._looks:
+            return False
+        self._looked = now
+        return not self._out.waiting_for()
+
+    def _follow(self, plan):
+        """The night as a generator of conditions to wait for."""
+        self._night.set_state('waiting', 'the graph')
+        self._looked = -math.inf
+        yield self._connected
+        yield lambda: self._out.now() > 0
+        if self._left is None or self._before is None:
+            self._night.evening = self._out.now()
+        orientation = earth_orientation(self._out.now() * 1e-9)
+        self.earth = orientation.statement()
+        self._out.get_logger().info(self.earth)
+        self._night.exposer.exposed = self._table.newest or self._night.evening + 1
+        self.begun = True
+        steps = parse_plan(plan)
+        if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
+            raise Refused('the plan has a step satellite: set the parameter satellite')
+        if any(step.verb == 'polaris' for step in steps):
+            self._night.check_polaris()  # now, not after a block of stars
+        first, done = self._where_it_stood(plan, steps)
+        if first and self._calibration_is_new:
+            yield from self._make_again(steps, first, done)
+        for number, step in enumerate(steps):
+            if number < first:
+                continue
+            self._night.progress = Progress(step=str(step), block=number, total=step.exposures,
+                                      lost=self._night.progress.lost, done=done,
+                                      refused=self._night.progress.refused)
+            self._night.set_state('observing', str(step))
+            yield from self._night.do(step, done)
+            done = self._night.earlier = 0
+            self._send_table()
+
+    def _where_it_stood(self, plan, steps):
+        """Number of the step to go on with, and its exposures that are done."""
+        left, self._left, self._night.earlier = self._left, None, 0
+        if left is None or not len(self._table):
+            return 0, 0
+        if left.plan != plan or left.state == 'done':
+            self._out.get_logger().info('the plan of these observations is another or is over: '
+                                        'this one begins at its start')
+            return 0, 0
+        first, done = left.block, left.done
+        self._night.earlier = rows_of_it = self._rows_of(first)
+        if left.state in ('failed', 'cancelled'):
+            done = rows_of_it  # what it has lost is tried again
+        elif rows_of_it > done:  # the last row was made, and nobody was told
+            done = rows_of_it if self._before is not None else done + 1
+        if steps[first].exposures and done >= steps[first].exposures:
+            first, done = first + 1, 0
+        self._night.homes = any(step.verb == 'home' for step in steps[:first])
+        rows = self._table.rows
+        waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
+                     default=-1)
+        # when the night began nobody tells: about when its first star was observed
+        if self._before is None:
+            self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
+                                       rows[-1]['stamp'])
+        self._night.progress = replace(self._night.progress, lost=left.lost)
+        judged = () if self._night.checks else self._table.rows_from(self._before or 0)
+        for number in sorted({int(row['block']) for row in judged
+                              if row['check'] and row['block'] < first}):
+            self._night.checks.append({'block': number, **blind_summary(
+                [[row['miss_x'], row['miss_y']] for row in judged if row['block'] == number])})
+        if self._night.checks:
+            self._night.send_checks()
+        if first == len(steps):
+            return first, done
+        if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
+            first += 1  # the power has been off since the last row
+        self._out.get_logger().info(
+            f'the plan goes on at step {first + 1} of {len(steps)}, {steps[first]}'
+            + (f', of which {done} are done' if done else ''))
+        return first, done
+
+    def _make_again(self, steps, first, done):
+        """Zero and model of a calibration that was lost with the rest of the graph."""
+        fits = [n for n, step in enumerate(steps[:first]) if step.verb == 'fit']
+        zeros = [n for n, step in enumerate(steps[:first]) if step.verb == 'calibrate_zero']
+        begin = fits[-1] if fits else zeros[-1] if zeros else first
+        for step in steps[begin:first]:
+            if step.verb in MADE:
+                self._night.progress = replace(
+                    self._night.progress, step=f'{step}, once more', block=first, done=done)
+                self._night.set_state('observing', f'{step}, once more')
+                yield from self._night.do(step)
+
+    def _has_been_off(self, what, rows):
+        """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""
+        told = {'power_cycle': ('encoder_start', self._instruments.power_on),
+                'absolute/power_cycle': ('absolute_start', self._instruments.absolute_power_on)}
+        return all(power_on is not None and all(row.get(name) != power_on.started for row in rows)
+                   for name, power_on in map(told.get, POWER_CYCLES[what or 'incremental']))
+
+    # --- what others see ----------------------------------------------------------------------
+
+    def _send_table(self, again=False):
+        run = self._table.all(again)
+        if run is not None:
+            self._out.send_table(run, self._table.newest)

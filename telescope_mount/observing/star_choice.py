@@ -1,0 +1,299 @@
+"""Which stars to observe for a pointing model, and in which order."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model import harmonics
+from pointing_model.mounts import ALTAZ, through_pole
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+
+from .bright_stars import bright_stars, xyz
+from .order import observing_order
+
+
+class Limits(NamedTuple):
+    """How far axes turn, radians.
+
+    Attributes
+    ----------
+    meridian : float
+        Past the meridian, of a German mount.
+    hour_angle : float
+        On either side, of the first axis of a mount that does not go through the pole.
+    allowed : allowed_sky.AllowedSky, optional
+        Where the guard lets tube and axes be.
+    """
+
+    meridian: float = 5.0 * DEG
+    hour_angle: float = np.pi
+    allowed: object = None
+
+    def permitted(self, mount, az, el, time, numbers):
+        """Whether the guard lets the tube look at stars, with the axes where they are observed.
+
+        Parameters
+        ----------
+        mount, az, el, time, numbers
+            As of `reached`.
+
+        Returns
+        -------
+        bool or ndarray of bool, shape (n,)
+        """
+        if self.allowed is None:
+            return True
+        return self.allowed(time, az, el) & self.allowed.within(
+            *axes_at(mount, az, el, self, numbers))
+
+    def reached(self, mount, az, el, most, time, numbers):
+        """Whether the axes may reach stars, no nearer to the pole than `most`.
+
+        Parameters
+        ----------
+        mount : Mount
+        az, el : ndarray, shape (n,)
+            Places of the horizon, radians.
+        most : float
+            Largest angle from the equator of the axes, radians.
+        time : float
+            UTC, s.
+        numbers : ndarray of int, shape (n,)
+            Of the stars.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        allowed = self.permitted(mount, az, el, time, numbers)
+        if mount.altaz:
+            return allowed & (el <= most)
+        first, second = mount.axes_of(az, el)
+        free = mount.kind == 'german'  # on one side or the other
+        return allowed & (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
+
+
+ANYWHERE = Limits()
+
+
+def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
+                 min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, exclude=(), duration=0.0,
+                 start=None, mount=ALTAZ, limits=ANYWHERE, slews=1.0):
+    """Choose stars all over the sky and put them in observing order.
+
+    Parameters
+    ----------
+    stars : Stars
+        The catalogue. Load it two magnitudes deeper than `mag_limit`, so that disturbing
+        neighbours are known.
+    time : float
+        Begin of the observations, UTC seconds since 1970-01-01.
+    site, weather : Site, Weather
+    n : int
+        How many.
+    seed : int
+        The same seed gives the same stars in the same order.
+    min_el, max_el : float
+        Limits of observed elevation, radians.
+    mag_limit : float
+        Faintest magnitude Hp.
+    exclude : sequence of int
+        Hipparcos numbers that must not be chosen (observed already, or held out).
+    duration : float
+        Seconds that the observations take: a chosen star stays within the limits so long.
+    start : (float, float), optional
+        Angles of the axes where the mount stands, radians.
+    mount : Mount, optional
+        Of another than an alt-azimuth one `max_el` is the largest angle from the equator of its
+        axes: nearer to the pole the first axis is too fast.
+    limits : Limits
+        Of its axes.
+    slews : float
+        As of `observing_order`.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Rows of `stars`, each once, in observing order.
+
+    Raises
+    ------
+    ValueError
+        Fewer than `n` stars fulfil the conditions.
+
+    Notes
+    -----
+    The sky between the limits is divided into `n` cells of equal area. In each cell that star is
+    taken that adds most to the determinant of the normal equations of paper 000's 13 harmonics.
+    A star with a neighbour within 30' that is less than 2 magnitudes fainter is not taken.
+    The order is that of `observing_order`.
+    """
+    if not (0 <= min_el < max_el <= np.pi / 2.0):
+        raise ValueError(f'elevation limits {min_el / DEG:g} to {max_el / DEG:g} degrees: '
+                         'give 0 <= lower < upper <= 90')
+    if n < 1:
+        raise ValueError(f'{n} stars asked for: give at least 1')
+    rng = np.random.default_rng(seed)
+    moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
+    bright, places, up, known, lonely = _observable(
+        stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
+    highest = max_el if mount.altaz else np.pi / 2.0
+    good = up & ~known & lonely
+    if np.count_nonzero(good) < n:
+        if not np.any(up):
+            raise ValueError(
+                f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and '
+                f'{max_el / DEG:g} degrees of elevation'
+                f'{", where the guard lets the tube look" * bool(limits.allowed)}: widen the '
+                'limits')
+        raise ValueError(
+            f'{n} stars asked for, {np.count_nonzero(good)} available: of {np.count_nonzero(up)} '
+            f'to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} degrees of '
+            f'elevation {np.count_nonzero(up & known)} are excluded and '
+            f'{np.count_nonzero(up & ~known & ~lonely)} have a bright neighbour; '
+            'ask for fewer or raise the magnitude limit')
+    az, el = (angle[good] for angle in places[len(places) // 2])
+    chosen = _stratified(az, el, n, min_el, highest, rng)
+    first, second = axes_at(mount, az[chosen], el[chosen], limits,
+                            stars.hip[bright[good][chosen]])
+    order = observing_order(first, second, rng, start, mount.way, slews)
+    return bright[good][chosen[order]]
+
+
+def _observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits):
+    """Rows that are bright enough, their places at each moment, and which are up at all of them,
+    excluded, and without a neighbour.
+    """
+    bright, there, lonely = bright_stars(stars, float(mag_limit))
+    places = [observed_place(there, t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
+                 for t, (az, el) in zip(moments, places)], axis=0)
+    known = np.isin(there.hip, np.fromiter(exclude, int))
+    return bright, places, up, known, lonely
+
+
+def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, *,
+                 min_el=20.0 * DEG, max_el=85.0 * DEG, mag_limit=6.0, magnitude=None, exclude=(),
+                 mount=ALTAZ, limits=ANYWHERE, start=None, sides=(0, 0)):
+    """The star nearest to a place of the horizon.
+
+    Parameters
+    ----------
+    stars, time, site, weather, min_el, max_el, mag_limit, exclude, mount, limits
+        As of `choose_stars`.
+    az, el : float
+        Radians.
+    magnitude : float, optional
+        A star within one magnitude of it, or (of a fainter one than the limit) of the limit, is
+        taken where there is one.
+    start : (float, float), optional
+        Angles of the axes where the mount stands, radians.
+    sides : (int, int)
+        Sign with which each axis is to come to it from `start`, 0 for either; stars to which
+        they do are taken where there are some.
+
+    Returns
+    -------
+    row : int
+        Of `stars`.
+    off : float
+        How far it is from the place, radians.
+
+    Raises
+    ------
+    ValueError
+        No star can be observed.
+    """
+    bright, (places,), up, known, lonely = _observable(
+        stars, [time], site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
+    good = np.flatnonzero(up & ~known & lonely)
+    if not len(good):
+        raise ValueError(f'no star to Hp {mag_limit:g} that was not observed is left within the '
+                         'limits: raise the magnitude limit')
+    places = np.array(places)[:, good]
+    off = np.arccos(np.clip(xyz(*places) @ xyz(az, el), -1.0, 1.0))
+    wanted = np.zeros(len(good))
+    if magnitude is not None:
+        wanted += np.abs(stars.mag[bright[good]] - min(magnitude, mag_limit)) > 1.0
+    if start is not None and any(sides):
+        there = axes_at(mount, *places, limits, stars.hip[bright[good]])
+        moves = mount.way(start[0], there[0]), there[1] - start[1]
+        for side, move in zip(sides, moves):
+            wanted += side * move < 0.0
+    k = np.lexsort((off, wanted))[0]
+    return int(bright[good[k]]), float(off[k])
+
+
+def axes_at(mount, az, el, limits, numbers):
+    """Angles of the axes at places of the horizon, on the side that stars there are observed on.
+
+    Parameters
+    ----------
+    mount : Mount
+    az, el : ndarray, shape (n,)
+        Radians.
+    limits : Limits
+    numbers : ndarray of int, shape (n,)
+        Of the stars.
+
+    Returns
+    -------
+    first, second : ndarray, shape (n,)
+        Radians.
+    """
+    if mount.altaz:
+        return az, el
+    first, second = mount.axes_of(az, el)
+    beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)
+    return mount.on_travel(*through_pole(first, second, beyond))
+
+
+def _stratified(az, el, n, min_el, max_el, rng):
+    """Rows of n stars, one in each of n equal cells of azimuth and sin(elevation)."""
+    bands = max(1, round(np.sqrt(n / 2.0)))
+    count = np.full(bands, n // bands)
+    count[rng.permutation(bands)[: n % bands]] += 1
+    low, high = np.sin(min_el), np.sin(max_el)
+    edges = low + (high - low) * np.cumsum(count)[:-1] / n
+    band = np.searchsorted(edges, np.sin(el), side='right')
+    turn = az / (2.0 * np.pi) + rng.random(bands)[band]
+    column = np.minimum((turn % 1.0 * count[band]).astype(int), count[band] - 1)
+    cell = np.concatenate([[0], np.cumsum(count)])[band] + column
+
+    basis = harmonics.basis(az, el)
+    # orthonormal over the sky, so that a millionth is small in every direction; einsum because
+    # the threads of a BLAS would keep a core of the other nodes busy
+    gram = np.einsum('ij,ik->jk', basis, basis) / len(az) + 1e-9 * np.eye(basis.shape[1])
+    basis = np.einsum('ij,kj->ik', basis, np.linalg.inv(np.linalg.cholesky(gram)))
+    members = [np.flatnonzero(cell == k) for k in range(n)]
+    chosen = np.array([rng.choice(m) if len(m) else -1 for m in members])
+    _fill(chosen, az, el)
+    normal = basis[chosen].T @ basis[chosen] + 1e-6 * np.eye(basis.shape[1])
+    taken = np.zeros(len(az), bool)
+    taken[chosen] = True
+    for _ in range(2):
+        for k, member in enumerate(members):
+            if len(member) < 2:
+                continue
+            normal -= np.outer(basis[chosen[k]], basis[chosen[k]])
+            candidate = basis[member]
+            gain = np.einsum('ij,ij->i', candidate @ np.linalg.inv(normal), candidate)
+            taken[chosen[k]] = False
+            gain[taken[member]] = -np.inf
+            chosen[k] = member[np.argmax(gain)]
+            taken[chosen[k]] = True
+            normal += np.outer(basis[chosen[k]], basis[chosen[k]])
+    return chosen
+
+
+def _fill(chosen, az, el):
+    """Give each cell without a star the one that is farthest from all chosen, in place."""
+    places = xyz(az, el)
+    have = chosen[chosen >= 0]
+    nearness = (places @ places[have].T).max(axis=1) if len(have) else places @ places[0]
+    nearness[have] = np.inf
+    for k in np.flatnonzero(chosen < 0):
+        chosen[k] = np.argmin(nearness)
+        nearness = np.maximum(nearness, places @ places[chosen[k]])
+        nearness[chosen[k]] = np.inf

@@ -1,0 +1,64 @@
+"""Parameters of the star observer."""
+
+from msg_tools.node import Param
+from pointing_model.in_force_topics import MODEL_FILE
+from pointing_model.kept_rows import KEPT_POWER_ONS
+from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS
+from pointing_model.sky.target import satellite_target
+
+from .plan import night_plan, parse_plan
+
+PARAMS = SKY_PARAMS + (
+    KIND_OF_MOUNT,
+    Param('plan', night_plan(30, 16), 'steps of the night, separated by commas', check=parse_plan),
+    Param('autostart', True, 'start the plan as soon as the graph is connected', fixed=True),
+    Param('wait_for_nodes', [''], 'full names of nodes that must be connected before the plan '
+          'starts', fixed=True),
+    Param('star_seed', 1, 'seed of the choice of stars', 0, 2**31 - 1),
+    Param('magnitude_limit', 6.0, 'faintest star, Hipparcos magnitude', -2.0, 15.0),
+    Param('min_elevation_deg', 20.0, 'lowest star [deg]', 0.0, 89.0),
+    Param('max_elevation_deg', 85.0, 'highest star [deg]', 1.0, 90.0),
+    Param('meridian_limit_deg', 5.0, 'how far past the meridian a German mount turns before it '
+          'takes the other side [deg]', 0.0, 90.0),
+    Param('hour_angle_limit_deg', 165.0, 'largest hour angle of a star for a mount that does not '
+          'go through the pole [deg]', 1.0, 180.0),
+    Param('recentre_arcsec', 60.0, 'a star farther from the boresight is centred and measured '
+          'again [arcsec]', 0.1, 36000.0),
+    Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
+          'exposure that counts [arcsec]', 0.1, 36000.0),
+    Param('exposure_s', 0.0, "length of the camera's exposures: one counts when the encoder was "
+          'on target all that time, and is paired with its mean; 0: with its reading in the middle '
+          '[s]', 0.0, 3600.0),
+    Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
+          'exposure_s that counts [arcsec]', 0.01, 3600.0),
+    Param('camera_late_s', 0.0, "by how much the camera's stamps are later than the encoder's of "
+          'the same moment, as the step clocks measures it: taken off them [s]', -10.0, 10.0),
+    Param('clock_rate_arcsec_s', 30.0, 'how fast the axes drift past a star in the step clocks '
+          '[arcsec/s]', 1.0, 600.0),
+    Param('slew_rate_deg_s', 4.0, 'slew rate of the mount: how long a track must be and stars stay '
+          'up, and how far apart they are [deg/s]', 0.01, 90.0),
+    Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
+          'its message has another unit [deg]', 1e-3, 180.0),
+    Param('renew_request_s', 0.2, 'how often the guard is told that the request still holds; 0: '
+          'once [s]', 0.0, 10.0, fixed=True),
+    Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
+          'commanded again [s]', 0.5, 3600.0),
+    Param('absolute_encoder', True, 'whether the mount has an absolute encoder beside the one that '
+          'it is pointed with', fixed=True),
+    Param('inclinometer', False, 'whether an inclinometer publishes; the rows have what it reads',
+          fixed=True),
+    Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
+          'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
+    Param('state_file', '', 'where the night is kept, so that its plan goes on after the process, '
+          'or the whole graph, was killed; one of another plan is put aside; none: not kept',
+          fixed=True),
+    Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
+          'the night yet', -1000000, 1000000),
+    Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
+          'zero_on_stars make', 1, 10000),
+    Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
+          'gps-26690', check=satellite_target),
+    Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
+    KEPT_POWER_ONS,
+    MODEL_FILE,
+)

@@ -1,0 +1,191 @@
+"""Of a night that is under way: by which way its zero is set, and by which stars."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.held_terms import BROAD, is_a_model
+from pointing_model.mounts import ALTAZ
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
+from pointing_model.sky.target import StarTarget
+from pointing_model.zero_exposures import BY_STARS, MARK
+
+from .star_choice import ANYWHERE, axes_at
+from .zero_stars import Before, Way, way_to_zero, zero_sigma, zero_stars
+
+#: without a model the stars are wanted again in the next power-on: they stay up so long, s
+_AGAIN = 1800.0
+
+
+class Exposures(NamedTuple):
+    """What to expose for a zero.
+
+    Attributes
+    ----------
+    targets : list of StarTarget
+        One an exposure, in order.
+    by, words : str
+        The way, and what is chosen and why, for people.
+    """
+
+    targets: list
+    by: str
+    words: str
+
+    def expose(self, observe, table):
+        """Steps that expose them; a star that is not there leaves its exposures to the others.
+
+        Parameters
+        ----------
+        observe : callable
+            Gives the steps of one exposure of a target.
+        table : Table
+            Has a row more after one that shows the star.
+        """
+        left = list(self.targets)
+        while left:
+            target, rows = left.pop(0), len(table)
+            yield from observe(target)
+            others = [other for other in left if other.number != target.number]
+            if len(table) == rows and others:
+                left = sorted((others * len(left))[:len(left)], key=others.index)
+
+
+class ZeroChoice:
+    """The conditions under which a zero is to be set.
+
+    Parameters
+    ----------
+    stars : Stars
+        The catalogue, as of `zero_stars.zero_stars`.
+    table : Table
+        Rows of the night so far.
+    time : float
+        Now, UTC s.
+    site, weather : Site, Weather
+    mount : Mount
+    axes : star_choice.Limits
+        How far its axes turn.
+    model : PointingModel or None
+        In force.
+    run : int
+        Number of the power-on.
+    evening : int
+        Begin of the night, ns.
+    here : ndarray, shape (2,)
+        Where the encoders stand, radians.
+    limits : sequence of float
+        Lowest and highest elevation, deg, and faintest magnitude.
+    a_star : float
+        What an exposure takes at most, s.
+    """
+
+    def __init__(self, stars, table, time, site, weather, *, mount=ALTAZ, axes=ANYWHERE,
+                 model=None, run=1, evening=0, here=(0.0, 0.0), limits=(20.0, 85.0, 6.0),
+                 a_star=40.0):
+        self._stars, self._time, self._site, self._weather = stars, time, site, weather
+        self._mount, self._reach, self._model, self._run = mount, axes, model, run
+        self._here, self._a_star = here, a_star
+        self._low, self._high, self._faintest = limits[0] * DEG, limits[1] * DEG, limits[2]
+        self._tonight = [row for row in table.rows if row['stamp'] >= evening]
+        exposed = [row for row in self._tonight if row.get(MARK) or row['star'] == POLARIS_HIP]
+        self._now = [row for row in exposed if row['run'] == run]
+        others = [row for row in exposed if row['run'] != run]
+        newest = max((row['run'] for row in others), default=None)
+        self._earlier = [row for row in others if row['run'] == newest]
+
+    # --- which way ----------------------------------------------------------------------------
+
+    def way(self, n):
+        """By Polaris or by stars, a `zero_stars.Way`; `n` exposures."""
+        if not self._polaris_is_allowed():
+            return Way(False, 'the guard does not let the tube look at Polaris')
+        for rows, why in ((self._now, 'as the exposures of this power-on so far'),
+                          ([] if is_a_model(self._model) else self._earlier,
+                           'as the power-on before, since which the change is wanted')):
+            if not rows:
+                continue
+            polaris = not any(row.get(MARK) for row in rows)
+            if not polaris or self._polaris_is_up(n):
+                return Way(polaris, why)
+        heights, first, second = self._polaris(n)
+        # without a model what is held cancels in the change, if it is the same then
+        held = {'model': self._model, 'mount': self._mount, 'held': is_a_model(self._model)}
+        own = zero_sigma(first, second, **held)
+        return way_to_zero((heights, own), self._of_stars(n, held), lowest=self._low,
+                           highest=self._high)
+
+    def _of_stars(self, n, held):
+        try:
+            chosen = self._chosen(n)
+        except ValueError:
+            return None
+        return zero_sigma(*self._axes(np.repeat(chosen.rows, chosen.counts), self._stars), **held)
+
+    def _polaris(self, n):
+        """Elevations from begin to end, and the axis angles of `n` exposures."""
+        star = load_catalogue(hip=[POLARIS_HIP])
+        times = self._time + np.array([0.0, 0.5, 1.0]) * n * self._a_star
+        heights = np.array([observed_place(star, t, self._site, self._weather)[1][0]
+                            for t in times])
+        return heights, *self._axes(np.zeros(n, int), star)
+
+    def _polaris_is_allowed(self):
+        star = load_catalogue(hip=[POLARIS_HIP])
+        place = observed_place(star, self._time, self._site, self._weather)
+        return bool(np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)))
+
+    def _polaris_is_up(self, n):
+        heights = self._polaris(n)[0]
+        return heights.min() >= self._low and heights.max() <= self._high
+
+    def _axes(self, rows, stars):
+        az, el = observed_place(stars.select(rows), self._time, self._site, self._weather)
+        return axes_at(self._mount, az, el, self._reach, stars.hip[rows])
+
+    # --- which stars --------------------------------------------------------------------------
+
+    def _chosen(self, n):
+        without = not is_a_model(self._model)
+        rows = [*self._now, *(self._earlier if without else ())]
+        before = Before(*(np.array([row[name] for row in rows], float) for name in ('az', 'el')),
+                        np.array([row['run'] == self._run for row in rows], bool)) if rows else None
+        marked = [row for row in self._tonight if row.get(MARK)]
+        judged = {int(row['star']) for row in self._tonight} - {int(row['star']) for row in marked}
+        prefer = dict.fromkeys(int(row['star']) for row in rows if row.get(MARK) and without)
+        return zero_stars(
+            self._stars, self._time, n, site=self._site, weather=self._weather,
+            mount=self._mount, limits=self._reach, model=self._model, before=before,
+            prefer=list(prefer),
+            exclude=sorted(judged), min_el=self._low, max_el=self._high,
+            mag_limit=self._faintest, duration=n * self._a_star + _AGAIN * (
+                without and not self._earlier), start=self._here)
+
+    def stars(self, n):
+        """Which stars to expose, `Exposures`.
+
+        Parameters
+        ----------
+        n : int
+            Exposures.
+
+        Raises
+        ------
+        ValueError
+            No star within the limits.
+        """
+        chosen = self._chosen(n)
+        targets = [StarTarget(self._stars.select([row]))
+                   for row in np.repeat(chosen.rows, chosen.counts)]
+        by = f'{BY_STARS} ({len(chosen.rows)})'
+        given = ('the model in force and its covariance held' if is_a_model(self._model) else
+                 f'without a model: other terms within {BROAD / ARCSEC:.0f} arcsec')
+        again = ', of the change since the power-on before' if self._earlier and not is_a_model(
+            self._model) else ''
+        first, second = chosen.sigma / ARCSEC
+        names = ', '.join(f'{self._stars.hip[row]} x {count}'
+                          for row, count in zip(chosen.rows, chosen.counts))
+        return Exposures(targets, by, f'zero by {by}: HIP {names}; {given}; sigma to be expected '
+                         f'{first:.2f}, {second:.2f} arcsec{again}')

@@ -1,0 +1,394 @@
+"""Which stars to expose for a zero, how often each, and whether Polaris does as well.
+
+What an exposure says of the zeros is falsified by what the other terms are off: the covariance of
+what is held counts (generalised least squares), beside the noise of the exposures. So the best
+stars are not simply low ones. They are chosen by a greedy choice and exchanges (Fedorov) that make
+the variances of both zeros small, their product (D_s-optimal). Without a model a
+night wants the change from power-on to power-on, in which what is held cancels where the same stars
+are exposed again: then the variances of that, which are those of the noise alone, count more.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.held_terms import Held, is_a_model, zero_columns
+from pointing_model.mounts import ALTAZ
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.sky.star_catalogue import POLARIS_HIP
+
+from .bright_stars import bright_stars
+from .star_choice import ANYWHERE, axes_at
+
+#: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
+#: what is held alone, and little on that
+NOISE = 1.0 * ARCSEC
+#: different stars: a slew costs what several exposures do, and where four stars are much alike in
+#: what the model leaves there, that is taken for the zero
+FEWEST, MOST = 4, 8
+#: more different stars are taken where they make a sigma smaller by so much
+_WORTH = 1.05
+#: Polaris is well up where the zero that it gives has at most so many times the sigma that stars
+#: give, of either axis
+WELL_UP = 2.0
+_PASSES = 4
+#: how much the change counts in a night without a model: with 16, sixteen exposures give it with
+#: 1.25 times the sigma of Polaris at +34 deg, and the zeros themselves with 1.6 times their best;
+#: with 4 it is 1.35 and 1.1 (benchmarks/zero_on_stars.py)
+_CHANGE_COUNTS = 16.0
+_UNKNOWN = 1.0 * DEG  # of a zero, before: wider than any
+
+
+class Chosen(NamedTuple):
+    """Stars for a zero.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (g,)
+        Of the candidates, in observing order.
+    counts : ndarray of int, shape (g,)
+        Exposures of each.
+    sigma : ndarray, shape (2,)
+        Of the zeros of both axes that are to be expected, radians; with exposures before, of how
+        they have changed since.
+    """
+
+    rows: np.ndarray
+    counts: np.ndarray
+    sigma: np.ndarray
+
+
+class Before(NamedTuple):
+    """Exposures that have been made already.
+
+    Attributes
+    ----------
+    az, el : ndarray, shape (n,)
+        Catalogue place by the axes of the mount, radians.
+    of_now : ndarray of bool, shape (n,)
+        Whether they are of the power-on whose zero is wanted, or of another one, since which its
+        change is wanted.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    of_now: np.ndarray
+
+
+def exposure_noise(up):
+    """Relative noise of exposures at an elevation: the image moves with the root of the air mass.
+
+    Parameters
+    ----------
+    up : ndarray
+        Elevation, radians, whatever the mount.
+    """
+    return 1.0 / np.sqrt(np.maximum(np.sin(up), 0.05))
+
+
+class _Design:
+    """Normal matrices of (zeros now, zeros before, held directions) in seconds of arc."""
+
+    def __init__(self, held, before=None, change_too=False):
+        self._held = held
+        self._change_too = change_too
+        j = held.columns(np.zeros(1), np.full(1, 0.7)).shape[2]
+        self.base = np.eye(4 + j)  # the held directions have unit variance
+        self.base[:4, :4] *= (ARCSEC / _UNKNOWN) ** 2
+        self.want = np.eye(2, 4 + j)
+        if before is not None and len(before.az):
+            self.base = self.base + self.information(
+                before.az, before.el, np.where(before.of_now, 0, 1))
+            if not before.of_now.all():
+                self.want[:, 2:4] = -np.eye(2)
+                self._change_too = False  # it is what is wanted
+
+    def columns(self, az, el, group=0):
+        """Of exposures, shape (n, 2, k), in units of their noise."""
+        held = self._held
+        zeros = zero_columns(az, el, held.mount)
+        rest = held.columns(az, el) / ARCSEC
+        out = np.zeros((len(az), 2, len(self.base)))
+        group = np.broadcast_to(group, (len(az),))
+        for number in (0, 1):
+            at = group == number
+            out[at, :, 2 * number:2 * number + 2] = zeros.transpose(1, 0, 2)[at]
+        out[:, :, 4:] = rest.transpose(1, 0, 2)
+        up = held.mount.horizon_of(az, el)[1]
+        return out / (NOISE / ARCSEC * exposure_noise(up))[:, None, None]
+
+    def information(self, az, el, group):
+        """Normal matrix of exposures, shape (k, k)."""
+        columns = self.columns(az, el, group).reshape(-1, len(self.base))
+        return columns.T @ columns
+
+    def costs(self, normal, weighted):
+        """Log of the variances of both zeros with each exposure more, shape (m,).
+
+        Parameters
+        ----------
+        normal : ndarray, shape (k, k)
+        weighted : ndarray, shape (m, 2, k)
+            Columns of each.
+        """
+        out = np.log(_variances(normal, self.want, weighted)).sum(axis=1)
+        if self._change_too:
+            own = np.ix_((0, 1), (0, 1))
+            out += _CHANGE_COUNTS * np.log(
+                _variances(normal[own], np.eye(2), weighted[:, :, :2])).sum(axis=1)
+        return out
+
+    def sigma(self, normal):
+        """Of the zeros that are wanted, shape (2,), radians."""
+        return np.sqrt(np.diag(self.want @ np.linalg.inv(normal) @ self.want.T)) * ARCSEC
+
+
+def _variances(normal, want, weighted):
+    """Of combinations `want` (w, k) with two rows (m, 2, k) more each time, shape (m, w)."""
+    inverse = np.linalg.inv(normal)
+    # products of small matrices by the thousand: whole columns are five times as quick
+    along = (weighted.reshape(-1, len(inverse)) @ inverse).reshape(weighted.shape)
+    first, second = along[:, 0], along[:, 1]
+    a = 1.0 + np.einsum('mj,mj->m', first, weighted[:, 0])
+    b = np.einsum('mj,mj->m', first, weighted[:, 1])
+    d = 1.0 + np.einsum('mj,mj->m', second, weighted[:, 1])
+    x, y = (first @ want.T).T, (second @ want.T).T
+    less = (d * x**2 - 2.0 * b * x * y + a * y**2) / (a * d - b**2)
+    return np.maximum(np.diag(want @ inverse @ want.T)[:, None] - less, 1e-30).T
+
+
+def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
+    """Sigma that a zero from some exposures is to be expected to have.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Catalogue place of each exposure by the axes of the mount, radians.
+    model : PointingModel, optional
+        What is held: see `held_terms.Held`.
+    mount : Mount, optional
+        Where no model tells it.
+    held : bool
+        Whether errors of what is held count.
+    before : Before, optional
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        Of both axes (the coordinate angle), radians.
+    """
+    what = Held(model, mount) if held else Held.certain(mount if model is None else model.mount)
+    design = _Design(what, before)
+    return design.sigma(design.base + design.information(az, el, 0))
+
+
+def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), start=None,
+                  most=MOST):
+    """Choose among places those whose exposures determine the zeros best.
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (m,)
+        Candidates: catalogue places by the axes of the mount, radians.
+    n : int
+        Exposures.
+    model : PointingModel, optional
+        What is held, with its covariance; without one each of the other terms within
+        `held_terms.BROAD`.
+    mount : Mount, optional
+        Where no model tells it.
+    before : Before, optional
+        Exposures that count with those to come.
+    keep : sequence of int
+        Candidates that are taken whatever is better (those of the power-on before).
+    start : (float, float), optional
+        Axis angles where the mount stands, radians.
+    most : int
+        Different stars.
+
+    Returns
+    -------
+    Chosen
+
+    Raises
+    ------
+    ValueError
+        No candidate.
+    """
+    if not len(az):
+        raise ValueError('no star to set a zero by')
+    design = _Design(Held(model, mount), before, change_too=not is_a_model(model))
+    columns = design.columns(az, el)
+    # twice each, so that their scatter tells the noise
+    most = min(most, max(n // 2, 1), len(az))
+    keep = list(keep)[:most]
+    best = None
+    for count in range(max(len(keep), min(FEWEST, most), 1), most + 1, 2):
+        rows = _exchanged(design, columns, n, count, keep)
+        rows, counts, normal = _exposures(design, columns, rows, n)
+        sigma = design.sigma(normal)
+        if best is None or np.any(best[2] > _WORTH * sigma):
+            best = rows, counts, sigma
+    rows, counts, sigma = best
+    order = _short_way(az[rows], el[rows], mount if model is None else model.mount, start)
+    return Chosen(rows[order], counts[order], sigma)
+
+
+def _exchanged(design, columns, n, count, keep):
+    """Rows of `count` candidates, with n / count exposures each."""
+    share = n / count
+    weighted = columns * np.sqrt(share)
+
+    def gram(row):
+        return weighted[row].T @ weighted[row]
+
+    chosen = list(keep)
+    normal = design.base + sum(map(gram, chosen), np.zeros_like(design.base))
+    while len(chosen) < count:
+        f = design.costs(normal, weighted)
+        f[chosen] = np.inf
+        chosen.append(int(np.argmin(f)))
+        normal = normal + gram(chosen[-1])
+    for _ in range(_PASSES):
+        changed = False
+        for place in range(len(keep), count):
+            without = normal - gram(chosen[place])
+            f = design.costs(without, weighted)
+            f[np.delete(chosen, place)] = np.inf
+            other = int(np.argmin(f))
+            if f[other] < f[chosen[place]] - 1e-6:
+                chosen[place], changed = other, True
+            normal = without + gram(chosen[place])
+        if not changed:
+            break
+    return np.array(chosen)
+
+
+def _exposures(design, columns, rows, n):
+    """How many exposures of each: one each (or, if there are enough, two), then where they help."""
+    grams = np.einsum('ncj,nck->njk', columns[rows], columns[rows])
+    counts = np.full(len(rows), min(2, n // len(rows)))
+    normal = design.base + np.tensordot(counts, grams, 1)
+    while counts.sum() < n:
+        best = int(np.argmin(design.costs(normal, columns[rows])))
+        counts[best] += 1
+        normal = normal + grams[best]
+    return rows, counts, normal
+
+
+def _short_way(az, el, mount, start):
+    """Order with short moves of the axes, each time to the nearest."""
+    az, el = mount.on_travel(np.asarray(az, float), np.asarray(el, float))
+    left = list(range(len(az)))
+    here = (az[0], el[0]) if start is None else start
+    order = []
+    turns = mount.kind != 'german'  # its travel ends at the pier
+    while left:
+        first = az[left] - here[0]
+        move = np.maximum(np.abs(wrap(first) if turns else first), np.abs(el[left] - here[1]))
+        order.append(left.pop(int(np.argmin(move))))
+        here = az[order[-1]], el[order[-1]]
+    return np.array(order)
+
+
+def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mount=ALTAZ,
+               model=None, before=None, prefer=(), exclude=(), min_el=20.0 * DEG,
+               max_el=85.0 * DEG, mag_limit=6.0, duration=0.0, start=None, limits=ANYWHERE):
+    """Choose stars of the catalogue for a zero.
+
+    Parameters
+    ----------
+    stars : Stars
+        The catalogue. Load it two magnitudes deeper than `mag_limit`, so that disturbing
+        neighbours are known.
+    time : float
+        Begin of the exposures, UTC seconds since 1970-01-01.
+    n : int
+        Exposures.
+    site, weather : Site, Weather
+    mount : Mount
+    model : PointingModel, optional
+        What is held: see `choose_places`.
+    before : Before, optional
+    prefer : sequence of int
+        Hipparcos numbers that are taken again where they are up: of the power-on before.
+    exclude : sequence of int
+        Hipparcos numbers that must not be taken: those that fits are judged by.
+    min_el, max_el : float
+        Limits of observed elevation, radians.
+    mag_limit : float
+        Faintest magnitude Hp.
+    duration : float
+        Seconds that the exposures take: a star stays within the limits so long.
+    start : (float, float), optional
+        Axis angles where the mount stands, radians.
+    limits : star_choice.Limits
+        Of the axes; `max_el` is then as of `star_choice.choose_stars`.
+
+    Returns
+    -------
+    Chosen
+        Its rows are those of `stars`. Polaris is none of them.
+
+    Raises
+    ------
+    ValueError
+        No star within the limits.
+    """
+    bright, there, lonely = bright_stars(stars, float(mag_limit))
+    moments = [time, time + 0.5 * duration, time + duration]
+    places = [observed_place(there, t, site, weather) for t in moments]
+    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
+                 for t, (az, el) in zip(moments, places)], axis=0)
+    up &= lonely & ~np.isin(there.hip, [POLARIS_HIP, *exclude])
+    if not up.any():
+        raise ValueError(
+            f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} '
+            'degrees of elevation to set the zero by: widen the limits')
+    az, el = (angle[up] for angle in places[1])
+    rows = bright[up]
+    first, second = axes_at(mount, az, el, limits, stars.hip[rows])
+    found = choose_places(
+        first, second, n, model=model, mount=mount, before=before, start=start,
+        keep=[row for number in prefer for row in np.flatnonzero(stars.hip[rows] == number)])
+    return found._replace(rows=rows[found.rows])
+
+
+class Way(NamedTuple):
+    """By which way to set a zero, and why, in words."""
+
+    polaris: bool
+    why: str
+
+
+def way_to_zero(polaris, stars, *, lowest, highest):
+    """Whether Polaris is well up.
+
+    Parameters
+    ----------
+    polaris : tuple
+        Elevation of Polaris from begin to end, ndarray, radians; and the sigma of the zeros that
+        it would give, shape (2,), radians.
+    stars : ndarray, shape (2,), or None
+        As chosen stars would; None where there are none.
+    lowest, highest : float
+        Limits of elevation, radians.
+
+    Returns
+    -------
+    Way
+    """
+    heights, own = polaris
+    low, high = heights.min(), heights.max()
+    if low < lowest or high > highest:
+        return Way(False, f'Polaris stands at {(low if low < lowest else high) / DEG:.1f} deg, '
+                   'outside the limits of elevation')
+    if stars is None:
+        return Way(True, 'no star is within the limits')
+    ratio = own / stars
+    words = (f'sigma to be expected {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, of stars '
+             f'{stars[0] / ARCSEC:.2f}, {stars[1] / ARCSEC:.2f}')
+    if np.all(ratio <= WELL_UP):
+        return Way(True, f'Polaris is well up: {words}')
+    return Way(False, f'Polaris is of little use here: {words}')

@@ -1,0 +1,131 @@
+"""The page of `encoder-test`: 23 angles, read by each method."""
+
+
+import numpy as np
+
+from calibration.report.drawing import Panel, limit_of, svg
+from calibration.report.page_parts import (
+    cards,
+    figure,
+    gains,
+    legend,
+    number,
+    pair,
+    section,
+    table,
+    verdict,
+    whole,
+)
+from calibration.report.provenance import provenance_section
+from msg_tools.output import write_text
+
+from .encoder_test import PRINTED_STD, notes
+
+#: method -> how it is drawn: colour and mark
+STYLES = {'centroid': 'before', 'parabola': 'fit', 'paper': 'after', 'template': 'third'}
+_MARKS = {'before': 'dots', 'fit': 'crosses', 'after': 'squares', 'third': 'triangles'}
+#: arcsec: a reading so wrong is a bar off, and would flatten the rest
+_GROSS = 600.0
+
+
+def write_encoder_page(path, report, files=()):
+    """Write the page.
+
+    Parameters
+    ----------
+    path : str or Path
+    report : dict
+        Of `encoder_test.run`.
+    files : iterable of Path
+        Written beside it.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    write_text(path, render_encoder_test(report, files))
+
+
+def render_encoder_test(report, files=()):
+    """The page as text; parameters as of `write_encoder_page`."""
+    conditions, methods = report['conditions'], report['methods']
+    loud = report['noise_of_the_paper']
+    own, paper = (methods[name]['std_arcsec'] for name in ('template', 'paper'))
+    curves, table_2 = report['curves'], report['table_2']
+    headline = (f'{_said(own)} by the template, {_said(paper)} by the method of the paper, which '
+                f'printed {PRINTED_STD["paper"]:.2f}″')
+    reading = np.arange(1.0, 24.0)
+    body = [
+        '<h1>23-face test of the absolute encoder</h1>',
+        f'<p class="meta">{conditions["readings"]} readings in {conditions["turns"]} turns · '
+        f'{conditions["bar_pitch_px"]:g} px a bar · noise {conditions["noise_grey_levels"]:g} grey '
+        'levels unless said · a simulated bench</p>',
+        verdict('', headline, notes(report), cards(
+            [(_said(methods[name]['std_arcsec']), f'{name}: standard deviation')
+             for name in STYLES]), '', gains([(name.replace('_', ' '), [
+                 (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
+                 (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
+        section('Errors at the 23 angles', legend(*(
+            (style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items())), pair([
+                _curves('One turn', reading, curves['first_turn'], ('paper', 'template')),
+                _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
+                        curves['noise_of_the_paper']),
+                _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
+                        curves['damaged']),
+                _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
+                        curves['one_bar'], label='place in the bar ″', marks=False)])),
+        section('Methods', _methods(report)),
+        section('One turn, reading by reading', table(
+            ('reading', 'printed in table 2 ″', 'paper ″', 'template ″'),
+            [(i + 1, number(table_2['errors_arcsec'][i]),
+              *(number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
+             for i in range(23)], 'numbers sort')),
+        section('What the rivals would need', _needed(report['needed']),
+                note='To be as bad as the paper found them, by one disturbance alone.'),
+        provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
+                            ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
+                             f'most, blur {conditions["blur_px"]:g} px')], files)]
+    return whole('23-face test of the absolute encoder', body, 'Test of an absolute encoder')
+
+
+def _said(value):
+    return '–' if value is None else f'{value:.2f}″'
+
+
+def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
+    """Errors of methods; of gross and rejected ones there is none."""
+    values = {name: np.array([np.nan if v is None or abs(v) > _GROSS else v
+                              for v in curves[name]]) for name in names}
+    limit = limit_of(*(v[np.isfinite(v)] for v in values.values()))
+    room = 0.02 * float(np.ptp(x))
+    panel = Panel((52, 26, 378, 200), (float(x.min()) - room, float(x.max()) + room),
+                  (-limit, limit))
+    panel.axes(label, 'error ″', title)
+    said = []
+    for name, y in values.items():
+        good = np.isfinite(y)
+        panel.line(x[good], np.clip(y[good], -limit, limit), f'series {STYLES[name]}')
+        if marks:
+            panel.points(x[good], y[good], STYLES[name])
+        if good.sum() > 1:
+            said.append(f'{name} {np.std(y[good], ddof=1):.2f}')
+    return figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
+                      + ', '.join(said)), f'{title}.')
+
+
+def _methods(report):
+    loud = report['noise_of_the_paper']['methods']
+    rows = [(name.replace('_', ' '), number(row['std_arcsec']), number(PRINTED_STD.get(name)),
+             number(row['max_arcsec']), row['rejected'], row['gross'],
+             number(report['damaged']['methods'][name]['rms_arcsec']),
+             number(loud[name]['std_arcsec'])) for name, row in report['methods'].items()]
+    return table(('method', 'σ ″', 'printed ″', 'largest ″', 'rejected', 'one bar off',
+                  'damaged bars, RMS ″', 'σ with the noise of the paper ″'), rows, 'numbers sort')
+
+
+def _needed(rows):
+    return table(('disturbance', 'method', 'level needed', 'unit', 'sine there ″',
+                  'R-square there'), [
+        (row['disturbance'].replace('_', ' '), row['rival'], number(row['level'], 1), row['unit'],
+         number(row['paper_arcsec'], 1), number(row['r_square'])) for row in rows], 'numbers')

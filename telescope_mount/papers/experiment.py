@@ -1,0 +1,147 @@
+"""Paper 000's experiment through the graph: eleven nights, and a GPS satellite on one of them."""
+
+import json
+from functools import partial
+
+from msg_tools.output import beside, tried, write_text
+from telescope_mount.observing.plan import parse_plan
+
+from ..graph import night_graph
+from ..night import observe, prepare_folder
+from .experiment_page import write_experiment_page
+
+#: how the zero moves at a power-on -> scenario
+DRIFTS = {'paper': 'eleven_nights', 'random': 'eleven_random_nights'}
+#: the night two before is the reference of each
+REFERENCE_AGE = 2
+NIGHTS = 11
+#: whose drift is next to what the satellite showed in the paper before calibration
+SATELLITE_NIGHT = 4
+#: first night, -1: the satellite of paper 000 (elements of 2013 day 264) is up in its evenings
+START = '2013-09-20T13:00:00'
+#: written beside log and page
+FILES = ('table1.csv', 'zeros.csv', 'gps.json', 'report.json', 'observations.csv')
+#: a plan of that many nights would be an hour of commands at a real telescope
+_HOURS = 24
+
+
+def experiment_plan(stars, polaris, satellite, extra=False, nights=NIGHTS):
+    """The plan of all nights.
+
+    Parameters
+    ----------
+    stars : int
+        In each of the two blocks of a night.
+    polaris : int
+        Exposures for a zero.
+    satellite : int
+        Exposures of the satellite before and after the zero calibration of its night.
+    extra : bool
+        One more power-on: the case of the paper's section 1.1, or the night whose zero is
+        foretold.
+    nights : int
+        Those of table 1, 11 in the paper.
+
+    Returns
+    -------
+    str
+    """
+    parts = []
+    for night in range(1 - REFERENCE_AGE, nights + extra + 1):
+        if night < 1:  # for its coefficients only
+            start = f'wait {_HOURS}, power_cycle, home' if parts else 'home'
+            parts.append(f'{start}, stars {stars}, zero {polaris}, calibrate_zero, fit')
+            continue
+        track = f'satellite {satellite}, ' if night == SATELLITE_NIGHT else ''
+        parts.append(f'wait {_HOURS}, power_cycle, home, {track}stars {stars}, '
+                     f'zero {polaris}, calibrate_zero, {track}stars {stars}, fit')
+    return ', '.join(parts)
+
+
+def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satellite=20,
+                   nights=NIGHTS, scenario=None, domain_number=None, progress=None):
+    """Observe all nights in one graph of processes.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for all that is written.
+    drifts : str
+        One of `DRIFTS`.
+    nights : int
+        Of table 1; what zeros follow shows in more of them.
+    scenario : str, optional
+        What is wrong with the simulated mount, in place of `drifts`: a season whose zeros follow
+        something, such as ``season_temperature``. The last power-on is the one that is foretold.
+    seed, stars, polaris, satellite, domain_number
+        As of `night.run_night` and `experiment_plan`.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        What `telescope_mount.papers.table_1` makes of it, with the ``files`` that were written.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or the plan could not be carried out.
+    """
+    extra = scenario is not None or drifts == 'paper'
+    plan = experiment_plan(stars, polaris, satellite, extra, nights)
+    parse_plan(plan)
+    folder = prepare_folder(out)
+    said = {'seed': seed, **({'scenario': scenario} if scenario else {'drifts': drifts})}
+    specs = night_graph(
+        bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
+        start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
+        satellite='gps-26690', sample_rate_hz=1.0, kept_power_ons=0)
+    kept, incomplete = {}, []
+    report = observe(
+        folder, specs, plan, partial(_write, folder, nights, said, kept, incomplete), progress,
+        domain_number, incomplete=incomplete)
+    page = folder / 'page.html'
+    tried(incomplete, page, partial(
+        write_experiment_page, report=report, run=kept.get('run'), files=[
+            folder / 'bag', *(folder / name for name in FILES)]))
+    report['files']['page'] = str(page)
+    report['incomplete'] = incomplete
+    return report
+
+
+def _write(folder, nights, said, kept, incomplete, latest):
+    """table1.csv, zeros.csv, gps.json, report.json, observations.csv.
+
+    `kept` gets ``run``, the list `incomplete` what cannot be written.
+    """
+    from calibration.report.zero_season_report import judge_season, write_season
+    from msg_tools import topics
+    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.formats.cells import write_rows
+    from pointing_model.runs.messages import cloud_to_run
+    from telescope_mount.papers.table_1 import COLUMNS, compare_with_paper
+
+    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
+    report = compare_with_paper(calibrated['nights'], nights)
+    report.update(said)
+    report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
+    files = {name: folder / name for name in FILES}
+
+    def write_table(path):
+        with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
+            write_rows(file, [COLUMNS, *([row[name] for name in COLUMNS]
+                                         for row in report['table1'])])
+    for name, write in (
+            ('table1.csv', write_table),
+            ('gps.json', partial(write_text, text=json.dumps(report['gps'], indent=1) + '\n')),
+            ('report.json', partial(write_text, text=json.dumps(report, indent=1) + '\n')),
+            ('observations.csv', partial(write_csv, run, plain=True)),
+            ('zeros.csv', partial(write_season, calibrated['power_ons']))):
+        tried(incomplete, files[name], write)
+    report['files'] = {'log': str(folder / 'bag'),
+                       **{name: str(path) for name, path in files.items()}}
+    return report

@@ -1,0 +1,247 @@
+"""The page of `experiment`: the nights of paper 000, the satellite, and what the zeros follow."""
+
+
+import numpy as np
+
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.zero.zero_causes import DRIVERS
+from calibration.analysis.zero.zero_season import season_from_rows
+from calibration.report.drawing import Panel, limit_of, svg
+from calibration.report.horizon import of_mount, on_horizon
+from calibration.report.page_parts import (
+    cards,
+    figure,
+    gains,
+    legend,
+    listed,
+    number,
+    pair,
+    section,
+    table,
+    verdict,
+    whole,
+)
+from calibration.report.provenance import provenance_section
+from calibration.report.residual_figures import (
+    Residuals,
+    controls,
+    controls_alone,
+    residual_sections,
+)
+from calibration.report.zero_season_report import season_lines
+from calibration.rows import for_fitting
+from msg_tools.output import write_text
+from msg_tools.units import ARCSEC
+from pointing_model.zero import RunZero
+from pointing_model.zero_exposures import is_for_zero
+
+AXES = (('az', 'azimuth'), ('el', 'elevation'))
+WHENS = ('before', 'after')
+
+
+def write_experiment_page(path, report, run=None, files=()):
+    """Write the page.
+
+    Parameters
+    ----------
+    path : str or Path
+    report : dict
+        As `experiment.run_experiment` gives it.
+    run : PointingRun, optional
+        All rows of all nights.
+    files : iterable of Path
+        Written beside it.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    write_text(path, render_experiment(report, run, files))
+
+
+def render_experiment(report, run=None, files=()):
+    """The page as text; parameters as of `write_experiment_page`."""
+    table1, told, paper = (report['table1'], report['statistics'], report['paper'])
+    words = [f'{name} from {told[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
+             f'{told[f"after_{axis}_arcsec"]["rms"]:.2f}″' for axis, name in AXES]
+    bars = [(f'{name}, {when}', [(one[f'{when}_{axis}_arcsec']['rms'], kind, said)
+                                 for one, kind, said in ((told, when, 'here'),
+                                                         (paper['statistics'], 'floor', 'paper'))])
+            for axis, name in AXES for when in WHENS]
+    what = f'scenario {report["scenario"]}' if 'scenario' in report else \
+        f'drifts: {report.get("drifts")}'
+    case = report.get('case_1_1')
+    lines = [f'Alarm: {text}' for text in report['alarms'][:8]]
+    if case:
+        lines.append(f'With Polaris {case["polaris_off_arcsec"]:.1f}″ off, where the telescope was '
+                     f'to point within {case["specification_arcsec"]:g}″: stars are missed by '
+                     f'{case["before_rms_arcsec"]:.2f}″ (radial RMS) before the zero is set, by '
+                     f'{case["after_rms_arcsec"]:.2f}″ after.')
+    data = None if run is None else residuals_of_nights(report, run)
+    body = [
+        '<h1>Nights with the model of two nights before</h1>',
+        f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
+        '</p>', controls_alone() if data is None else controls(data),
+        verdict('', 'Mean error of a night, RMS over the nights: ' + ', '.join(words), lines,
+                cards([(f'{told[f"after_{axis}_arcsec"]["rms"]:.2f}″', f'after, {name}')
+                       for axis, name in AXES]), 'alarm' if report['alarms'] else '', gains(bars)),
+        section('Mean error night by night', legend(
+            ('before', 'before the zero is set (dots)'), ('after', 'after (squares)')),
+            *(pair(_nights(table1, axis, name, when) for axis, name in AXES) for when in WHENS),
+            note='Point at a night, here or in the table.'),
+        section('Nights', _table(report)),
+        section('Over all nights', _statistics(told, paper['statistics'])),
+        *([] if data is None else residual_sections(data)),
+        _satellite(report), _zeros(report['zeros']),
+        provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
+                           files)]
+    return whole('Nights with the model of two nights before', body, 'Experiment of paper 000')
+
+
+def residuals_of_nights(report, run):
+    """Every star of the nights by the model of two nights before, its zero and tonight's.
+
+    Parameters
+    ----------
+    report : dict
+    run : PointingRun
+
+    Returns
+    -------
+    Residuals or None
+        The means of its rows before and after Polaris are those of the report.
+    """
+    parts = []
+    for night in report['nights']:
+        told = night['physical']
+        zero = np.array([told['zero'][f'{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        then = zero - np.array([told[f'change_{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        reference = for_fitting(run.select(run['run'] == night['reference']))
+        rows = run.select((run['run'] == night['night']) & (run['star'] >= 0))
+        rows = rows.select(~is_for_zero(rows))
+        if not len(rows) or not len(reference):
+            continue
+        model = fit_terms(reference, zero=RunZero(*then)).model
+        parts.append((rows, *(np.array(model.residuals(rows, zero=RunZero(*one))) / ARCSEC
+                              for one in (then, zero))))
+    if not parts:
+        return None
+    rows = type(run).concatenate([part[0] for part in parts])
+    before, after = (np.concatenate([part[i] for part in parts], axis=1) for i in (1, 2))
+    az, el, turned = on_horizon(rows)
+    return Residuals(
+        [f'HIP {star:.0f}' for star in rows['star']], az, el, before, after,
+        np.ones(len(rows), bool), ['judged by, not fitted'] * len(rows), **of_mount(rows.mount),
+        time=rows['time'], groups=rows['run'], group_word='night',
+        before_text='model of two nights before, zero of then',
+        after_text='the same model, zero of tonight', turned=turned)
+
+
+def _key(night):
+    return f'n{night}'
+
+
+def _nights(rows, axis, name, when):
+    """Mean errors of the nights, ours, on the scale that before and after of an axis share."""
+    x = np.array([row['night'] for row in rows], float)
+    y = np.array([row[f'{when}_{axis}_arcsec'] for row in rows])
+    limit = limit_of(y)
+    panel = Panel((52, 26, 378, 150), (x.min() - 0.7, x.max() + 0.7), (-limit, limit))
+    panel.axes('night', 'arcsec', f'{name}, {when}')
+    panel.points(x, y, f'{when} big', keys=[_key(row['night']) for row in rows])
+    said = f'{name}, {when}: mean {np.mean(y):+.2f}, RMS {np.sqrt(np.mean(y**2)):.2f} arcsec'
+    return figure(svg(446, 224, panel.parts, said, 'link'), '', when)
+
+
+def _table(report):
+    by_night = {row['night']: row for row in report['nights']}
+    rows, keys = [], []
+    for row, printed in zip(report['table1'], report['paper']['table1'] + [None] * len(
+            report['table1'])):
+        after = by_night[row['night']]['physical']['after']
+        keys.append(_key(row['night']))
+        rows.append((row['night'], *(number(row[f'{when}_{axis}_arcsec'], 2, True)
+                                     for when in WHENS for axis, _ in AXES),
+                     *(number(after.get(f'{axis}_sigma_arcsec'), 2) for axis, _ in AXES),
+                     number(after['radial_rms_arcsec']), after['stars'],
+                     *(number(printed and printed[f'{when}_{axis}_arcsec'], 1, True)
+                       for when in WHENS for axis, _ in AXES)))
+    head = ['night', *(f'{when} {name} ″' for when in WHENS for _, name in AXES),
+            *(f'± {name} ″' for _, name in AXES), 'stars after, radial RMS ″', 'stars',
+            *(f'paper: {when} {name} ″' for when in WHENS for _, name in AXES)]
+    return table(head, rows, 'stars sort', 'Mean errors of the stars of each night', keys)
+
+
+def _statistics(ours, paper):
+    rows = [(f'{name}, {when}', *(number(one[f'{when}_{axis}_arcsec'][key])
+                                  for one in (ours, paper) for key in ('mean', 'std', 'rms')))
+            for when in WHENS for axis, name in AXES]
+    return table(('arcsec', 'mean', 'std', 'RMS', 'paper: mean', 'std', 'RMS'), rows, 'numbers')
+
+
+def _satellite(report):
+    """The satellite that was tracked before and after."""
+    tracks, told = report.get('satellite'), report.get('gps')
+    if not tracks or not told:
+        return ''
+    drawn = []
+    for when in WHENS:
+        minutes = (np.asarray(tracks[when]['time']) - np.min(tracks[when]['time'])) / 60.0
+        for axis, name in AXES:
+            error = np.asarray(tracks[when][f'{axis}_arcsec'])
+            limit = limit_of(error)
+            panel = Panel((52, 26, 378, 120), (minutes.min() - 0.2, minutes.max() + 0.2),
+                          (-limit, limit))
+            panel.axes('minutes', 'arcsec', f'{name}, {when}')
+            panel.points(minutes, error, when)
+            drawn.append(figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'), '', when))
+    rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
+                                  for one in (told, told['paper']) for key in ('mean', 'std')))
+            for when in WHENS for axis, name in AXES]
+    return section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
+                   pair(drawn[2:]), table(
+        ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
+
+
+def _zeros(judged):
+    """The zeros of the power-ons against what was measured at the mark."""
+    if not judged['power_ons']:
+        return ''
+    found, season = judged['causes'], season_from_rows(judged['power_ons'])
+    drawn = []
+    for name in found['drivers'] or ['temperature']:
+        words, unit, _ = DRIVERS[name]
+        for k, (_, said) in enumerate(AXES):
+            values, zeros = season.drivers[name][:, k], season.zeros[:, k] / ARCSEC
+            good = np.isfinite(values) & np.isfinite(zeros)
+            if not good.any():
+                continue
+            x, y, room = values[good], zeros[good], 0.05 * max(float(np.ptp(values[good])), 1e-3)
+            pad = 0.1 * max(float(np.ptp(y)), 1.0)
+            panel = Panel((56, 26, 374, 150), (x.min() - room, x.max() + room),
+                          (y.min() - pad, y.max() + pad))
+            state = found['axes'][said]['verdict']
+            panel.axes(f'{words} [{unit}]', 'zero ″', ': '.join(filter(None, (said, state))))
+            panel.bars(x, y, season.sigmas[good, k] / ARCSEC, 'before')
+            panel.points(x, y, 'before')
+            cause = next((c for c in found['axes'][said]['causes']
+                          if c['driver'] == name), None)
+            if cause:
+                ends = np.array([x.min(), x.max()])
+                level = np.mean(y - cause['slope_arcsec'] * x)
+                panel.line(ends, level + cause['slope_arcsec'] * ends, 'fit')
+            drawn.append(figure(svg(446, 224, panel.parts,
+                                    f'Zero of the {said} against {words}'), ''))
+    tonight, rows = judged['tonight'], []
+    for _, name in AXES:
+        one = tonight and tonight[name]
+        if one:
+            rows.append((name, number(one['expected_arcsec'], 1, True),
+                         number(one['sigma_arcsec'], 1), number(one['measured_arcsec'], 1, True),
+                         number(one['measured_sigma_arcsec'], 1)))
+    foretold = '<h3>The last power-on, foretold before Polaris was seen</h3>' + table(
+        ('axis', 'foretold ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
+    return section('What the zeros of the power-ons follow', listed(season_lines(judged)),
+                   pair(drawn), foretold,
+                   note='Zero since the first power-on, against what was measured at the mark.')

@@ -1,0 +1,124 @@
+"""Rivals of a found effect are judged with companions of their own, not with those of it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated import make_problem
+
+from calibration.analysis.diagnosis.alternative_choice import Rival, _take_in, choose_with_rivals
+from calibration.analysis.diagnosis.chance import Chance
+from calibration.analysis.diagnosis.choice_rules import choose
+from calibration.analysis.diagnosis.constants import SET_WIDTH
+from calibration.analysis.diagnosis.diagnosis_result import diagnosed, verdict_of
+from calibration.analysis.diagnosis.problem import Choice
+from calibration.analysis.diagnosis.scores import Bank
+from calibration.analysis.diagnosis.significance import Standing
+from msg_tools.units import ARCSEC
+from pointing_model.effects import Effect
+from pointing_model.fitted_effects import FittedEffect
+
+SEEDS = range(4)
+NAMES = ('bent axis', 'scale', 'helper of the bent axis', 'helper of the scale')
+N = 100
+
+
+def problem_of(seed, spoilt=0.0, helped=True, size=40.0):
+    """Rows that a bent axis and its helper explain, and as well a scale and a helper of its own.
+
+    The scale resembles the bent axis (correlation 0.97), and the sum more than the bent axis does,
+    so it is found first. `spoilt`: part of the scale's helper that is something else; `helped`:
+    whether the helper of the bent axis is a candidate.
+    """
+    rng = np.random.default_rng(seed)
+    problem = make_problem(seed, N)
+    basis = problem.base.basis(np.copy)
+
+    def unit(row, *others):
+        row = basis.off(row)
+        for other in others:
+            row = row - (row @ other) * other
+        return row / np.linalg.norm(row)
+
+    bent = unit(rng.normal(size=2 * N))
+    helper = unit(rng.normal(size=2 * N), bent)
+    aside = unit(rng.normal(size=2 * N), bent, helper)
+    scale = 0.97 * bent + np.sqrt(1.0 - 0.97**2) * (0.7 * helper + np.sqrt(0.51) * aside)
+    signal = size * unit(bent + 0.3 * helper)
+    others = [unit(row) for row in rng.normal(size=(12, 2 * N))]
+    left = unit(signal - (signal @ scale) * scale)
+    its_helper = np.sqrt(1.0 - spoilt) * left + np.sqrt(spoilt) * unit(
+        others[0], left, scale, bent, helper)
+    columns = np.array([bent, scale, helper if helped else unit(rng.normal(size=2 * N), helper),
+                        its_helper, *others[1:]])
+    effects = [Effect(name, name, '', 'azimuth', 'both', ('size',), None) for name in (
+        *NAMES[:2], *(NAMES[k] for k in (2, 3)), *(f'something {k}' for k in range(1, 12)))]
+    b = (rng.normal(size=2 * N) + signal) * ARCSEC
+    return replace(problem, dictionary=Bank(effects, None, columns), b=b, changes=None)
+
+
+def names_of(problem, groups):
+    return {problem.dictionary.effects[g].name for g in groups}
+
+
+def found_of(problem, chosen):
+    return {c.effect(problem).name for c in chosen.found.chosen}
+
+
+def told(problem, chosen, i):
+    e, stand = chosen.found.chosen[i].effect(problem), chosen.stands[i]
+    return diagnosed(FittedEffect(e, np.ones(1)), stand.p, None, problem.dictionary.effects,
+                     stand.every, chosen.found.chosen[i].group, stand.alternatives, stand.same)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_rival_with_companions_of_its_own_is_an_equal(seed):
+    problem, chance = problem_of(seed), Chance(N, 199, np.random.default_rng(seed))
+    alone = choose(problem, 0.01, chance)
+    assert found_of(problem, alone) == {NAMES[1], NAMES[3]}
+    lead = [c.effect(problem).name for c in alone.found.chosen].index(NAMES[1])
+    # with the companion that was chosen for the other it is far behind
+    assert alone.stands[lead].every[0] < alone.stands[lead].delta_bic - SET_WIDTH
+    assert NAMES[0] not in names_of(problem, alone.stands[lead].alternatives)
+    both = choose_with_rivals(problem, 0.01, chance)
+    assert found_of(problem, both) == {NAMES[1], NAMES[3]} and not both.replaced
+    stand = both.stands[lead]
+    assert NAMES[0] in names_of(problem, stand.alternatives)
+    assert abs(stand.every[0] - stand.delta_bic) < SET_WIDTH
+    assert [c.effect(problem).name for c in stand.companions[0]] == [NAMES[2]]
+    assert [verdict_of([told(problem, one, lead)]) for one in (alone, both)] == [
+        'identified', 'ambiguous']
+
+
+def test_a_better_model_is_taken():
+    wrong = 0
+    for seed in range(6):
+        problem, chance = problem_of(seed, 0.4), Chance(N, 199, np.random.default_rng(seed))
+        alone = found_of(problem, choose(problem, 0.01, chance))
+        better = choose_with_rivals(problem, 0.01, chance)
+        assert found_of(problem, better) == {NAMES[0], NAMES[2]}
+        assert better.replaced == (NAMES[1] in alone)
+        assert not any(stand.companions for stand in better.stands)
+        wrong += better.replaced
+    assert wrong >= 2
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_rival_that_nothing_helps_stays_behind(seed):
+    problem = problem_of(seed, helped=False)
+    one, other = (how(problem, 0.01, Chance(N, 199, np.random.default_rng(seed)))
+                  for how in (choose, choose_with_rivals))
+    assert found_of(problem, one) == found_of(problem, other) == {NAMES[1], NAMES[3]}
+    assert not any(stand.companions or stand.alternatives for stand in other.stands)
+
+
+def test_a_better_model_with_more_effects_is_beside_the_found_one_and_no_more():
+    def model(*groups):
+        return SimpleNamespace(found=SimpleNamespace(chosen=[Choice(g) for g in groups]))
+    stand = Standing(0.001, 87.0, [], [], np.array([87.0, 40.0, 30.0, 20.0]))
+    chosen = SimpleNamespace(stands=[stand], found=model(0).found)
+    _take_in(chosen, 0, [Rival(Choice(1), model(1, 4, 5), -161.0), Rival(Choice(2), model(2), 3.0),
+                         Rival(Choice(3), model(3, 4), 20.0)])
+    assert stand.alternatives == [1, 2] and stand.every.tolist() == [87.0, 87.0, 84.0, 67.0]
+    assert stand.larger == {1: (2, 161.0)} and stand.companions[1] == [Choice(4), Choice(5)]

@@ -1,0 +1,34 @@
+"""The error to be expected on fresh stars."""
+
+import numpy as np
+import pytest
+
+from calibration.analysis.diagnosis.expected_error import CONFIDENCE, expected_error
+from msg_tools.units import ARCSEC
+
+
+def test_the_interval_holds_fresh_stars_as_often_as_it_says():
+    rng = np.random.default_rng(1)
+    held, widths = 0, []
+    for _ in range(400):
+        n = 60
+        told = expected_error(ARCSEC * rng.normal(size=(2, n)), np.ones(n, bool), np.arange(n), rng)
+        fresh = np.hypot(*rng.normal(size=(2, 100)))
+        rms = np.sqrt(np.mean(fresh**2))
+        held += told['low_arcsec'] <= rms <= told['high_arcsec']
+        widths.append((told['high_arcsec'] - told['low_arcsec']) / told['rms_arcsec'])
+        assert told['low_arcsec'] < told['rms_arcsec'] < told['high_arcsec']
+    assert told['confidence'] == CONFIDENCE == 0.9
+    assert 0.86 * 400 <= held <= 0.96 * 400 and np.median(widths) < 0.4
+
+
+def test_what_wanders_widens_it_and_outliers_do_not():
+    rng = np.random.default_rng(2)
+    residual = ARCSEC * rng.normal(size=(2, 60))
+    residual[:, 7] = 400.0 * ARCSEC
+    keep = np.arange(60) != 7
+    still = expected_error(residual, keep, np.arange(60), np.random.default_rng(3))
+    assert still['rms_arcsec'] == pytest.approx(np.sqrt(2.0), rel=0.2)
+    ahead = np.square(3.0 * ARCSEC * rng.normal(size=1000))
+    moved = expected_error(residual, keep, np.arange(60), np.random.default_rng(3), ahead)
+    assert moved['high_arcsec'] > 4.0 and moved['low_arcsec'] < 1.1 * still['rms_arcsec']

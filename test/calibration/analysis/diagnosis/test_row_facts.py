@@ -1,0 +1,79 @@
+"""What is said of single rows, of their scatter and of nights held out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.analysis.diagnosis.row_facts import (
+    bad_nights,
+    nights_held_out,
+    scatter_sentence,
+    unequal_scatter,
+    worst_sentence,
+)
+from msg_tools.units import ARCSEC
+
+
+def test_a_row_that_noise_would_have_among_so_many_is_none_to_look_at():
+    row = {'row': 80, 'before_arcsec': 6.0, 'after_arcsec': 8.9}
+    rms = {'rms_arcsec': 3.91, 'rms_x_arcsec': 2.5, 'rms_y_arcsec': 3.0}
+    told = {'worst_rows': {'before': {**row, 'before_arcsec': 12.0, 'row': 3}, 'after': row},
+            'after': rms, 'observations': 98}
+    assert worst_sentence(told) == ''
+    told['worst_rows']['after'] = {**row, 'after_arcsec': 14.0}
+    assert worst_sentence(told).startswith('Now the worst row is row 80: 6.00″ before, 14.0″ after')
+
+
+def scattered(seed, more=1.0, n=120):
+    """As `unequal_scatter` takes it: elevation scatters `more` times as much in the middle."""
+    rng = np.random.default_rng(seed)
+    el = rng.uniform(0.2, 1.4, n)
+    left = ARCSEC * rng.normal(size=(2, n))
+    left[1] *= np.where((el > 0.5) & (el < 0.9), more, 1.0)
+    return SimpleNamespace(weights=np.ones(n), residual_after=left, observations=SimpleNamespace(
+        context=SimpleNamespace(on_horizon=lambda: (el, el))))
+
+
+def test_scatter_that_is_not_the_same_at_all_elevations_is_told():
+    found = unequal_scatter(scattered(1, 4.0))
+    assert found['axis'] == 'y' and found['p'] < 1e-3
+    sizes = [band['rms_arcsec'] for band in found['bands']]
+    assert sizes[1] > 1.3 * max(sizes[0], sizes[2])
+    text = scatter_sentence({'unequal_scatter': found})
+    assert text.startswith('What is left in elevation is not the same at all elevations: ')
+    assert 'so this is no noise of the sky' in text
+    found['bands'][0]['rms_arcsec'] = 9.0
+    assert 'may be that' in scatter_sentence({'unequal_scatter': found})
+    assert scatter_sentence({}) == ''
+    assert sum(unequal_scatter(scattered(seed)) is not None for seed in range(100)) <= 1
+    assert unequal_scatter(scattered(1, 4.0, n=20)) is None
+
+
+def test_worst_rows():
+    def rows(before, after):
+        keys = 'row', 'before_arcsec', 'after_arcsec'
+        return {'worst_rows': {'before': dict(zip(keys, before)), 'after': dict(zip(keys, after))}}
+    assert worst_sentence(rows((3, 9.0, 2.0), (4, 5.0, 4.0))) == ''
+    assert 'row 3, became worse: 9.00″ before, 9.50″' in worst_sentence(
+        rows((3, 9.0, 9.5), (3, 9.0, 9.5)))
+    told = {**rows((3, 9.0, 2.0), (4, 3.0, 5.0)), 'rows_are': 'line', 'mount': 'german'}
+    told['worst_rows']['after'].update(az_deg=-20.2, el_deg=41.0)
+    assert worst_sentence(told).startswith(
+        'Now the worst row is line 4 (hour angle −20°, declination 41°): 3.00″ before, 5.00″')
+
+
+@pytest.mark.parametrize('size, bad', [((1.0, 1.0), False), ((1.0, 6.0), True)])
+def test_a_bad_night_is_told_by_axis(size, bad):
+    rng = np.random.default_rng(2)
+    left = rng.normal(size=(2, 90)) * ARCSEC
+    left[:, 60:] *= np.array(size)[:, None]
+    obs = SimpleNamespace(label=np.repeat([0, 1, 2], 30), runs=['a.dat:0', 'b.dat:0', 'c.dat:0'],
+                          sources=np.repeat(['a.dat', 'b.dat', 'c.dat'], 30))
+    own = SimpleNamespace(residual_after=rng.normal(size=(2, 60)) * ARCSEC, weights=np.ones(60))
+    nights = nights_held_out(obs, [left, left], np.ones(90, bool), own)
+    assert [bool(night['bad']) for night in nights] == [False, False, bad]
+    said = bad_nights({'held_out': nights}, ('azimuth', 'elevation'))
+    assert len(said) == bad
+    if bad:
+        assert 'c.dat is bad: azimuth' in said[0] and 'as the others, elevation' in said[0]

@@ -1,0 +1,350 @@
+"""The search behind the diagnosis: its algebra, its chance level, no look at held-out rows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import make_context, make_problem
+
+from calibration.analysis.diagnosis.chance import Chance, ChanceTest, normal_score, pair_corrected
+from calibration.analysis.diagnosis.choice_rules import choose, settled
+from calibration.analysis.diagnosis.correlated_noise import White
+from calibration.analysis.diagnosis.folds import (
+    contiguous_folds,
+    cross_validate,
+    left_out,
+    predict,
+    random_folds,
+    run_folds,
+)
+from calibration.analysis.diagnosis.linear_model import Basis, Columns, fit_state, solve
+from calibration.analysis.diagnosis.problem import Choice, Found, Problem
+from calibration.analysis.diagnosis.scores import Bank
+from calibration.analysis.diagnosis.search import search
+from calibration.analysis.diagnosis.significance import standing
+from calibration.analysis.diagnosis.subspaces import orthonormal, overlap
+from calibration.analysis.diagnosis.validation import _needed, nested
+from msg_tools.units import ARCSEC
+from pointing_model.effects import effect
+from pointing_model.terms import stacked_design
+
+
+def index(problem, name):
+    return next(i for i, e in enumerate(problem.dictionary.effects) if e.name == name)
+
+
+def play(size):
+    return lambda c: np.array([size * ARCSEC * c.get('approach_az') * np.cos(c.el), 0.0 * c.el])
+
+
+def own_rows(blocks, parts, size):
+    """Rows that live in blocks of the columns, zero elsewhere."""
+    for where, part in zip(blocks, parts):
+        out = np.zeros((len(part), size))
+        out[:, where] = part
+        yield out
+
+
+def test_columns_of_single_runs_are_the_dense_ones():
+    rng = np.random.default_rng(1)
+    own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
+    columns = Columns(common, own, run)
+    root = rng.uniform(0.5, 2.0, 80)
+    kept = columns.basis(White(root))
+    basis = np.vstack((*own_rows(kept.blocks, kept.parts, 80), kept.common))
+    dense = np.vstack((common, *own_rows(columns._blocks, [
+        own[:, where] for where in columns._blocks], 80)))
+    assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
+    white = dense * root
+    assert np.allclose((white @ basis.T) @ basis, white, atol=1e-10)
+    values = rng.normal(size=(2, 80))
+    assert np.allclose(kept.off(values), values - (values @ basis.T) @ basis, atol=1e-12)
+    x, y = basis[:, :40], basis[:, 40:]
+    assert np.allclose(kept.blocks_of_rows(),
+                       [(a * b).sum(axis=0) for a, b in ((x, x), (y, y), (x, y))], atol=1e-12)
+    left = columns.left_of(values[0], White(root))
+    p = np.linalg.lstsq(white.T, values[0] * root, rcond=None)[0]
+    assert np.allclose(left, values[0] - p @ dense, atol=1e-10)
+    solver = columns.solver(White(root))
+    found = solver(values[0])
+    assert np.allclose(np.concatenate([part.ravel() for part in found]), p, atol=1e-9)
+    inverse = np.linalg.inv(white @ white.T)[:3, :3]
+    assert np.allclose(solver.inverse, inverse, rtol=1e-6)
+    part = columns.rows(np.concatenate((np.flatnonzero(run < 2), 40 + np.flatnonzero(run < 2))))
+    assert len(part) == 7
+    # a column that runs fit for themselves has nothing left of its own
+    again = Columns(np.vstack((common, own[:1])), own, run)
+    assert len(again.basis(White(root))) == 9
+
+
+def test_state_ignores_gross_outliers_and_fills_their_residual():
+    problem = make_problem(2)
+    clean = fit_state(problem.base, problem.b, final=True)
+    b = problem.b.copy()
+    b[7] += 900.0 * ARCSEC
+    dirty = fit_state(problem.base, b, final=True)
+    assert dirty.weights[7] == 0.0 and np.count_nonzero(dirty.weights == 0.0) == 1
+    assert dirty.raw[7] / ARCSEC == pytest.approx(900.0 + clean.raw[7] / ARCSEC, abs=1.0)
+    p = solve(problem.base.common, problem.b, np.copy)
+    exact, *_ = np.linalg.lstsq(problem.base.common.T, problem.b, rcond=None)
+    assert np.allclose(p, exact, rtol=1e-8)
+
+
+def test_leverage_correction_gives_the_noise_back():
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(30, 100)) * np.linspace(0.2, 3.0, 100)
+    basis = orthonormal(rows)
+    total, raw = np.zeros(2), np.zeros(2)
+    for _ in range(400):
+        e = rng.normal(size=100)
+        r = e - (basis @ e) @ basis
+        corrected = pair_corrected(Basis(basis), r)
+        total += np.square(corrected).mean(axis=1) / 400.0
+        raw += np.square(r.reshape(2, 50)).mean(axis=1) / 400.0
+    assert total == pytest.approx([1.0, 1.0], abs=0.03) and raw.max() < 0.9
+
+
+def test_scores_of_groups_of_any_size_are_alike():
+    from scipy.special import fdtri, ndtri
+
+    for dof, nu in ((1, 40), (2, 25), (6, 80)):
+        for p in (0.05, 1e-3, 1e-5):
+            z = normal_score(dof * fdtri(dof, nu, 1.0 - p), dof, nu)
+            assert z == pytest.approx(-ndtri(p), abs=0.25)
+
+
+def test_first_test_is_true_to_its_level():
+    p = []
+    for i in range(40):
+        problem = make_problem(1000 + i, n=40)
+        state = problem.state([])
+        scores = problem.dictionary.score(state)
+        chance = Chance(40, 199, np.random.default_rng(i))
+        p.append(chance.p(state, scores, int(np.argmax(scores.delta_bic))))
+    p = np.array(p)
+    # 4 expected below 0.1; 12 would be 4 sigma
+    assert np.sum(p <= 0.1) < 12 and np.median(p) > 0.3
+    assert np.sum(p <= 0.5) >= 10  # nor does it never find anything
+
+
+def test_noise_that_grows_toward_the_horizon_keeps_the_level():
+    alarms = 0
+    for i in range(30):
+        problem = make_problem(3000 + i, n=40, noise=lambda rng, c: rng.normal(
+            size=(2, 40)) / np.sin(c.el)**1.5)
+        found = search(problem, 0.05, Chance(40, 399, np.random.default_rng(i)))
+        alarms += bool(found.chosen)
+    assert alarms <= 5  # 1.5 expected
+
+
+def test_identification_at_lambda_nine():
+    names = ('azimuth_encoder_2', 'elevation_hysteresis', 'second_flexure', 'azimuth_zero_step',
+             'elevation_nod_3', 'magnitude_equation_az', 'elevation_zero_with_temperature')
+    good = 0
+    for i in range(14):
+        problem = make_problem(4000 + i)
+        g = index(problem, names[i % len(names)]) + (8 if 'step' in names[i % len(names)] else 0)
+        columns = problem.dictionary.of(g)
+        s = np.random.default_rng(i).normal(size=len(columns)) @ columns
+        q = orthonormal(problem.base.common)
+        problem.b = problem.b + s * 9.0 * ARCSEC / np.linalg.norm(s - (q @ s) @ q)
+        chance = Chance(60, 499, np.random.default_rng(i))
+        found = search(problem, 0.01, chance)
+        line = problem.dictionary.line
+        shown = set()
+        for j, choice in enumerate(found.chosen):
+            s = standing(problem, found, j, chance, 0.01)
+            shown |= {int(line[k]) for k in (choice.group, *s.alternatives)}
+        good += int(line[g]) in shown
+    assert good >= 13
+
+
+def test_p_counts_the_flips():
+    problem = make_problem(5, signal=play(1.2))
+    state = problem.state([])
+    scores = problem.dictionary.score(state)
+    g = index(problem, 'azimuth_hysteresis_cosE')
+    chance = Chance(60, 399, np.random.default_rng(0))
+    test = ChanceTest(state, scores, g)
+    expected = (np.sum(test.flipped_max(chance.signs) >= test.z) + 1) / 400
+    assert chance.p(state, scores, g) == pytest.approx(expected)
+    assert chance.p_of_all(state, scores)[int(np.argmax(scores.delta_bic))] < 0.2
+    # the mirrored residual has the same score: the sign of an effect is not the test's business
+    problem.b = -problem.b
+    assert ChanceTest(problem.state([]), problem.dictionary.score(problem.state([])),
+                      g).z == pytest.approx(test.z)
+
+
+def test_flips_that_reach_a_score_are_those_whose_largest_does():
+    problem = make_problem(5, signal=play(1.2))
+    state = problem.state([])
+    test = ChanceTest(state, problem.dictionary.score(state),
+                      index(problem, 'azimuth_hysteresis_cosE'))
+    signs = Chance(60, 399, np.random.default_rng(0)).signs
+    best = np.sort(test.flipped_max(signs))
+    for place in (0, 40, 200, 390, 398):  # between two of them: no rounding decides
+        test.z = float(best[place:place + 2].mean()) if place < 398 else best[-1] + 0.01
+        reached, largest = test.flipped_beyond(signs)
+        assert reached == 398 - place and largest == pytest.approx(best[-1], abs=1e-4)
+
+
+def test_overlap_knows_aliases():
+    problem = make_problem(6)
+    state = problem.state([])
+    scores = problem.dictionary.score(state)
+    flexure, encoder = (scores.basis(index(problem, n))
+                        for n in ('second_flexure', 'elevation_encoder_1'))
+    # cos E is TF already, so an encoder off its centre is a second flexure here
+    assert overlap(flexure, encoder)[0] == pytest.approx(1.0, abs=1e-6)
+    other = scores.basis(index(problem, 'azimuth_hysteresis'))
+    assert overlap(flexure, other)[1] < 0.3
+    assert scores.dof[index(problem, 'latitude')] == 0
+
+
+def test_folds_cover_every_row_once():
+    rng = np.random.default_rng(0)
+    label = np.repeat(np.arange(6), 5)
+    for folds in (random_folds(np.arange(30), 7, rng), contiguous_folds(-np.arange(30.0), 7),
+                  run_folds(label, 3, rng)):
+        assert np.array_equal(np.sort(np.concatenate(folds)), np.arange(30))
+    assert all(len(np.unique(label[f])) == 2 for f in run_folds(label, 3, rng))
+    assert contiguous_folds(-np.arange(30.0), 7)[0].min() == 25
+    # rows of one group stay together
+    for fold in random_folds(label, 3, rng):
+        assert all(np.isin(np.flatnonzero(label == r), fold).all() for r in label[fold])
+
+
+def test_held_out_rows_are_not_looked_at():
+    problem = make_problem(7, signal=play(2.0))
+    folds = random_folds(np.arange(60), 6, np.random.default_rng(1))
+    left, choices = nested(problem, folds, 0.01, np.random.default_rng(2), flips=199)
+    assert all(any(problem.dictionary.effects[c.group].form == 'hysteresis' for c in chosen)
+               for chosen in choices)
+    # if one row reads 40" more, its own residual is 40" more, to rounding
+    row = int(folds[3][2])
+    moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves,
+                    problem.sequence)
+    moved.b[60 + row] += 40.0 * ARCSEC
+    again, _ = nested(moved, folds, 0.01, np.random.default_rng(2), flips=199)
+    assert len(again) == len(left) == 1 + max(map(len, choices))
+    assert np.allclose(again[:, :, folds[3]] - left[:, :, folds[3]],
+                       [[0.0] * 10, 40.0 * ARCSEC * (folds[3] == row)], atol=1e-9 * ARCSEC)
+    # with none of the choices it is the plain cross-validation
+    assert np.allclose(left[0], cross_validate(problem.plain, [], folds), atol=1e-12)
+    assert np.mean(left[-1]**2) < 0.8 * np.mean(left[0]**2)
+
+
+def test_cross_validation_tells_gain_from_decoration():
+    problem = make_problem(8, signal=play(2.0))
+    folds = random_folds(np.arange(60), 10, np.random.default_rng(1))
+    good = Choice(index(problem, 'azimuth_hysteresis_cosE'))
+    idle = Choice(index(problem, 'azimuth_encoder_5'))
+    plain, better, more = (np.mean(cross_validate(problem, c, folds)**2)
+                           for c in ([], [good], [good, idle]))
+    assert better < 0.7 * plain and more > better
+    # with the weights of all rows: as good as fitted anew
+    quick = left_out(problem, [good], problem.plain.state([good], final=True), folds)
+    assert np.mean(quick**2) == pytest.approx(better, rel=0.02)
+    found = choose(problem, 0.01, Chance(60, 499, np.random.default_rng(3)), [folds])
+    assert [c.effect(problem).form for c in found.found.chosen] == ['hysteresis']
+    assert found.gains[0] > 0.3
+    both = settled(problem, Found([good, idle], problem.state([good, idle])), 1.0,
+                   Chance(60, 99, np.random.default_rng(3)), [folds])
+    assert both.found.chosen == [good] and idle in [
+        *both.found.dropped, *both.found.dropped_by_cv]
+
+
+def test_new_runs_refit_their_own_terms_only():
+    rng = np.random.default_rng(9)
+    context = make_context(rng, 90)
+    run = np.repeat([0, 1, 2], 30)
+    own = stacked_design(('IA', 'IE'), context.az, context.el)
+    common = stacked_design(('CA', 'AN', 'AW', 'TF'), context.az, context.el)
+    truth = np.array([30.0, -20.0, 10.0, 15.0]) * ARCSEC
+    shift = np.array([[0.0, 400.0, -90.0][r] for r in run]) * ARCSEC
+    b = truth @ common + np.concatenate((shift * np.cos(context.el), -shift)) \
+        + 0.1 * ARCSEC * rng.normal(size=180)
+    problem = Problem(Columns(common, own, run), b, None, Bank([], context), Bank([], context))
+    left = predict(problem, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    assert np.sqrt(np.mean(left**2)) < 0.2 * ARCSEC
+    # terms that all share are not refitted: a tilt of the new run only stays
+    tilted = Problem(problem.base, b + np.concatenate((run == 1, run == 1)) * 5.0 * ARCSEC
+                     * stacked_design(('AN',), context.az, context.el)[0], None,
+                     problem.dictionary, problem.curves)
+    left = predict(tilted, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    assert np.sqrt(np.mean(left**2)) > 1.5 * ARCSEC
+
+
+def test_curves_take_the_place_of_effects_that_only_imitate_them():
+    def bump(c):
+        return np.array([0.0 * c.az, 8.0 * ARCSEC * np.exp(
+            -0.5 * ((c.az - 3.0) / 0.25)**2)])
+    problem = make_problem(10, n=80, signal=bump, curves=True)
+    found = search(problem, 0.01, Chance(80, 999, np.random.default_rng(0)))
+    assert any(c.curve for c in found.chosen)
+    effects = [c.effect(problem) for c in found.chosen]
+    assert {e.driver for e in effects} == {'azimuth'} and len(effects) <= 2
+
+
+def test_effects_without_columns_of_their_own_cannot_win():
+    problem = make_problem(11)
+    context = make_context(np.random.default_rng(11))
+    bank = Bank([effect('latitude'), effect('clock', latitude=0.6)], context)
+    scores = bank.score(problem.state([]))
+    assert not scores.dof.any() and np.all(scores.delta_bic == -np.inf)
+    problem.dictionary = bank
+    assert search(problem, 0.5, Chance(60, 99, np.random.default_rng(0))).chosen == []
+
+
+def test_rows_of_one_star_are_flipped_together():
+    group = np.repeat(np.arange(30), 2)
+    signs = Chance(60, 99, np.random.default_rng(1), group=group).signs
+    assert np.array_equal(signs[:, ::2], signs[:, 1::2]) and abs(signs.mean()) < 0.1
+    alone = Chance(60, 99, np.random.default_rng(1)).signs
+    assert not np.array_equal(alone[:, ::2], alone[:, 1::2])
+
+    def shared(rng, context):
+        return rng.normal(size=(2, 30))[:, group]
+    alarms = {True: 0, False: 0}
+    for i in range(40):
+        problem = make_problem(5000 + i, noise=shared)
+        problem.dictionary = problem.dictionary.rows(group)  # each star twice
+        problem.base = problem.base.rows(np.concatenate((group, group + 60)))
+        for together in alarms:
+            chance = Chance(60, 199, np.random.default_rng(i), group=group if together else None)
+            state = problem.plain.state([])
+            scores = problem.dictionary.score(state)
+            g = int(np.argmax(scores.delta_bic))
+            alarms[together] += chance.p(state, scores, g) <= 0.05
+    assert alarms[True] <= 7 < 15 <= alarms[False]  # 2 expected
+
+
+@pytest.mark.parametrize('size, offered', [(0.27, True), (4.0, False)])
+def test_a_cause_of_known_size_is_offered_where_the_rows_ask_for_that_size(size, offered):
+    # the diurnal aberration is 0.32" cos(latitude), whatever else looks the same
+    east = effect('diurnal_aberration', latitude=0.57)
+    context = make_context(np.random.default_rng(5), 200)
+    noise = 0.2 * ARCSEC * np.random.default_rng(3).normal(size=400)
+    b = size * ARCSEC * east.columns(context)[0].ravel() + noise
+    base = Columns(stacked_design(('IA', 'IE'), context.az, context.el), np.empty((0, 400)),
+                   np.zeros(200, int))
+    free = replace(east, size=None)
+    none = Bank([], None, np.empty((0, 400)))
+    state = Problem(base, b, None, none, none).state([])
+    gains = [Bank([e], context, sizes=sizes).score(state).delta_bic[0]
+             for e, sizes in ((free, True), (east, False), (east, True))]
+    assert gains[0] == gains[1] > 20.0
+    assert np.isfinite(gains[2]) == offered
+
+
+def test_how_many_partitions_there_will_be_is_told_by_the_scatter_of_those_there_are():
+    keep = np.ones(3, bool)
+
+    def parts(*radial):  # each: squares of choices, of rows, as `nested` leaves them
+        return [(None, [np.full((2, 3), 0.5 * (value * ARCSEC)**2)]) for value in radial]
+    assert _needed(parts(), keep, 10, 16) == _needed(parts(5.0, 9.0), keep, 10, 16) == 10
+    assert _needed(parts(5.0, 5.01, 4.99, 5.0), keep, 10, 16) == 10
+    assert _needed(parts(5.0, 5.4, 4.6, 5.0), keep, 10, 16) == 16
+    # a standard deviation of 3.27 % of the mean: of 11 the mean is known to 1 %
+    assert _needed(parts(96.0, 100.0, 100.0, 104.0), keep, 10, 16) == 11
+    assert _needed(parts(*[5.0, 9.0] * 3), keep, 3, 3) == 3

@@ -1,0 +1,91 @@
+"""Which rows of a file are a session, and what each session fits for itself."""
+
+import numpy as np
+import pytest
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.diagnosis_base import Base
+from calibration.analysis.diagnosis.sessions import arrange, in_sessions, split
+from msg_tools.units import ARCSEC, DEG
+from pointing_model import geometry
+from pointing_model.runs.run import PointingRun
+from pointing_model.terms import PHYSICAL
+
+TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
+
+
+def nights(seed, counts=(30, 30, 30), gap=14.0, **moving):
+    """Nights with a gap of some hours; ``IA=[0, 20, -10]``: arcsec that a term is off in each."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for i, n in enumerate(counts):
+        az = rng.uniform(0.0, 2.0 * np.pi, n)
+        el = np.arcsin(rng.uniform(np.sin(20.0 * DEG), np.sin(85.0 * DEG), n))
+        terms = {t: v + moving.get(t, [0.0] * len(counts))[i] * ARCSEC for t, v in TRUTH.items()}
+        az_enc, el_enc = geometry.sky_to_encoder(az, el, terms)
+        x, y = ARCSEC * rng.normal(size=(2, n))
+        hours = i * (gap + 5.0) + np.sort(rng.uniform(0.0, 5.0, n))
+        parts.append(PointingRun({'az': az, 'el': el, 'time': 1.7e9 + 3600.0 * hours,
+                                  'az_enc': az_enc + x / np.cos(el), 'el_enc': el_enc + y},
+                                 {'source': 'days.csv', 'notes': []}))
+    return parts
+
+
+def joined(*args, **moving):
+    return PointingRun.concatenate(nights(*args, **moving))
+
+
+def test_nights_with_zeros_of_their_own_are_sessions():
+    found = arrange(joined(1, IA=[0.0, 15.0, -8.0], IE=[0.0, 3.0, -12.0]))
+    assert found.own_terms == ('IA', 'IE') and found.hours == 3.0
+    assert np.bincount(found.runs[0]['run']).tolist() == [0, 30, 30, 30]
+    assert '3 sessions, at gaps of more than 3 h' in found.runs[0].meta['notes'][0]
+    result = diagnose(joined(1, IA=[0.0, 15.0, -8.0]), flips=199, cross_validation=False)
+    assert result.verdict == 'none' and result.base.own == ('IA', 'IE')
+    assert result.before['rms_arcsec'] < 1.6
+
+
+def test_nights_of_one_mount_stay_one_run():
+    alone = [arrange(joined(seed, counts=(20, 25))) for seed in range(40)]
+    assert sum(found.hours is not None for found in alone) <= 2
+    one = next(found for found in alone if found.hours is None)
+    assert one.own_terms == () and 'run' not in one.runs[0]
+    assert 'taken as one' in one.runs[0].meta['notes'][0]
+
+
+def test_what_else_moves_is_chosen():
+    leaning = {'AN': [0.0, 20.0, -15.0], 'AW': [0.0, -12.0, 18.0]}
+    found = arrange(joined(2, IA=[0.0, 15.0, -8.0], **leaning))
+    assert found.own_terms == ('IA', 'IE', 'AN', 'AW')
+    assert any('its own IA, IE, AN, AW' in note for note in found.runs[0].meta['notes'])
+    # a session moves as a file does
+    files = arrange(nights(2, **leaning))
+    assert files.own_terms == ('IA', 'IE', 'AN', 'AW') and files.hours is None
+    assert arrange(nights(3)).own_terms == ('IA', 'IE')
+    # never what the base does not have
+    assert not {'AN', 'AW'} & set(arrange(joined(2, **leaning), 'index').own_terms)
+
+
+def test_the_user_has_the_last_word():
+    moved = joined(1, IA=[0.0, 15.0, -8.0])
+    assert arrange(moved, sessions=0.0) == ([moved], (), None)
+    assert arrange(moved, own_terms=('IA',)).own_terms == ('IA',)
+    forced = arrange(joined(5), sessions=10.0)
+    assert forced.own_terms == ('IA', 'IE') and set(forced.runs[0]['run']) == {1, 2, 3}
+    assert diagnose(moved, Base.parse('physical'), flips=99, cross_validation=False,
+                    sessions=None).base.own == ()
+    with pytest.raises(ValueError, match='gaps of -2 h'):
+        arrange(moved, sessions=-2.0)
+    moved.columns['time'][3] = np.nan
+    with pytest.raises(ValueError, match=r'days\.csv: sessions need the time'):
+        in_sessions(moved, 3.0)
+    assert arrange(moved).hours is None  # nothing tells the sessions
+    assert len(split(nights(1), 3.0)) == 3
+
+
+def test_runs_held_out_are_divided_as_the_others():
+    moved = {'IA': [0.0, 15.0, -8.0], 'IE': [0.0, -10.0, 9.0]}
+    result = diagnose(joined(1, **moved), holdout=joined(9, **moved), flips=199,
+                      cross_validation=False)
+    assert result.before['holdout_rms_arcsec'] < 1.6
+    assert any('90 observations of 3 runs, IA, IE refitted' in note for note in result.notes)

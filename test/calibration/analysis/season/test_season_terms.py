@@ -1,0 +1,262 @@
+"""The terms of a season: their wander, what moves them, what is foretold."""
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from places import DATA
+
+from calibration.analysis.season.season_causes import candidates, choose_causes
+from calibration.analysis.season.season_filter import (
+    Told,
+    Wander,
+    find_wander,
+    forecast,
+    levels,
+    log_likelihood,
+    normal_equations,
+    smoothed,
+    step_gains,
+)
+from calibration.analysis.season.season_judgement import judge_season
+from calibration.analysis.season.season_nights import Night, Nights, days, nights_of
+from calibration.report.season_page import render
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.runs.formats import read_run
+from pointing_model.runs.run import PointingRun
+from pointing_model.terms import design
+
+NAMES = ('IA', 'IE', 'TF')
+ARC = DATA / 'arc35m'
+
+
+def season(rng, count=24, walk=(1.0, 0.0, 0.0), scatter=(1.0, 3.0, 2.0), moved=None):
+    day = np.sort(rng.uniform(0.0, 300.0, count))
+    k = len(NAMES)
+    level = np.cumsum(rng.standard_normal((count, k)) * walk
+                      * np.sqrt(np.diff(day, prepend=day[0]))[:, None], axis=0)
+    warm = 10.0 + 5.0 * rng.standard_normal(count)
+    values = level + scatter * rng.standard_normal((count, k))
+    if moved:
+        moved(values, warm)
+    values += 0.5 * rng.standard_normal((count, k))
+    return Nights(NAMES, ALTAZ, [
+        Night(f'night {i}', 1.7e9 + 86400.0 * d, 30, v * ARCSEC,
+              np.eye(k) * (0.5 * ARCSEC)**2, ARCSEC, {'temperature': (float(t), 1.0)})
+        for i, (d, v, t) in enumerate(zip(day, values, warm))], [])
+
+
+def told_of(found):
+    n, k = len(found.nights), len(found.names)
+    return Told(days(found.nights), np.array([night.values for night in found.nights]),
+                np.array([night.covariance for night in found.nights]), np.zeros((n, k, 0)))
+
+
+def test_the_likelihood_is_that_of_the_whole_covariance():
+    rng = np.random.default_rng(3)
+    told = told_of(season(rng, 7))
+    told = told._replace(columns=levels(7, 3))
+    walk, scatter = np.square([0.7, 0.2, 0.1]) * ARCSEC**2, np.square([1.0, 2.0, 3.0]) * ARCSEC**2
+    gram, log_det = normal_equations(told, walk[None], scatter[None])
+    since = told.days - told.days[0]
+    whole = np.zeros((7, 3, 7, 3))
+    for i in range(7):
+        for j in range(7):
+            whole[i, :, j] = np.diag(walk * min(since[i], since[j]))
+        whole[i, :, i] += told.covariances[i] + np.diag(scatter)
+    whole = whole.reshape(21, 21)
+    y, f = told.values.ravel(), told.columns.reshape(21, 3)
+    data = np.column_stack([y, f])
+    assert gram[0] == pytest.approx(data.T @ np.linalg.solve(whole, data), rel=1e-9)
+    assert log_det[0] == pytest.approx(np.linalg.slogdet(whole)[1])
+    plain, restricted = (log_likelihood(gram, log_det, own)[0] for own in (False, True))
+    assert plain - restricted == pytest.approx(0.5 * np.linalg.slogdet(gram[0, 1:, 1:])[1])
+
+
+def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
+    walks, scatters, chi = [], [], []
+    for trial in range(8):
+        rng = np.random.default_rng([5, trial])
+        nights = season(rng, 60)
+        told = told_of(nights)
+        past = Told(*(part[:-1] for part in told))
+        wander, _ = find_wander(past._replace(columns=levels(59, 3)))
+        mean, cov = forecast(smoothed(past, wander), wander, told.days[-1] - told.days[-2],
+                             np.zeros((3, 0)))
+        off = told.values[-1] - mean
+        chi.append(off @ np.linalg.solve(cov + told.covariances[-1], off))
+        walks.append(wander.walk / ARCSEC)
+        scatters.append(wander.scatter / ARCSEC)
+    assert np.median(walks, axis=0)[0] == pytest.approx(1.0, abs=0.15)
+    assert np.all(np.median(walks, axis=0)[1:] < 0.1)
+    assert np.median(scatters, axis=0)[1:] == pytest.approx([3.0, 2.0], rel=0.15)
+    assert 11.5 < np.sum(chi) < 41.4  # 24 on the average; 1.5 % on either side
+
+
+def test_hindsight_agrees_with_the_weighted_mean_of_terms_that_stay():
+    told = told_of(season(np.random.default_rng(8), 9, walk=(0.0, 0.0, 0.0)))
+    seen = smoothed(told, Wander(np.full(3, 1e-9 * ARCSEC), np.full(3, 2.0 * ARCSEC)))
+    assert seen.levels == pytest.approx(np.tile(told.values.mean(0), (9, 1)), abs=1e-3 * ARCSEC)
+    sigma = np.sqrt((2.0**2 + 0.5**2) / 9.0) * ARCSEC
+    assert np.sqrt(seen.covariances[:, 1, 1]) == pytest.approx(sigma, rel=1e-3)
+
+
+def test_a_season_that_only_wanders_has_no_cause():
+    claimed = 0
+    for trial in range(6):
+        nights = season(np.random.default_rng([11, trial]), 20)
+        told = told_of(nights)
+        claimed += bool(choose_causes(told, candidates(nights, told.days))[0])
+    assert claimed == 0
+
+
+def test_what_moves_a_term_is_named_and_foretold_with():
+    def moved(values, warm):
+        values[:, 2] += 1.5 * (warm - 10.0)
+        values[12:, 1] += 25.0
+
+    nights = season(np.random.default_rng(13), 24, moved=moved)
+    judged = judge_season(nights, causes={'temperature': 20.0})
+    kinds = {(f.cause.kind, NAMES[f.cause.terms[0]]) for f in judged.causes}
+    assert kinds == {('column', 'TF'), ('step', 'IE')}
+    document = json.loads(json.dumps(judged.document()))
+    found = {entry['kind']: entry for entry in document['causes']}
+    slope, sigma = (found['column']['terms']['TF'][key][0] for key in ('arcsec', 'sigma_arcsec'))
+    assert abs(slope - 1.5) < 4.0 * sigma < 1.0
+    assert found['step']['what'] == 'night 12'
+    assert 'TF follows temperature' in found['column']['sentence']
+    assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
+    cold = judge_season(nights)
+    assert any('temperature of the night to come is not known' in note for note in cold.notes)
+    assert abs(cold.mean[2] / ARCSEC) < 5.0
+    assert judged.model().covariance == pytest.approx(judged.covariance)
+    page = render(judged)
+    ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
+    assert 'TF follows temperature' in page and '://' not in page
+    with pytest.raises(ValueError, match='ask for a later one'):
+        judge_season(nights, tonight=0.0)
+    with pytest.raises(ValueError, match='no column|no night has a column'):
+        judge_season(nights, causes={'wind': 3.0})
+
+
+def test_steps_of_one_term_do_not_hide_one_another():
+    def moved(values, warm):
+        for night, size in zip((2, 9, 14, 19), (45.0, -50.0, 40.0, -45.0)):
+            values[night:, 1] += size
+
+    nights = season(np.random.default_rng(27), 24, moved=moved)
+    told = told_of(nights)
+    found, wander = choose_causes(told, candidates(nights, told.days))
+    assert all(entry.cause.terms == (1,) and entry.p < 1e-3 for entry in found)
+    assert sorted(entry.cause.first for entry in found) == [2, 9, 14, 19]
+    assert wander.walk[1] < 0.5 * ARCSEC  # what the steps do is no walk
+
+
+def test_what_a_few_nights_run_through_is_no_cause():
+    nights = season(np.random.default_rng(29), 24)
+    for i, night in enumerate(nights.nights):
+        night.causes['rotator_deg'] = (60.0, 75.0) if i < 2 else (0.0, 0.0)
+    asked = [entry.text for entry in candidates(nights, days(nights.nights))
+             if entry.kind == 'column']
+    assert asked == ['temperature'] * 3
+
+
+@pytest.mark.skipif(not ARC.is_dir(), reason='the runs of the ARC 3.5 m are not in the package')
+def test_the_steps_of_a_measured_season_are_found_with_their_dates():
+    runs = []
+    for path in sorted(ARC.glob('*.dat')):
+        try:
+            runs.append(read_run(path))
+        except ValueError:  # one has no rows
+            continue
+    whole = nights_of(runs)
+    place = whole.names.index('IE')
+    alone = Nights(('IE',), whole.mount, [night._replace(
+        values=night.values[[place]], covariance=night.covariance[[place]][:, [place]])
+        for night in whole.nights], [])
+    told = told_of(alone)
+    found, _ = choose_causes(told, candidates(alone, told.days))
+    steps = {entry.cause.text[7:14] for entry in found if entry.cause.kind == 'step'}
+    # the first night with it: 2014-06/08, 2015-06/07, 2016-06/07, 2018-05/09, 2019-06/07
+    assert steps == {'2014-08', '2015-07', '2016-07', '2018-09', '2019-07'}
+    assert len(found) == 5
+
+
+def test_a_declared_date_moves_all_terms_at_once():
+    def moved(values, warm):
+        values[9:] += [6.0, -9.0, 6.0]
+
+    nights = season(np.random.default_rng(17), 22, walk=(0.0, 0.0, 0.0), moved=moved)
+    when = 0.5 * (nights.nights[8].time + nights.nights[9].time)
+    found = judge_season(nights, declared=[(when, 'mirror back')]).causes
+    assert found[0].cause.kind == 'declared' and found[0].cause.terms == (0, 1, 2)
+
+
+def run_of(rng, terms, when=None, count=30, **meta):
+    az, el = rng.uniform(-3.0, 3.0, count), rng.uniform(20.0, 80.0, count) * DEG
+    x, y = (columns.T @ (np.array(list(terms.values())) * ARCSEC)
+            for columns in map(np.transpose, design(tuple(terms), az, el)))
+    columns = {'az': az, 'el': el,
+               'az_enc': az + (x + ARCSEC * rng.standard_normal(count)) / np.cos(el),
+               'el_enc': el + y + ARCSEC * rng.standard_normal(count)}
+    if when is not None:
+        columns['time'] = when + 60.0 * np.arange(count)
+    return PointingRun(columns, meta={'notes': [], **meta})
+
+
+def test_nights_have_their_dates_and_say_what_is_left_out():
+    rng, terms = np.random.default_rng(19), {'IA': 30.0, 'IE': -20.0, 'TF': 40.0}
+    two = [run_of(rng, terms, 1.7e9 + 86400.0 * i) for i in (0, 1)]
+    whole = PointingRun({name: np.concatenate([run[name] for run in two])
+                         for name in two[0].columns}, meta={'notes': [], 'source': 'log.csv'})
+    runs = [whole, run_of(rng, terms, source='run_2024-03-01T05-06-07.dat'),
+            run_of(rng, terms, source='nameless.dat'),
+            run_of(rng, terms, count=4, source='run_2024-03-02.dat')]
+    found = nights_of(runs, tuple(terms))
+    assert [night.source for night in found.nights] == [
+        'log.csv (1)', 'log.csv (2)', 'run_2024-03-01T05-06-07.dat']
+    assert found.nights[2].time == 1709269567.0
+    assert found.nights[0].values / ARCSEC == pytest.approx(list(terms.values()), abs=4.0)
+    assert len(found.notes) == 2
+    assert 'nameless.dat: left out, no date' in found.notes[0]
+    assert '4 rows for 3 terms' in found.notes[1]
+    with pytest.raises(ValueError, match='a season takes three'):
+        nights_of(runs[1:], tuple(terms))
+    other = run_of(rng, terms, 1.7e9, source='b')
+    other.meta['mount'] = Mount.equatorial(30.0 * DEG)
+    with pytest.raises(ValueError, match='b is of another mount'):
+        nights_of([runs[0], other], tuple(terms))
+
+
+def test_a_night_that_two_files_have_counts_once():
+    rng, terms = np.random.default_rng(20), {'IA': 30.0, 'IE': -20.0, 'TF': 40.0}
+    runs = [run_of(rng, terms, 1.7e9 + 86400.0 * i, source=f'{i}.csv') for i in range(4)]
+    again = PointingRun(dict(runs[1].columns), {'notes': [], 'source': 'copy.csv'})
+    found = nights_of([*runs, again], tuple(terms))
+    assert [night.source for night in found.nights] == [f'{i}.csv' for i in range(4)]
+    assert 'copy.csv left out: all 30 rows are in 1.csv too' in found.notes
+
+
+def test_all_steps_at_once_gain_what_each_gains_by_itself():
+    found = season(np.random.default_rng(3), moved=lambda v, _: v.__setitem__(
+        (slice(11, None), 1), v[11:, 1] + 12.0))
+    told, k = told_of(found), len(NAMES)
+    own = told._replace(columns=levels(len(found.nights), k))
+    wander = Wander(np.array([1.0, 0.0, 0.0]) * ARCSEC, np.array([1.0, 3.0, 2.0]) * ARCSEC)
+    gains = step_gains(own, wander)
+    variances = np.square(wander.walk)[None], np.square(wander.scatter)[None]
+    base = log_likelihood(*normal_equations(own, *variances), False)[0]
+    steps = [cause for cause in candidates(found, told.days) if cause.kind == 'step']
+    assert len(steps) > 40
+    for cause in steps:
+        more = own._replace(columns=np.concatenate([own.columns, cause.columns(k)], axis=2))
+        value = log_likelihood(*normal_equations(more, *variances), False)[0]
+        assert gains[cause.first, cause.terms[0]] == pytest.approx(
+            2.0 * (value - base), rel=1e-6, abs=1e-6)
+    assert np.unravel_index(np.argmax(gains), gains.shape) == (11, 1)
+    # a step that is taken already gains nothing more
+    with_it = own._replace(columns=np.concatenate(
+        [own.columns, next(c for c in steps if c.first == 11 and c.terms == (1,)).columns(k)], 2))
+    assert step_gains(with_it, wander)[11, 1] == 0.0

@@ -1,0 +1,63 @@
+"""A run that was observed, followed star by star."""
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from drifting_rows import MOUNT, rows
+
+from calibration.analysis.tracking.run_track import track_run
+from calibration.report.track_page import render
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import Mount
+
+
+def drifting():
+    """60 stars in ten hours; the azimuth's zero drifts by 1 arcsec a star and slips by 60."""
+    run = rows(60, 11, drift=1.0)
+    run.columns['az_enc'] = run['az_enc'] + 60.0 * ARCSEC * (np.arange(60) >= 45)
+    return run
+
+
+def test_a_mount_that_drifts_and_slips_is_followed():
+    tracked = track_run(drifting(), first=15)
+    assert tracked.fitted == 15 and list(tracked.rows) == list(range(15, 60))
+    missed = tracked.summary()['missed_rms_arcsec']
+    assert missed['tracked'] < 0.3 * missed['model of the evening']
+    assert missed['tracked, middle'] < 5.0 and missed['expected'] < 12.0
+    assert [(event['star'], 'azimuth' in event['what']) for event in tracked.hindsight.events] == [
+        (30, True)]
+    # in hindsight it is known better than it was live, and right
+    back = tracked.hindsight
+    ia = back.terms[:, back.names.index('IA')] / ARCSEC
+    truth = 310.0 + np.arange(15, 60) + 60.0 * (np.arange(15, 60) >= 45)
+    sigma = back.sigma[:, back.names.index('IA')] / ARCSEC
+    assert np.mean(np.abs(ia - truth) < 3.0 * sigma) > 0.9
+
+
+def test_the_order_of_the_rows_is_that_of_their_times():
+    run, order = drifting(), np.random.default_rng(4).permutation(60)
+    one, other = track_run(run, MOUNT), track_run(run.select(order), MOUNT)
+    assert one.fitted == 0 and np.array_equal(order[other.rows], one.rows)
+    assert np.array_equal(one.live, other.live) and np.array_equal(one.time, other.time)
+    assert one.time[0] == run['time'][0]
+
+
+def test_its_page_is_whole():
+    tracked = track_run(drifting(), first=15)
+    page = render(tracked)
+    ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
+    assert '://' not in page and 'jumped before star 30' in page
+    assert json.loads(json.dumps(tracked.summary()))['fitted_rows'] == 15
+
+
+def test_what_it_cannot_follow():
+    run = drifting()
+    with pytest.raises(ValueError, match='no time'):
+        track_run(run.__class__({k: v for k, v in run.columns.items() if k != 'time'}))
+    with pytest.raises(ValueError, match='takes three more'):
+        track_run(run.select(np.arange(14)))
+    other = run.__class__(run.columns, {'mount': Mount.equatorial(0.5)})
+    with pytest.raises(ValueError, match='another mount'):
+        track_run(other, MOUNT)

@@ -1,0 +1,180 @@
+"""What the zeros of power-ons follow."""
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from calibration.analysis.zero.covariate_choice import ALPHA, choose, fewest_nights
+from calibration.analysis.zero.zero_causes import Season, usable_drivers, zero_causes
+from msg_tools.units import ARCSEC
+
+DAY = 86400.0
+
+
+def season(seed, n=11, *, slope=0.0, volts=0.0, noise=3.0, walk=0.0, temperature=None,
+           supply=None, **more):
+    """Nights of random temperatures; the azimuth follows them, the elevation the supply."""
+    rng = np.random.default_rng(seed)
+    warmth = rng.uniform(-4.0, 16.0, n) if temperature is None else temperature
+    supply = 5.0 + rng.normal(0.0, 0.1, (n, 2)) if supply is None else supply
+    zeros = noise * rng.normal(size=(n, 2)) + np.cumsum(walk * rng.normal(size=(n, 2)), axis=0)
+    zeros[:, 0] += slope * np.nan_to_num(warmth)
+    zeros[:, 1] += volts * np.nan_to_num(supply[:, 1] - 5.0)
+    return Season(np.arange(n), DAY * np.arange(n), zeros * ARCSEC, np.full((n, 2), 0.3 * ARCSEC),
+                  {'temperature': np.tile(np.asarray(warmth)[:, None], 2), 'supply': supply,
+                   'hours': np.full((n, 2), 24.0), 'side': np.ones((n, 2)), **more})
+
+
+def names(found, axis):
+    return [cause['driver'] for cause in found['axes'][axis]['causes']]
+
+
+def test_temperature_and_supply_are_found_with_their_slopes():
+    found = zero_causes(season(1, slope=3.0, volts=200.0, n=13))
+    assert found['verdict'] == 'cause' and found['p'] <= ALPHA
+    assert names(found, 'azimuth') == ['temperature'] and names(found, 'elevation') == ['supply']
+    for axis, true in (('azimuth', 3.0), ('elevation', 200.0)):
+        cause = found['axes'][axis]['causes'][0]
+        assert abs(cause['slope_arcsec'] - true) < 3.0 * cause['sigma_arcsec'] < 0.5 * true
+        assert cause['driver'] in found['axes'][axis]['text'].replace('supply voltage', 'supply')
+        left = found['axes'][axis]
+        assert left['left_out_after_arcsec'] < 0.5 * left['left_out_before_arcsec']
+        assert 1.5 < left['unexplained_arcsec'] < 5.0
+    assert any('constant' in line and 'last power-on' in line for line in found['not_tried'])
+
+
+def test_both_drivers_at_once_are_found_on_one_axis():
+    rng = np.random.default_rng(3)
+    supply = 5.0 + rng.normal(0.0, 0.1, (13, 2))
+    given = season(4, n=13, slope=2.0, noise=1.0, supply=supply)
+    given.zeros[:, 0] += 120.0 * ARCSEC * (supply[:, 0] - 5.0)
+    assert names(zero_causes(given), 'azimuth') == ['temperature', 'supply']
+
+
+@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('given', [{'noise': 9.0}, {'noise': 0.0, 'walk': 9.0}])
+def test_zeros_that_scatter_or_walk_have_no_cause(seed, given):
+    found = zero_causes(season(seed, **given), leave_out=False)
+    assert found['verdict'] != 'cause' and not names(found, 'azimuth')
+
+
+def test_a_walk_beside_a_seasonal_trend_is_undecided():
+    n = 11
+    trend = np.linspace(16.0, -4.0, n) + np.random.default_rng(5).normal(0.0, 1.0, n)
+    given = season(5, noise=1.0, temperature=trend)
+    given.zeros[:, 0] += ARCSEC * np.linspace(0.0, -60.0, n)
+    found = zero_causes(given)
+    assert found['verdict'] == 'undecided' and found['axes']['azimuth']['alike'] == ['temperature']
+    assert 'walks or drifts' in found['text'] and not names(found, 'azimuth')
+
+
+def test_drivers_that_changed_together_are_not_told_apart():
+    warmth = np.random.default_rng(6).uniform(-4.0, 16.0, 11)
+    supply = np.tile((5.0 - 0.01 * warmth)[:, None], 2)
+    found = zero_causes(season(6, slope=3.0, temperature=warmth, supply=supply))
+    assert found['axes']['azimuth']['verdict'] == 'undecided'
+    assert set(found['axes']['azimuth']['alike']) == {'temperature', 'supply'}
+
+
+def test_p_is_exact_over_all_orders_of_six_nights():
+    rng = np.random.default_rng(7)
+    zeros, drivers = rng.normal(size=(6, 2)), rng.normal(size=(1, 6, 1)) * np.ones(2)
+    p = choose(zeros, drivers, np.arange(6.0)).p_levels
+
+    def best(z):
+        return max(abs(np.corrcoef(z[:, k], drivers[0, :, 0])[0, 1]) for k in range(2))
+    every = np.array([best(zeros[list(order)]) for order in permutations(range(6))])
+    assert p.min() == np.mean(every >= best(zeros) - 1e-9)
+
+
+def test_a_scale_and_an_origin_change_nothing():
+    given = season(8, slope=1.0)
+    other = Season(given.run, given.time, 7.0 * given.zeros + 1.0, given.sigmas, {
+        name: 3.0 * values - 20.0 for name, values in given.drivers.items()})
+    a, b = zero_causes(given), zero_causes(other)
+    assert a['p'] == b['p'] and names(a, 'azimuth') == names(b, 'azimuth')
+
+
+def test_tonight_is_predicted_as_well_as_its_sigma_says():
+    pulls, widths = [], []
+    for seed in range(60):
+        given = season(seed, n=12, slope=3.0)
+        tonight = {name: values[-1] for name, values in given.drivers.items()}
+        expected = zero_causes(given.select(slice(0, 11)), tonight, leave_out=False)['tonight']
+        for axis, name in enumerate(('azimuth', 'elevation')):
+            told = expected[name]
+            pulls.append((given.zeros[-1, axis] / ARCSEC - told['zero_arcsec'])
+                         / told['sigma_arcsec'])
+        widths.append(expected['azimuth']['sigma_arcsec'])
+        assert expected['azimuth']['by'] == ['temperature']
+    assert 0.55 < np.mean(np.abs(pulls) < 1.0) < 0.81  # 68 %, of 120
+    assert 2.0 < np.median(widths) < 4.5
+
+
+def test_without_tonights_temperature_the_mean_is_expected():
+    given = season(1, slope=3.0)
+    told = zero_causes(given, {'temperature': np.nan}, leave_out=False)['tonight']['azimuth']
+    assert told['missing'] == ['temperature'] and told['by'] == []
+    assert told['zero_arcsec'] == pytest.approx(given.zeros[:, 0].mean() / ARCSEC)
+    assert told['sigma_arcsec'] > 10.0
+
+
+@pytest.mark.parametrize('changed, said', [
+    ({'temperature': np.full(11, np.nan)}, 'temperature: not known'),
+    ({'temperature': np.full(11, 10.0)}, 'temperature: constant'),
+    ({'temperature': np.r_[np.full(4, np.nan), np.linspace(0.0, 9.0, 7)]},
+     'temperature: not known of 4 of 11 nights'),
+])
+def test_a_driver_that_cannot_tell_is_said(changed, said):
+    found = zero_causes(season(1, **changed))
+    assert any(line.startswith(said) for line in found['not_tried'])
+    assert found['verdict'] == 'nothing' and 'temperature' not in found['drivers']
+
+
+def test_a_driver_that_one_axis_has_alone_is_tried_there():
+    rng = np.random.default_rng(11)
+    side = np.ones((13, 2))
+    side[:, 0] = rng.permutation(np.r_[np.ones(7), -np.ones(6)])
+    given = season(11, n=13, noise=1.0, volts=100.0, side=side)
+    given.zeros[:, 0] += 6.0 * ARCSEC * side[:, 0]
+    found = zero_causes(given)
+    assert names(found, 'azimuth') == ['side'] and names(found, 'elevation') == ['supply']
+    assert found['axes']['azimuth']['causes'][0]['slope_arcsec'] == pytest.approx(6.0, abs=1.5)
+
+
+def test_without_times_the_order_of_the_nights_counts():
+    given = season(1, slope=3.0)
+    found = zero_causes(replace(given, time=np.full(11, np.nan)), leave_out=False)
+    assert found == zero_causes(given, leave_out=False)
+
+
+def test_nothing_to_look_for_is_said():
+    given = season(1, temperature=np.full(11, 10.0), supply=np.full((11, 2), np.nan))
+    found = zero_causes(given)
+    assert found['verdict'] == 'nothing' and 'no cause can be looked for' in found['text']
+
+
+def test_a_night_without_temperature_is_left_out():
+    warmth = np.random.default_rng(9).uniform(-4.0, 16.0, 12)
+    warmth[3] = np.nan
+    found = zero_causes(season(9, n=12, slope=3.0, temperature=warmth))
+    assert found['left_out'] == [3] and found['nights'] == 11
+    assert names(found, 'azimuth') == ['temperature']
+
+
+@pytest.mark.parametrize('n', [0, 1, 2, 5])
+def test_too_few_nights_are_said(n):
+    found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
+    assert found['verdict'] == 'nothing' and f'{n} power-ons' in found['text']
+    assert f'takes {fewest_nights(ALPHA)}' in found['text']
+    assert (found['tonight'] is None) == (n < 2)
+
+
+def test_drivers_that_a_fold_makes_constant_do_no_harm():
+    side = np.ones((11, 2))
+    side[4] = -1.0
+    given = season(1, slope=3.0, side=side)
+    assert 'side' in usable_drivers(given)[0]
+    assert names(zero_causes(given), 'azimuth') == ['temperature']

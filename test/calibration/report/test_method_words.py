@@ -1,0 +1,250 @@
+"""What is said of figures, of proposals and of what was found."""
+
+from types import SimpleNamespace
+
+import pytest
+from documents import CAUSES, contended, document
+from places import ROOT
+
+from calibration.analysis.diagnosis.excess import _like
+from calibration.report.diagnosis_words import figures_sentence, told_verdict, verdict_sentences
+from calibration.report.effect_words import EffectTold
+from calibration.report.method_words import (
+    WORDS,
+    choice_sentence,
+    explained,
+    model_words,
+    next_sentence,
+    no_star_sentences,
+    place_words,
+    repeat_sentence,
+    serves_sentence,
+    signs_sentences,
+    spread_sentence,
+    way,
+)
+from calibration.report.page_parts import said
+from pointing_model.effects import effect
+from pointing_model.mounts import ALTAZ, KINDS
+from pointing_model.runs.formats.mmt import _WANTED as WANTED
+
+
+def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
+    def like(*effects):
+        return _like(SimpleNamespace(like=[SimpleNamespace(effect=lambda _, e=e: e)
+                                           for e in effects]), None)
+    step = effect('step', axis='az', at=5.0)
+    assert like(step) == f'"{step.cause_told}"'
+    many = [step, effect('nod', order=2), effect('encoder', axis='az', order=3),
+            effect('drift', of='IA', driver='temperature'),
+            effect('terms', name='refraction')]
+    assert like(*many[:3]) == 'something that changes with time or the azimuth'
+    assert like(*many).endswith('the temperature or the elevation') and '_' not in like(*many)
+    many += [effect('proportional', axis='el', driver=name) for name in ('magnitude', 'fan')]
+    # of more than are named it is said where the others are
+    assert like(*many).endswith('the elevation or 2 more that the ranking has')
+    assert like() == ''
+
+
+def test_the_headline_says_what_is_wrong_and_what_remains():
+    told = document(CAUSES, noise_floor_arcsec=3.9)
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline == (
+        'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
+        'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
+    assert sentences[0] == ('One effect was found beyond the seven declared terms; more than one '
+                            'cause would explain it.')
+    assert way(told) in sentences and way(told).startswith(
+        'RMS on the sky: 134.7″ as the encoders read, 5.67″ with the seven declared terms, 4.30″')
+    assert way({**told, 'as_read_rms_arcsec': None}) == ''
+    held = {'holdout_rms_arcsec': 5.0}
+    told['before'], told['after'] = {**told['before'], **held}, {**told['after'], **held}
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
+    assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
+
+
+def slow(size, **more):
+    trend = {'rate_arcsec_per_hour': -226.4, 'share': 0.8, 'removes_rms_arcsec': 55.0}
+    return {'slow': True, 'along_the_sky': {'step_deg': 9.0, 'any_deg': 51.0},
+            'removes_rms_arcsec': size, 'text': 'neighbouring rows err alike',
+            'axes': {'az': {'trend': {**trend, 'share': 0.2}}, 'el': {'trend': trend}}, **more}
+
+
+def test_what_moves_slowly_leads_where_it_is_the_largest():
+    told = document(CAUSES, mount='german', wander=slow(62.6))
+    told['effects'][0]['removes_rms_arcsec'] = 3.5
+    told['after'] = {**told['after'], 'cv_rms_arcsec': 5.3}
+    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    assert headline == (
+        'The largest error moves slowly, with time or over the sky, and its cause is not known '
+        '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
+        'has a wave (3.50″ RMS on the sky). With it in the model 5.30″ remain on rows left out '
+        '(5.67″ without, −7 %): most of the error stays unexplained')
+    assert sentences[0] == 'Neighbouring rows err alike.'
+    small = {**told, 'wander': slow(3.0)}
+    headline, sentences = verdict_sentences(small, [EffectTold('The error has a wave', 3.5)])
+    assert headline.startswith('The error has a wave') and 'only error found' in headline
+    assert sentences[0].startswith('One effect') and 'Neighbouring rows err alike.' in sentences
+
+
+def test_a_zero_that_wanders_evenly_has_its_rate_in_the_headline():
+    told = {**document([]), 'verdict': 'wanders', 'effects': [], 'wander': slow(62.6)}
+    headline, _ = verdict_sentences(told)
+    assert headline.endswith(
+        'an error that no effect describes: the elevation error falls by 226″ an hour')
+    headline, _ = verdict_sentences({**told, 'wander': {**slow(62.6), 'along_the_sky': None}})
+    assert headline == ('The zero wanders, and what moves it is not known: the elevation error '
+                        'falls by 226″ an hour')
+
+
+def test_the_terms_are_called_by_the_mount_that_has_them():
+    def words(terms, mount='altaz', **more):
+        return model_words({'base_terms': terms, 'mount': mount}, **more)
+    assert words(ALTAZ.names.physical) == 'the seven terms of an alt-azimuth mount'
+    assert words(KINDS['german'].physical, 'german') == 'the seven terms of a German mount'
+    assert words(ALTAZ.names.standard6) == 'the usual six terms of an alt-azimuth mount'
+    assert words(['IA', 'IE']) == 'the zeros of an alt-azimuth mount'
+    assert words(['IA', 'IE', 'TX']) == 'the three declared terms'
+    assert words(ALTAZ.names.physical, whose=False) == 'the seven terms'
+
+
+@pytest.mark.parametrize('figures, wanders, said', [
+    ((3.7, 3.1, 5.2), True, 'the zero moves less by then than over the whole run, and the '
+     'difference is within its uncertainty.'),
+    ((3.0, 2.5, 3.5), False, 'rows late in the run may scatter less than the others.'),
+    ((4.2, 3.1, 5.2), True, 'in the ten rows after the last row.')])
+def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
+    told = document(CAUSES, noise_floor_arcsec=3.9, wander={'slow': wanders}, expected=dict(
+        zip(('rms_arcsec', 'low_arcsec', 'high_arcsec'), figures), within='ten rows'))
+    text = figures_sentence(told)
+    assert text.startswith('Quote 4.30″, on rows left out') and text.endswith(said)
+    assert ('over the whole run is in it' in text) == wanders
+    assert ('The noise floor, ' in text) != wanders
+    assert ('It can be below ' in text) == (figures[0] < 3.9)
+    fitted = {'before': {'rms_arcsec': 5.4}, 'after': {'rms_arcsec': 3.7}}
+    assert figures_sentence({**told, **fitted}).startswith('3.70″ is of the rows fitted alone')
+
+
+@pytest.mark.parametrize('slow, apart, quoted', [(True, 5.3, '5.30'), (False, 5.3, '4.30'),
+                                                 (True, 4.1, '4.30')])
+def test_where_neighbours_err_alike_the_larger_figure_is_quoted_everywhere(slow, apart, quoted):
+    told = document(CAUSES, wander={'slow': slow, 'text': 'it wanders'},
+                    cv_contiguous={'before': 6.1, 'after': apart})
+    headline, sentences = verdict_sentences(told, [EffectTold('A')])
+    where = 'stretches of rows left out' if quoted == '5.30' else 'rows left out'
+    assert f'{quoted}″ remain on {where} (' in headline
+    assert figures_sentence(told).startswith(f'Quote {quoted}″, on {where}, ')
+    assert f'{quoted}″ with one effect more; the terms judged on {where}.' in way(told)
+    assert ('at random, is less than it should be' in figures_sentence(told)) == (
+        quoted == '5.30')
+
+
+@pytest.mark.parametrize('hour, kind, up', [(186.0, 'german', True), (-20.0, 'german', True),
+                                            (140.0, 'german', False),
+                                            (186.0, 'equatorial', False)])
+def test_a_place_is_told_with_the_counterweight_and_from_when_hours_count(hour, kind, up):
+    text = place_words({'az_deg': 345.0, 'el_deg': 21.0, 'ha_deg': hour, 'dec_deg': 68.0,
+                        'after_hours': 2.0}, kind)
+    assert ('counterweight up' in text) == up
+    assert text.endswith('2 h after the last row')
+
+
+def test_whether_the_choice_repeats_is_told():
+    spread = {'partitions': 15, 'min_arcsec': 76.0, 'max_arcsec': 101.9, 'folds': 160,
+              'same_choice': 40, 'no_choice': 1, 'chosen': {'fork_cross_term': 90},
+              'others': dict(zip('abcde', (70, 50, 2, 1, 1)))}
+    told = document(CAUSES, mount='german')
+    assert choice_sentence(told) == spread_sentence(told) == ''
+    told['after'] = {**told['after'], 'cv_spread': spread}
+    assert choice_sentence(told) == (
+        'With a part of the rows left out the choice was repeated 160 times. Of what was found it '
+        'had saddle cross term 90 times. Of other effects it had a 70 times; b 50 times; c twice; '
+        'and 2 more. It had no effect at all once.')
+    assert spread_sentence(told).endswith('15 ways to leave them out, after from 76.0″ to 102″.')
+    two = {'folds': 7, 'same_choice': 0, 'chosen': {'x': 0, 'y': 7}}
+    assert choice_sentence({**told, 'after': {'cv_spread': two}}).endswith(
+        'found it had y each time; x never; all of it and nothing else never.')
+    assert choice_sentence({**told, 'verdict': 'none'}) == ''
+
+
+def test_effects_are_ranked_with_their_size():
+    told = document(CAUSES)
+    told['effects'] = [{'name': 'a', 'removes_rms_arcsec': 1.0, 'cv_gain_arcsec': 0.4,
+                        'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
+    verdict = told_verdict(told, [EffectTold('A'), EffectTold('B')])
+    assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
+    html = said(verdict.ranked, True)
+    assert html.index('width:100%') < html.index('<b>A.</b>') < html.index('width:33%')
+
+
+def test_proposals_that_do_not_serve_the_largest_effect_say_so():
+    small = {**contended(), 'name': 'declination_nod_2', 'removes_rms_arcsec': 1.8}
+    star = {'az_deg': 60.0, 'el_deg': 17.0, 'separates': ['declination_nod_2', 'line_of_sight_2'],
+            'separation_before': 0.7, 'separation_after': 5.9}
+    told = {**document([], next_observations=[star]), 'effects': [contended(open=False), small]}
+    text = serves_sentence(told)
+    assert 'Of the largest, hour angle encoder, 2 per turn (4.60″ RMS on the sky)' in text
+    assert 'one cause was left' in text
+    star['separates'][0] = 'hour_angle_encoder_2'
+    assert serves_sentence(told) == '' == serves_sentence({**told, 'next_observations': []})
+
+
+def test_how_often_all_was_chosen_stands_beside_what_was_found():
+    told = document(CAUSES)
+    told['after'] = {**told['after'], 'cv_spread': {
+        'folds': 150, 'same_choice': 37, 'chosen': {'elevation_encoder_2': 99}}}
+    assert repeat_sentence(told) == ('With a part of the rows left out, this effect and no other '
+                                     'was found 37 of 150 times.')
+    told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
+    assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
+    told['after']['cv_spread'] |= {'same_set': 120, 'chosen_set': {'elevation_encoder_2': 148}}
+    assert repeat_sentence(told).endswith(
+        ', by one or another of the causes, and no other were found 120 of 150 times, '
+        'the largest 148 times.')
+    told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0, 'chosen_set': None}
+    assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
+    assert repeat_sentence(document(CAUSES)) == ''
+
+
+def test_a_star_for_the_largest_effect_or_none():
+    row = {'az_deg': 60.0, 'el_deg': 17.0, 'separates': ['elevation_encoder_2', 'second_flexure'],
+           'separation_before': 0.7, 'separation_after': 5.9}
+    told = document(CAUSES, next_observations=[row])
+    text = next_sentence(told, told['effects'][0])
+    assert 'observe first azimuth 60°, elevation 17°; ' in text and 'still below 6' in text
+    later = document(CAUSES, next_observations=[{**row, 'after_hours': 2.0}])
+    assert '17°, 2 h after the last row (something in one of the explanations changes with ' \
+        'time); ' in next_sentence(later, later['effects'][0])
+    told = document(CAUSES, no_star=[row['separates']])
+    assert next_sentence(told, told['effects'][0]).startswith(
+        f'No star tells {CAUSES[1]["cause"]} from the other')
+    sentence, = no_star_sentences(told)
+    assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})[0].startswith(
+        'No star tells a from b or c:')
+    assert 'second flexure of the tube' in sentence and '_' not in sentence
+    assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''
+
+
+def test_signs_in_words():
+    mirror = 'azimuth of catalogue and encoders counted the other way'
+    text, = signs_sentences([mirror, 'mount and catalogue exchanged'], ALTAZ.names)
+    assert text.startswith('signs: the columns were taken as the file names them')
+    assert f'exchanged in the file, or {mirror}' in text
+    assert signs_sentences([], ALTAZ.names) == []
+    # a format of fixed columns names none
+    assert WANTED['RAA'] == ('az', 'el') and WANTED['TAA'] == ('az_enc', 'el_enc')
+    text, = signs_sentences([mirror], ALTAZ.names, 'mmt')
+    assert 'RAA, with the refraction in it, was taken for the catalogue and TAA for the' in text
+    text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
+    assert 'first the catalogue' in text and 'the file names' not in text
+    assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]
+
+
+def test_words_are_in_the_glossary():
+    glossary = (ROOT / 'docs' / 'glossary.md').read_text(encoding='utf-8').lower()
+    others = {'wanders': '**wander**', 'rows left out': '**left out**',
+              'rows held out': '**held out**'}
+    for word in WORDS:
+        assert others.get(word, f'**{word.lower()}**') in glossary, word
+    assert dict(explained('A sawtooth'))['sawtooth'] == WORDS['sawtooth']

@@ -1,0 +1,23 @@
+"""Numbers on pages: no more digits than their errors carry."""
+
+import pytest
+
+from calibration.report.page_parts import value_and_error
+from calibration.report.term_table import terms_table
+
+
+@pytest.mark.parametrize('value, sigma, texts', [
+    (-7282.527, 85.977, ('−7283', '86')), (1.23456, 0.0456, ('+1.235', '0.046')),
+    (0.5, 9.96, ('0', '10')), (12.0, 0.995, ('+12.00', '0.99')), (3.14159, None, ('+3.1416', '–')),
+    (4000.0, 0.0, ('+4000.0', '0.000')), (float('nan'), 1.0, ('–', '1.0'))])
+def test_a_value_has_the_digits_of_its_error(value, sigma, texts):
+    assert value_and_error(value, sigma) == texts
+
+
+def test_a_table_of_terms_has_what_they_are_without_the_effects():
+    terms = [{'name': 'CH', 'value': 1046.3, 'sigma': 44.2, 'unit': 'arcsec', 'alone': 1283.9},
+             {'name': 'DAF', 'value': -320.1, 'sigma': 46.4, 'unit': 'arcsec'}]
+    text = terms_table(terms)
+    assert 'without the effects' in text and '<td>+1284</td>' in text
+    assert text.count('<td>–</td>') == 1
+    assert 'without the effects' not in terms_table(terms[1:])

@@ -1,0 +1,172 @@
+"""What is said of terms: what the errors as read consist of, values that no mount should have."""
+
+
+import numpy as np
+import pytest
+from documents import CAUSES, document
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
+from calibration.analysis.diagnosis.raw_errors import as_read_sentence
+from calibration.analysis.term_notes import notes_of_terms, said_of_term, suspicious
+from calibration.report.diagnosis_words import told_verdict, verdict_sentences
+from calibration.report.effect_words import EffectTold
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import KINDS
+from pointing_model.runs.run import PointingRun
+
+
+@pytest.mark.parametrize('kind, values, said', [
+    ('german', [-1059, 30, 5, 2, 3, -256, 60], 'Most of what the encoders read is IH −1059″ (zero '
+     'of the hour angle). The polar axis points 4.3′ too low (ME) and 3″ west of the pole (MA).'),
+    ('altaz', [-60, 30, 5, 2, -24, 19, 600], 'Most of what the encoders read is TF +600″ (the tube '
+     'bends). The azimuth axis leans 24″ to the south (AN) and 19″ to the west (AW).'),
+    ('free', [900, 30, 5, 2, 3, 4, 5], 'Most of what the encoders read is I1 +900″ (zero of the '
+     'first axis).')])
+def test_what_the_errors_as_read_consist_of(kind, values, said):
+    rows = [{'name': name, 'value_arcsec': float(v), 'rms_arcsec': 0.8 * abs(v)}
+            for name, v in zip(KINDS[kind].physical, values)]
+    told = document(CAUSES, mount=kind, as_read_rms_arcsec=850.0, as_read_terms=sorted(
+        rows, key=lambda row: -row['rms_arcsec']))
+    assert as_read_sentence({**told, 'effects': []}) == said
+    said += ' These values are of the terms fitted alone, without the effect.'
+    assert as_read_sentence(told) == said
+    assert as_read_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
+    assert told_verdict(told, [EffectTold('A')]).sentences[2].endswith(f'rows left out. {said}')
+    if kind == 'german':  # the other pole
+        assert 'too high (ME) and 3″ east' in as_read_sentence({**told, 'south': True})
+
+
+def test_what_is_read_beyond_the_zeros_and_what_effects_move():
+    values = {'IH': -7295.0, 'ID': -7192.0, 'CH': 1284.0, 'NP': 65.0, 'MA': -245.0, 'ME': 594.0,
+              'TF': 122.0}
+    rows = [{'name': name, 'value_arcsec': v, 'rms_arcsec': 0.8 * abs(v)}
+            for name, v in values.items()]
+    told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
+    text = as_read_sentence(told)
+    assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
+        '(collimation, the cone error; 1027″ RMS on the sky) and ME +594″ (the tilt of the polar ' \
+        'axis; 475″ RMS on the sky). The polar axis' in text
+    assert text.endswith('terms fitted alone, without the effect.')
+    rows[2].update(beside_effects_arcsec=1046.0, resembles='declination_axis_flexure',
+                   correlation=-0.97)
+    rows[5].update(beside_effects_arcsec=620.0, resembles='declination_axis_flexure',
+                   correlation=0.2)
+    assert as_read_sentence(told).endswith(
+        'Beside it CH is +1046″ in place of +1284″, for it resembles declination axis flexure '
+        '(correlation −0.97); ME is +620″ in place of +594″.')
+    rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
+    assert 'Beyond the zeros' not in as_read_sentence(told)
+    # rows come by their size on the sky: what is larger there is said first
+    rows[2]['rms_arcsec'] = 400.0
+    told['as_read_terms'] = sorted(rows, key=lambda row: -row['rms_arcsec'])
+    text = as_read_sentence(told)
+    assert 0 < text.index('ME +594″ (the tilt') < text.index('CH +1284″ (collimation')
+
+
+def test_terms_that_an_effect_moves_are_told_with_it():
+    rng = np.random.default_rng(2)
+    n = 60
+    az, el = rng.uniform(0.0, 6.28, n), rng.uniform(0.4, 1.4, n)
+    bend = 60.0 * ARCSEC * np.sin(2.0 * el)
+    x, y = ARCSEC * rng.normal(size=(2, n))
+    run = PointingRun({'az': az, 'el': el, 'az_enc': az + x / np.cos(el),
+                       'el_enc': el + y + bend}, {})
+    found = diagnose(run, flips=199, cross_validation=False)
+    rows = {row['name']: row for row in found.to_dict()['as_read_terms']}
+    assert found.effects and rows['TF']['beside_effects_arcsec'] == pytest.approx(
+        found.model.terms['TF'] / ARCSEC)
+    assert rows['TF']['resembles'] == found.effects[0].fitted.effect.name
+    assert 0.5 < abs(rows['TF']['correlation']) <= 1.0
+    assert 'beside_effects_arcsec' not in rows['IA']
+
+
+def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
+    values = zip(KINDS['german'].physical, [-7290, -7200, 1280, 60, -245, 594, 120])
+    rows = [{'name': name, 'value_arcsec': float(v), 'rms_arcsec': abs(v)} for name, v in values]
+    found = {'taken': 'J2000', 'other': 'of date', 'told': False, 'polar_axis_arcsec': {
+        'J2000': {'ME': 594.0, 'MA': -245.0}, 'of date': {'ME': 108.0, 'MA': -84.0}}}
+    told = document(CAUSES, mount='german', as_read_rms_arcsec=9400.0, as_read_terms=rows,
+                    equinox=found)
+    said = as_read_sentence(told)
+    assert (
+        'The polar axis points 9.9′ too high (ME) and 4.1′ east of the pole (MA), if the catalogue '
+        'of the file is J2000, which its rows do not tell; if it is of date, it points 1.8′ too '
+        'high (ME) and 84″ east of the pole (MA). Say which with --equinox before the axis is '
+        'moved.') in said
+    assert said in ' '.join(told_verdict(told, [EffectTold('A')]).sentences)
+    for settled in (None, {**found, 'told': True}):
+        assert 'catalogue' not in as_read_sentence({**told, 'equinox': settled})
+    few = as_read_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
+    assert 'do not tell. Say which' in few
+
+
+def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
+    text = said_of_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1, 'what': 'sign',
+                         'beside_effects_arcsec': -13.4, 'altaz': True})
+    assert text.startswith(
+        'TF, the bending of the tube, is negative (−60.2 ± 3.1″ before the effects were added; '
+        '−13.4″ beside them, which take up the same curve), and weight bends no tube upward.')
+
+
+def test_a_tube_that_bends_up():
+    row = {'name': 'TF', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3}
+    text, = notes_of_terms([row])
+    assert text.startswith('TF, the bending of the tube, is negative (−78.1 ± 6.3″)')
+    assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
+    assert not notes_of_terms([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
+                               {**row, 'value_arcsec': 78.1}])
+
+
+@pytest.mark.parametrize('gain, said', [
+    (9.0, 'Most likely the refraction is in the star places twice'), (0.0, 'explains it as well'),
+    (-30.0, 'is not the whole of it')])
+def test_what_refraction_has_to_do_with_it(gain, said):
+    fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
+    row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
+           'alone_arcsec': -58.0, 'altaz': True, 'refraction': fitted}
+    text = said_of_term(row)
+    assert said in text and '−41.0″ of cot E' in text and '−58.0″ before the effects' in text
+    assert ('disc is off centre' in text) == (gain < 6.0)
+    assert 'disc' not in said_of_term({**row, 'altaz': False})
+    other = {'cause': 'disc oval', 'value_arcsec': 24.3, 'sigma_arcsec': 5.5}
+    text_of_both = said_of_term({**row, 'sound_with': [other]})
+    assert 'not with others that fit as well (+24.3 ± 5.5″ with disc oval)' in text_of_both
+    # among the first things, also where nothing is missing
+    told = document([], unphysical=[row])
+    assert told_verdict(told, [EffectTold('A')]).first[0].more in text
+    told.update(verdict='none', effects=[])
+    headline, sentences = verdict_sentences(told)
+    assert headline.endswith('But look at TF, which is negative') and sentences[0] == text
+
+
+def test_sizes_that_no_mount_has():
+    def named(name, value):
+        return [row['what'] for row in suspicious(
+            [{'name': name, 'value_arcsec': value, 'sigma_arcsec': 1.0}])]
+    assert named('TX', -58.0) == named('TX', 58.0) == named('NPAE', 4000.0) == ['size']
+    assert not named('TX', 8.0) and not named('CA', 900.0) and not named('AW', 4000.0)
+    text, = notes_of_terms([{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}])
+    assert 'put into the star places twice' in text
+
+
+def test_refraction_that_was_put_in_twice_is_told_from_the_rows():
+    rng = np.random.default_rng(4)
+    az, el = rng.uniform(0.0, 2.0 * np.pi, 80), np.arcsin(rng.uniform(0.2, 0.98, 80))
+    noise = rng.normal(size=(2, 80)) * ARCSEC
+
+    def fitted(bend):
+        run = PointingRun({'az': az, 'el': el, 'az_enc': az + noise[0] / np.cos(el),
+                           'el_enc': el + bend + noise[1]})
+        found = diagnose(run, flips=199, cross_validation=False)
+        return found, {row['name']: row for row in found.to_dict()['unphysical']}
+    found, told = fitted(-58.0 * ARCSEC / np.tan(el))
+    # found as an effect, it is as large as all of the refraction
+    assert list(told) == ['TX'] and 'twice' in said_of_term(told['TX'])
+    twice = refraction_in_place(found)
+    assert twice['delta_bic'] > 100.0 and twice['value_arcsec'] == pytest.approx(-58.0, abs=2.0)
+    assert twice['beside_arcsec'] == pytest.approx(0.0, abs=5.0)
+    found, told = fitted(-40.0 * ARCSEC * np.cos(el))
+    assert list(told) == ['TF'] and told['TF']['refraction']['delta_bic'] < -20.0
+    assert told['TF']['value_arcsec'] == pytest.approx(-40.0, abs=5.0)
+    assert fitted(40.0 * ARCSEC * np.cos(el))[1] == {}

@@ -1,0 +1,130 @@
+"""The column of the side of the pier: its cells, sides that are not known, the other convention."""
+
+
+import numpy as np
+import pytest
+from places import CASES
+
+from calibration.analysis.fit import fit_terms
+from calibration.analysis.sky_model import origin_of_errors
+from msg_tools.units import ARCSEC, DEG
+from pointing_model import geometry
+from pointing_model.mounts import Mount, is_beyond, through_pole
+from pointing_model.runs.formats import read_run
+
+GERMAN = Mount.equatorial(48.0 * DEG, 'german')
+TRUE = dict(zip(GERMAN.names.physical, (60.0, -40.0, 35.0, -20.0, 45.0, -70.0, 20.0)))
+HEAD = ('# mount: german\n# latitude_deg: 48\n'
+        'ha_deg,dec_deg,ha_enc_deg,dec_enc_deg,pier_side\n')
+
+
+def case(name):
+    path = CASES / name
+    if not path.is_file():
+        pytest.skip(f'no {name} beside the project')
+    return path
+
+
+@pytest.fixture
+def read(tmp_path):
+    def work(sides):
+        path = tmp_path / 'run.csv'
+        rows = [','.join(f'{v:.8f}' for v in row) for row in folded(len(sides))[0]]
+        path.write_text(HEAD + '\n'.join(f'{row},{side}' for row, side in zip(rows, sides)))
+        return read_run(path)
+    return work
+
+
+def folded(n=60, seed=1, noise=1.0):
+    """Rows of hour angles and declinations as on the sky, and the sides they were read on."""
+    rng = np.random.default_rng(seed)
+    ha, dec = rng.uniform(-70.0, 70.0, n) * DEG, rng.uniform(-5.0, 80.0, n) * DEG
+    ha[:2] = -0.5, 0.6  # on both sides
+    beyond = ha < 0.0
+    at = through_pole(ha, dec, beyond)
+    az, el = geometry.sky_to_encoder(*at, {k: v * ARCSEC for k, v in TRUE.items()}, GERMAN)
+    az = az + rng.normal(0.0, noise, n) * ARCSEC / np.abs(np.cos(el))
+    el = el + rng.normal(0.0, noise, n) * ARCSEC
+    return np.array([ha, dec, *through_pole(az, el, beyond)]).T / DEG, beyond
+
+
+def right(run):
+    """Whether the terms of a fit are the true ones within 4 sigma."""
+    result = fit_terms(run)
+    off = [(result.model.terms[name] / ARCSEC - TRUE[name]) for name in TRUE]
+    return bool(np.all(np.abs(off) < 4.0 * result.sigma / ARCSEC))
+
+
+@pytest.mark.parametrize('west, east', [
+    ('west', 'east'), ('W', 'E'), ('pierWest', 'pierEast'), ('PIERWEST', 'Pier East'),
+    (' West ', 'east '), ('1', '0'), ('1.0', '0.0'), ('-1', '1')])
+def test_words_and_numbers_of_the_side_are_read(read, west, east):
+    beyond = folded()[1]
+    run = read([west if b else east for b in beyond])
+    assert np.array_equal(is_beyond(run['el']), beyond) and right(run)
+
+
+@pytest.mark.parametrize('west, east, unknown', [
+    ('pierWest', 'pierEast', 'pierUnknown'), ('west', 'east', 'unknown'), ('w', 'e', ''),
+    ('1', '0', '-1'), ('pierWest', 'pierEast', '-1'), ('-1', '1', '')])
+def test_rows_of_an_unknown_side_are_placed_as_the_others_are(read, west, east, unknown):
+    beyond = folded()[1]
+    sides = [west if b else east for b in beyond]
+    sides[5::7] = [unknown] * len(sides[5::7])
+    run = read(sides)
+    assert np.array_equal(is_beyond(run['el']), beyond) and right(run)
+    assert any('8 of 60 rows: 8 placed by the hour angle' in note for note in run.meta['notes'])
+
+
+def test_rows_of_an_unknown_side_are_left_out_by_name_where_no_rule_tells_it(read):
+    rng = np.random.default_rng(3)
+    sides = ['west' if b else 'east' for b in rng.random(60) < 0.5]
+    sides[4] = 'unknown'
+    run = read(sides)
+    assert len(run) == 59
+    assert run.meta['excluded'] == [{'row': 8, 'reason': 'pier_side is unknown'}]
+
+
+def test_near_the_meridian_where_both_sides_are_seen_none_is_guessed(read):
+    beyond = folded()[1]
+    sides = ['west' if b else 'east' for b in beyond]
+    sides[0], sides[1] = 'unknown', 'west'  # half a degree east, and 0.6 west the wrong way
+    run = read(sides)
+    assert [row['row'] for row in run.meta['excluded']] == [4]
+
+
+@pytest.mark.parametrize('sides, words', [
+    (['unknown', ''], 'unknown in every row'), (['west', 'up'], 'holds up'),
+    (['west', '1'], 'holds 1'), (['2', '1'], 'holds 1, 2')])
+def test_other_cells_are_refused(read, sides, words):
+    with pytest.raises(ValueError, match=words):
+        read(sides)
+
+
+def test_the_other_convention_is_said(read):
+    beyond = folded()[1]
+    run = read(['east' if b else 'west' for b in beyond])
+    assert any('counterweight up in every row' in note for note in run.meta['notes'])
+    run = read(['west' if b else 'east' for b in beyond])
+    assert not any('counterweight' in note for note in run.meta['notes'])
+
+
+def test_rows_with_the_side_of_before_do_not_judge_whose_the_errors_are(read):
+    beyond = folded()[1]
+    sides = np.where(beyond, 'west', 'east')
+    stale = np.arange(60) % 10 == 3
+    sides[stale] = np.where(beyond[stale], 'east', 'west')
+    origin = origin_of_errors(read(sides))
+    assert origin.holds == 'mount' and origin.rows == 54
+    assert origin.left_out['mount'] < 2.0 * ARCSEC < 20.0 * ARCSEC < origin.left_out['sky']
+
+
+def test_sides_unknown_and_stale_in_files():
+    run = read_run(case('ger_pier_unknown.csv'))
+    assert len(run) == 80 and right(run)
+    run = read_run(case('ger_pier_stale6.csv'))
+    result, origin = fit_terms(run), origin_of_errors(run)
+    assert right(run)
+    assert {12, 35, 46, 59, 62} < set(run.meta['lines'][result.rejected]) and len(
+        result.rejected) == 6
+    assert origin.rows == 74 and origin.left_out['mount'] < 1.6 * ARCSEC

@@ -1,0 +1,30 @@
+"""The table of observations."""
+
+import numpy as np
+import pytest
+
+from pointing_model.runs.run import PointingRun
+
+
+def run_at(hours, **columns):
+    n = len(hours)
+    return PointingRun({'az': np.zeros(n), 'el': np.full(n, 0.7), 'az_enc': np.zeros(n),
+                        'el_enc': np.full(n, 0.7), 'time': 3600.0 * np.asarray(hours, float),
+                        **columns}, {'source': 'x'})
+
+
+def test_gaps_end_a_session_in_whatever_order_the_rows_are():
+    run = run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).in_sessions(3.0)
+    assert run['run'].tolist() == [2, 1, 1, 2, 1, 2] and run.meta['source'] == 'x'
+    assert run_at([30.0, 0.0, 1.0, 26.0, 3.5, 27.0]).in_sessions(2.0)['run'].tolist() == [
+        4, 1, 1, 3, 2, 3]
+
+
+def test_runs_that_are_told_apart_stay_apart():
+    run = run_at([0.0, 1.0, 2.0, 40.0], run=np.array([7, 7, 9, 9])).in_sessions(3.0)
+    assert run['run'].tolist() == [1, 1, 2, 3]
+
+
+def test_sessions_need_the_time_of_every_row():
+    with pytest.raises(ValueError, match='column time'):
+        run_at([0.0, np.nan]).in_sessions(3.0)

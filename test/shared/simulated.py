@@ -1,0 +1,74 @@
+"""Runs and problems that the tests of the diagnosis share."""
+
+import numpy as np
+
+from calibration.analysis.diagnosis.correlated_noise import Sequence
+from calibration.analysis.diagnosis.linear_model import Columns
+from calibration.analysis.diagnosis.problem import Problem
+from calibration.analysis.diagnosis.scores import Bank
+from msg_tools.units import ARCSEC, DEG
+from pointing_model import geometry
+from pointing_model.context import Context
+from pointing_model.effects import dictionary, smooths, steps
+from pointing_model.runs.run import PointingRun
+from pointing_model.terms import PHYSICAL, stacked_design
+
+TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
+SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
+FAST = {'flips': 299, 'cross_validation': False}
+
+
+def night(seed, n=60, effect=None, noise=None, terms=TRUTH):
+    """Stars above 20 degrees; `effect(columns) -> (d_az, d_el)` is added to the encoder angles."""
+    rng = np.random.default_rng(seed)
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(np.sin(20.0 * DEG), np.sin(85.0 * DEG), n))
+    az_enc, el_enc = geometry.sky_to_encoder(az, el, terms)
+    columns = {
+        'az': az, 'el': el, 'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
+        'temperature': 12.0 - 4.0 * np.linspace(0.0, 1.0, n)**0.7 + 0.3 * rng.normal(size=n),
+        'approach_az': np.sign(np.append(1.0, np.diff(az))),
+        'approach_el': np.sign(np.append(1.0, np.diff(el))),
+        'magnitude': rng.uniform(1.0, 6.0, n),
+    }
+    e = rng.normal(size=(2, n)) if noise is None else noise(rng, el)
+    d_az, d_el = (0.0, 0.0) if effect is None else effect(columns)
+    columns['az_enc'] = az_enc + d_az + e[0] * ARCSEC / np.cos(el)
+    columns['el_enc'] = el_enc + d_el + e[1] * ARCSEC
+    return PointingRun(columns, {'site': SITE})
+
+
+def backlash(size):
+    return lambda c: (0.5 * size * ARCSEC * c['approach_az'], 0.0)
+
+
+def oval_disc(c):
+    """Of the azimuth axis."""
+    return 5.0 * ARCSEC * np.cos(2.0 * c['az'] + 0.3), 0.0
+
+
+def names(result):
+    return [e.fitted.effect.name for e in result.effects]
+
+
+def make_context(rng, n=60):
+    az = rng.uniform(0.0, 2.0 * np.pi, n)
+    el = np.arcsin(rng.uniform(0.34, 0.99, n))
+    columns = {
+        'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
+        'temperature': rng.normal(8.0, 2.0, n), 'approach_az': rng.choice([-1.0, 1.0], n),
+        'approach_el': rng.choice([-1.0, 1.0], n), 'magnitude': rng.uniform(1.0, 6.0, n)}
+    return Context(az, el, columns)
+
+
+def make_problem(seed, n=60, signal=None, curves=False, noise=None):
+    rng = np.random.default_rng(seed)
+    context = make_context(rng, n)
+    e = rng.normal(size=(2, n)) if noise is None else noise(rng, context)
+    b = e * ARCSEC
+    if signal is not None:
+        b = b + signal(context)
+    effects = dictionary(context)[0] + steps(context)
+    return Problem(Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
+                   Bank(effects, context), Bank(smooths(context) if curves else [], context),
+                   Sequence.of(context, np.zeros(n, int)))

@@ -1,0 +1,383 @@
+"""What is sent to a mount, moment by moment, and what is not. The mount obeys."""
+
+import contextlib
+import math
+
+import numpy as np
+import pytest
+from obedient_mount import AXIS, START, Mount, off
+
+from msg_tools.units import DEG
+from pointing_model.mounts import Mount as Places
+from pointing_model.sky.skyline import Horizon
+from pointing_model.sky.sun import Sun, sun_place
+from telescope_mount.guard import keeper as keeper_of
+from telescope_mount.guard.keeper import LATE, WARN
+from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.rest import braked, ended
+from telescope_mount.guard.track import Cubic
+from telescope_mount.observing.axis_demand import Track
+
+NOON = START + 15 * 3600 * 10**9
+
+
+@pytest.fixture
+def mount():
+    return Mount().run(0.2)
+
+
+def test_the_mount_comes_to_the_star_and_stays_on_it_within_its_limits(mount):
+    mount.ask(80.0, 30.0).run(40.0)
+    assert mount.state == 'following' and off(mount) < 0.01
+    speed = np.abs(np.diff(mount.path, axis=0)).max(0) / 0.05
+    assert np.all(speed <= AXIS[0])
+
+
+def test_without_its_commander_it_stands_within_half_a_second_and_its_braking(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    assert np.abs(mount.speed).max() > 2.0 * DEG
+    mount.asked = None
+    mount.run(0.5 + 0.05)
+    assert mount.state == 'stopped' and 'no longer renewed' in mount.keeper.reason
+    mount.run(AXIS[0] / AXIS[1])
+    assert not mount.speed.any()
+
+
+def test_without_the_guard_it_stops_by_itself(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    mount.keeper.step = lambda *_: []
+    mount.asked = None
+    mount.run(1.5 + 0.5 + AXIS[0] / AXIS[1])
+    assert not mount.speed.any()
+
+
+def test_a_silent_encoder_stops_it_and_it_goes_on_when_that_speaks(mount):
+    mount.ask(200.0, 30.0).run(5.0)
+    mount.reads = False
+    mount.run(0.6)
+    assert mount.state == 'stopped' and mount.keeper.level == 2
+    assert 'no reading of the encoders for 0.5 s' in mount.keeper.reason
+    mount.reads = True
+    assert mount.run(60.0).state == 'following' and off(mount) < 0.01
+
+
+def test_it_goes_around_the_sun():
+    sun = Sun().at(NOON * 1e-9)
+    az, el = np.arctan2(sun[0], sun[1]) / DEG, np.arcsin(sun[2]) / DEG
+    assert el > 10.0
+    mount = Mount(NOON, (az - 40.0, el)).run(0.2)
+    mount.ask(az + 40.0, el).run(1.0)
+    assert mount.state == 'around'
+    mount.run(120.0)
+    assert mount.state == 'following' and off(mount) < 0.01
+    first, second = np.array(mount.path).T
+    toward = np.array([np.cos(second) * np.sin(first), np.cos(second) * np.cos(first),
+                       np.sin(second)])
+    assert np.arccos(sun @ toward).min() > 20.0 * DEG
+
+
+def test_pause_holds_it_and_resume_goes_on(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.keeper.pause(mount.now)
+    mount.run(4.0)
+    assert mount.state == 'paused' and not mount.speed.any()
+    mount.keeper.resume(mount.now)
+    assert mount.run(40.0).state == 'following' and off(mount) < 0.01
+
+
+def test_after_an_abort_nothing_moves_until_resume(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.keeper.abort(mount.now)
+    mount.asked = None
+    mount.run(4.0)
+    here = mount.here
+    with pytest.raises(ValueError, match='aborted: call resume'):
+        mount.ask(90.0, 40.0)
+    mount.asked = None
+    assert np.array_equal(mount.run(2.0).here, here)
+    mount.keeper.resume(mount.now)
+    assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
+
+
+def test_it_parks(mount):
+    mount.ask(80.0, 30.0).run(3.0)
+    mount.asked = None
+    mount.keeper.park(mount.now, (-90.0 * DEG, 80.0 * DEG))
+    mount.run(80.0)
+    assert mount.state == 'parked' and np.allclose(mount.here / DEG, (-90.0, 80.0), atol=0.01)
+    assert not mount.speed.any()
+
+
+def test_it_has_one_commander(mount):
+    mount.ask(80.0, 30.0).run(1.0)
+    with pytest.raises(ValueError, match='player asks while observer commands'):
+        mount.keeper.take_request(mount.asked._replace(start=mount.now), mount.now, 'player')
+
+
+def test_a_refusal_is_told_once_and_stops_what_was_under_way(mount):
+    mount.ask(200.0, 30.0).run(3.0)
+    with pytest.raises(ValueError, match='below the horizon'):
+        mount.ask(120.0, 2.0)
+    mount.run(4.0)
+    assert mount.state == 'stopped' and not mount.speed.any()
+    assert mount.keeper.refused[0] == mount.asked.start
+
+
+@pytest.mark.parametrize('angles, words', [
+    ((200.0, 50.0), 'cannot be: give radians'), ((0.35, 45.0), 'cannot be: give radians'),
+    ((2.0, 0.87), 'jumped by'), ((1000.0, 0.8), 'cannot be')])
+def test_readings_that_cannot_be_are_refused(mount, angles, words):
+    mount.time += 0.05
+    with pytest.raises(ValueError, match=words):
+        mount.keeper.take_reading(mount.now, angles, (0.0, 0.0))
+
+
+def test_an_axis_that_does_not_follow_is_stopped_for_good(mount):
+    mount.ask(80.0, 30.0).run(2.0)
+    mount.sent = []  # deaf
+    mount.here = mount.here.copy()
+    while mount.state == 'following' and mount.time < 60.0:
+        mount.run(0.05)
+        mount.sent = []
+    assert mount.state == 'aborted' and 'from where it was sent' in mount.keeper.reason
+
+
+def test_a_whole_track_that_may_have_been_lost_is_sent_once_more():
+    """A simulated mount that is killed and started again knows nothing of it, and nobody renews."""
+    mount = Mount(whole=True).run(0.2)
+    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+    track = Track(mount.now, times, np.full((len(times), 2), [0.5, 0.9]), np.zeros((len(times), 2)))
+    keeper.take_request(track, mount.now)
+    assert len(keeper.step(mount.now)) == 1
+    keeper.take_request(track, mount.now)  # no reading since
+    sent, = keeper.step(mount.now)
+    assert keeper.is_request(sent) and sent.start == track.start
+    keeper.take_reading(mount.now + 10**8, mount.here, (0.0, 0.0))
+    keeper.take_request(track, mount.now)  # it is on its way
+    assert keeper.step(mount.now) == []
+
+
+@pytest.mark.parametrize('asleep', [False, True])
+def test_a_guard_that_is_started_again_lets_a_mount_move_that_is_read_only_when_it_does(asleep):
+    mount = Mount(whole=True, asleep=asleep)
+    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+
+    def ask(el, number):
+        track = Track(mount.now + number, times, np.full((len(times), 2), [0.5, el]),
+                      np.zeros((len(times), 2)))
+        keeper.take_request(track, mount.now)
+        first = keeper.step(mount.now)
+        keeper.take_request(track, mount.now)
+        return first, keeper.step(mount.now)
+    assert ask(0.9, 1)[0] == [] and keeper.state == ('following' if asleep else 'waiting')
+    keeper.withdraw(mount.now)
+    assert len(ask(1.0, 2)[1]) == asleep
+    keeper.withdraw(mount.now)
+    if asleep:  # and below the horizon not even then
+        with pytest.raises(ValueError, match='horizon'):
+            ask(0.1, 3)
+
+
+def test_whole_tracks_are_passed_as_they_were_asked_for():
+    mount = Mount(whole=True).run(0.2)
+    mount.ask(80.0, 30.0)
+    out, = mount.keeper.step(mount.now)
+    assert mount.keeper.is_request(out) and out.start == mount.asked.start
+    assert out.angles is mount.asked.angles
+
+
+def test_axes_brake_each_in_its_own_time_and_tracks_end_at_rest():
+    axes = Axis(-4.0, 4.0, 0.1, 0.1), Axis(-4.0, 4.0, 0.1, 0.4)
+    times, angles, rates = braked(np.zeros(1), np.zeros((1, 2)), np.array([[0.1, -0.1]]), axes)
+    assert times == pytest.approx([0.0, 0.25, 1.0])
+    assert angles[-1] == pytest.approx([0.05, -0.0125]) and not rates[-1].any()
+    cubic = Cubic(times, angles, rates)
+    assert np.all(cubic.peak_acceleration <= np.array([0.1, 0.4]) * (1.0 + 1e-9))
+    track = ended(Track(0, np.array([0.0, 10.0]), np.array([[0.0, 0.0], [0.5, 0.1]]),
+                        np.full((2, 2), 0.05)), axes)
+    assert len(track.times) == 3 and not track.rates[-1].any()
+    assert Cubic(*track[1:]).peak_acceleration[0] <= 0.1
+
+
+def test_an_unknown_turn_leaves_what_is_safe_on_each():
+    unknown = Mount(here=(100.0, 50.0), turn_known=False).run(0.2)
+    assert unknown.ask(200.0, 50.0).run(40.0).state == 'following'
+    with pytest.raises(ValueError, match='leaves its travel of 90 to 270 deg'):
+        unknown.ask(60.0, 50.0)
+
+
+def test_a_lag_of_a_driver_is_no_fault_and_a_blocked_axis_is(mount):
+    take, seen = mount.keeper.take_reading, []
+
+    def late(stamp, here, speed):
+        seen.append(here)
+        take(stamp, seen[max(len(seen) - 9, 0)], speed)  # 0.4 s
+
+    mount.keeper.take_reading = late
+    assert mount.ask(150.0, 50.0).run(60.0).state == 'following'
+    here = np.array(mount.here)
+    mount.keeper.take_reading = lambda stamp, *_: take(stamp, here, (0.0, 0.0))
+    mount.ask(20.0, 50.0)
+    with pytest.raises(ValueError, match='aborted: call resume'):
+        mount.run(6.0)
+    assert 'the azimuth is' in mount.keeper.reason
+
+
+@pytest.mark.parametrize('latitude, east', [(34.3, (150.0, 170.0)), (-34.3, (150.0, 190.0))])
+def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
+    german = Places.equatorial(latitude * DEG, 'german')
+    limits = Limits(german, tuple(Axis(a * DEG, b * DEG, *AXIS) for a, b in travel_of(german)),
+                    Horizon(10.0 * DEG), sun=0.0)
+    here = np.array(limits.on_travel(80.0 * DEG, math.copysign(35.0 * DEG, latitude))) / DEG
+    mount = Mount(here=here, limits=limits).run(0.2)
+    mount.ask(*east, 0.0).run(120.0)
+    assert mount.state == 'following', mount.keeper.reason
+    want = np.array(limits.on_travel(*np.array(east) * DEG))
+    assert np.allclose(mount.here, want, atol=1e-6)
+    assert german.horizon_of(*np.array(mount.path).T)[1].min() > 10.0 * DEG
+    back = mount.ask(*here, 0.0).run(120.0)
+    assert back.state == 'following' and np.allclose(mount.here / DEG, here, atol=1e-4)
+
+
+@pytest.mark.parametrize('beyond', [(530.0, 50.0), (20.0, 355.0), (-530.0, 50.0)])
+def test_a_first_reading_beyond_the_travel_is_not_believed_and_nothing_is_sent_by_it(beyond):
+    mount = Mount()
+    with pytest.raises(ValueError, match=r'cannot be: give radians, within the travel'):
+        mount.keeper.take_reading(mount.now, np.array(beyond) * DEG, (0.0, 0.0))
+    mount.ask(170.0, 50.0)
+    mount.asked = None
+    mount.keeper.abort(mount.now)
+    assert mount.keeper.step(mount.now) == [] and mount.keeper.readings.here is None
+    mount.keeper.resume(mount.now)
+    mount.run(0.2)
+    assert mount.ask(170.0, 50.0).run(60.0).state == 'following'
+    assert np.abs(off(mount)).max() < 30.0
+
+
+@pytest.mark.parametrize(('first', 'then'), [(275.0, -85.0), (340.0, -20.0), (-200.0, 160.0)])
+def test_a_first_reading_a_turn_off_ends_with_those_that_contradict_it(first, then):
+    mount = Mount(here=(first, 50.0)).run(0.05)
+    mount.ask(first - np.sign(first) * 80.0, 50.0)
+    mount.here, sent = np.array([then, 50.0]) * DEG, len(mount.sent)
+    for _ in range(6):
+        mount.time += 0.05
+        with contextlib.suppress(ValueError):
+            mount.keeper.take_reading(mount.now, mount.here, (np.nan, np.nan))
+    mount.sent += mount.keeper.step(mount.now, False)
+    assert mount.state == 'aborted' and 'jumped to another place' in mount.keeper.reason
+    stop = mount.sent[-1]
+    assert len(mount.sent) > sent and stop.angles[:, 0] / DEG == pytest.approx(then)
+    assert not stop.rates.any()
+    mount.asked = None
+    mount.keeper.resume(mount.now)
+    assert mount.ask(then, 60.0).run(20.0).state == 'following'
+    assert abs(mount.here[0] / DEG - then) < 1.0
+
+
+@pytest.mark.parametrize('readings', [(359.5, 0.5, 1.5), (179.5, -179.5, -178.5),
+                                      (100.0, 103.0, -257.0, -256.0)])
+def test_an_azimuth_that_is_read_within_one_turn_keeps_counting(readings):
+    mount = Mount(here=(readings[0], 50.0))
+    for angle in readings:
+        mount.time += 1.0
+        mount.keeper.take_reading(mount.now, np.array([angle, 50.0]) * DEG, (0.0, 0.0))
+    way = mount.keeper.readings.here[0] / DEG - readings[0]
+    assert way == pytest.approx((readings[-1] - readings[0]) % 360.0)
+
+
+@pytest.mark.parametrize('az', [270.0, -270.0, 275.0])
+def test_a_mount_at_the_end_of_its_travel_may_come_back(az):
+    mount = Mount(here=(az, 50.0)).run(0.2)
+    assert mount.ask(0.9 * az, 50.0).run(30.0).state == 'following'
+    assert np.abs(np.array(mount.path)[:, 0]).max() <= abs(az) * DEG + 1e-9
+
+
+def test_a_guard_that_was_held_up_says_that_its_machine_is_late_and_goes_on(mount):
+    mount.ask(150.0, 50.0).run(3.0)
+    mount.time += 2.0
+    mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
+    mount.keeper.take_reading(mount.now, mount.here, mount.speed)
+    assert mount.keeper.step(mount.now) == []
+    assert (mount.state, mount.keeper.reason) == ('stopping', LATE)
+    assert mount.run(60.0).state == 'following' and np.abs(off(mount)).max() < 30.0
+
+
+def test_a_search_for_a_way_that_takes_long_does_not_make_what_it_finds_too_late(monkeypatch):
+    az, el = np.array(sun_place(NOON * 1e-9)) / DEG
+    mount, find, late = Mount(NOON, (az - 40.0, el)).run(0.2), keeper_of.lead, []
+
+    def search(*args):
+        mount.time += 0.5  # of a machine that is busy
+        return find(*args)
+    monkeypatch.setattr(keeper_of, 'lead', search)
+    mount.ask(az + 40.0, el)
+    for _ in range(600):
+        mount.run(0.05)
+        late += [mount.keeper.reason] * (mount.keeper.reason == LATE)
+    assert not late and mount.run(90.0).state == 'following'
+
+
+def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mount, recwarn):
+    keeper = mount.ask(150.0, 50.0).keeper
+    mount.run(3.0)
+    mount.time += 2.0  # held up: what was sent has ended at rest
+    mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
+    keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    assert keeper.step(mount.now) == []
+    assert (keeper.state, keeper.level) == ('stopped', WARN) and 'no number' in keeper.reason
+    mount.asked = None
+    keeper.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
+    assert not keeper.readings.stand(1.0)  # nothing is known of its rate yet
+    assert mount.run(0.2).ask(150.0, 50.0).run(60.0).state == 'following'
+    assert not recwarn.list
+
+
+def test_a_first_message_without_a_number_is_waited_after(recwarn):
+    mount = Mount()
+    mount.keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    mount.ask(40.0, 50.0)
+    assert mount.keeper.step(mount.now) == [] and mount.state == 'waiting'
+    assert mount.run(20.0).state == 'following'
+    assert not recwarn.list
+
+
+def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
+    times, angles = np.array([0.0, 100.0]), np.tile([60.0 * DEG, 45.0 * DEG], (2, 1))
+    late = Track(mount.now + 3600 * 10**9, times, angles, np.zeros((2, 2)))
+    with pytest.raises(ValueError, match='a request for 3600 s from now: send one of now'):
+        mount.keeper.take_request(late, mount.now, 'somebody')
+    assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
+
+
+def test_a_clock_that_is_set_back_ends_what_was_asked_for_and_no_more(mount):
+    mount.ask(40.0, 60.0).run(5.0)
+    mount.asked, there, late = None, mount.here, mount.asked
+    early = late._replace(start=late.start - 3600 * 10**9)
+    with pytest.raises(ValueError, match='older'):  # who asks has heard of it before the guard
+        mount.keeper.take_request(early, mount.now, 'observer')
+    mount.sent, mount.start, mount.speed = [], mount.start - 3600 * 10**9, np.zeros(2)
+    mount.run(0.2)
+    with pytest.raises(ValueError, match='send one of now'):  # who asks has not heard of it yet
+        mount.keeper.take_request(late, mount.now, 'observer')
+    assert mount.keeper.refused == (0, '')
+    assert (mount.state, mount.keeper.reason) == ('stopped', 'the clock was set back: ask anew')
+    assert mount.sent == [] and np.all(mount.here == there)
+    assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
+    assert np.abs(off(mount)).max() < 30.0
+
+
+def test_a_mount_that_goes_on_after_its_clock_was_set_back_is_stopped_from_its_own_reading(mount):
+    mount.ask(140.0, 60.0).run(5.0)
+    mount.asked, going = None, mount.sent[-1]
+    mount.sent, mount.start = [], mount.start - 3600 * 10**9
+    keeper, speed = mount.keeper, mount.speed[0]
+    assert speed > 2.0 * DEG
+    # no reading of the new time yet: nothing is known
+    mount.time += 0.05
+    assert keeper.step(mount.now) == [] and keeper.step(mount.now) == []
+    here = mount.here + np.array([0.05 * speed, 0.0])
+    keeper.take_reading(mount.now, here, mount.speed)
+    stop, = keeper.step(mount.now)
+    assert stop.start == mount.now < going.start and np.all(stop.angles[0] == here)
+    assert stop.rates[0, 0] == speed and not stop.rates[-1].any()
+    assert keeper.step(mount.now) == [] and keeper.state == 'stopped'
