@@ -83,7 +83,8 @@ class Instruments:
         self.homed, self.began = False, 0
         self.run = self._newest = first_run - 1
         self.power_on, self._frame = None, ''
-        self._axes, self._zero_jumps = axes, ZeroJumps()
+        self._axes, self._zero_jumps = axes, {}
+        self._frames = {}  # of the last reading of each encoder
         self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
@@ -103,7 +104,7 @@ class Instruments:
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
         self.stamp, self.here = stamp, np.array(angle)
-        self._look_for_jump(stamp, angle, frame)
+        self._look_for_jump(MOUNT, stamp, angle, frame, self.exposures.demand)
         homed = bool(np.isfinite(angle).all())
         told = self.power_on is not None and self.homed
         if homed or (told and read_frame(frame) in (None, self.power_on)):
@@ -114,14 +115,21 @@ class Instruments:
         self.hear(MOUNT)
         return back
 
-    def _look_for_jump(self, stamp, angle, frame):
+    def _look_for_jump(self, name, stamp, angle, frame, there):
         """Say of a zero that jumps within a power-on; another power-on has a zero of its own."""
-        jumped = self._zero_jumps.take(stamp, angle, self.exposures.demand)
-        if frame != self._frame or not math.isfinite(angle[0]):
-            self._zero_jumps = ZeroJumps()
-            self.health.zero(MOUNT)
-        elif jumped is not None:
-            self.health.zero(MOUNT, self._axes[jumped[0]], jumped[1])
+        if frame != self._frames.get(name) or not any(map(math.isfinite, angle)):
+            self._frames[name], self._zero_jumps[name] = frame, ZeroJumps(name != MOUNT)
+            self.health.zero(name)
+        jumped = self._zero_jumps[name].take(stamp, angle, there)
+        if jumped is not None:
+            self.health.zero(name, self._axes[jumped[0]], jumped[1])
+
+    def _by_incremental(self, stamp):
+        """Where the incremental encoder has the axes at a stamp, rad; None where it has not."""
+        try:
+            return self.exposures.at('enc', stamp)[0]
+        except ValueError:
+            return None
 
     def _rate(self, stamp, angle, told):
         """As told, or else from the reading before; NaN where that is none."""
@@ -171,6 +179,7 @@ class Instruments:
         self.spoke(ABSOLUTE, stamp)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
+        self._look_for_jump(ABSOLUTE, stamp, angle, frame, self._by_incremental)
         self.absolute_power_on = read_frame(frame)
         self.hear(ABSOLUTE)
         return back

@@ -14,10 +14,16 @@ STEADY = 0.2
 
 
 class ZeroJumps:
-    """Readings of an encoder, one after the other."""
+    """Readings of an encoder, one after the other.
 
-    def __init__(self):
-        self._last = deque(maxlen=4)
+    Parameters
+    ----------
+    own_zero : bool
+        Its zero is another than that of where the axes are to be.
+    """
+
+    def __init__(self, own_zero=False):
+        self._last, self._own_zero = deque(maxlen=4), own_zero
 
     def take(self, stamp, angles, demand):
         """Take a reading.
@@ -27,16 +33,16 @@ class ZeroJumps:
         stamp : int
             ns.
         angles : sequence of float, length 2
-            rad.
+            rad; of an axis without a reading NaN.
         demand : callable
-            Of a stamp, where the axes are to be, rad, shape (2,); None where nothing is commanded.
+            Of a stamp, where the axes are to be, rad, shape (2,); None where nobody knows.
 
         Returns
         -------
         (int, float) or None
             The axis, and by how much its zero jumped at the reading before, rad.
         """
-        if not all(map(math.isfinite, angles)) or self._last and stamp <= self._last[-1][0]:
+        if not any(map(math.isfinite, angles)) or self._last and stamp <= self._last[-1][0]:
             self._last.clear()
             return None
         self._last.append((stamp, *map(float, angles)))
@@ -45,7 +51,7 @@ class ZeroJumps:
         (t0, *p0), (t1, *p1), (t2, *p2), (t3, *p3) = self._last
         for axis in (0, 1):
             step = wrap(p2[axis] - p1[axis])
-            if abs(step) < 0.5 * LEAST:
+            if not abs(step) >= 0.5 * LEAST:
                 continue
             seconds = (t2 - t1) * 1e-9
             before = wrap(p1[axis] - p0[axis]) * (t2 - t1) / (t1 - t0)
@@ -58,12 +64,15 @@ class ZeroJumps:
 
     def _leaves(self, demand, axis, jump):
         """Whether the axis was on its track before, and is beside it by the jump."""
-        for (stamp, *place), beside in ((self._last[1], 0.0), (self._last[2], jump)):
+        way = []
+        for stamp, *place in (self._last[1], self._last[2]):
             there = demand(stamp)
-            if there is None or abs(wrap(place[axis] - there[axis]) - beside) > (
-                    STEADY * abs(jump)):
+            if there is None:
                 return False
-        return True
+            way.append(wrap(place[axis] - there[axis]))
+        before = way[0] if self._own_zero else 0.0
+        return all(abs(wrap(off - beside)) <= STEADY * abs(jump)
+                   for off, beside in zip(way, (before, before + jump)))
 
 
 def demand_of(track, stamp):

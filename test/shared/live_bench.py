@@ -42,7 +42,7 @@ class Live(Bench):
         self.every = 0.6
         self.drives = lambda way: way
         self.frame = lambda miss: miss
-        self.reads = lambda angles: tuple(angles)
+        self.reads = self.reads_absolute = tuple
         self.noise = pairs(np.random.default_rng(1))
         self.count = 0
         self.begin = self.stamp
@@ -93,7 +93,7 @@ class Live(Bench):
                       (0.0, 0.0))
         if ABSOLUTE in self.answers:
             self._try(self.instruments.take_absolute, same[ABSOLUTE](self.stamp - 1),
-                      tuple(self.position + 0.2 * ARCSEC * next(self.noise)))
+                      self.reads_absolute(self.position + 0.2 * ARCSEC * next(self.noise)))
         if CAMERA in self.answers and self.count % round(self.every / STEP) == 0:
             self._try(self.instruments.take_frame, same[CAMERA](self.stamp - SECOND // 4),
                       *self.frame(self._see()))

@@ -5,16 +5,17 @@ import pytest
 from live_bench import Live
 
 from msg_tools.units import ARCSEC, DEG
-from telescope_mount.observing.instrument_health import MOUNT
+from telescope_mount.observing.instrument_health import ABSOLUTE, MOUNT
+from telescope_mount.observing.instruments import Instruments
 from telescope_mount.observing.zero_jumps import ZeroJumps, demand_of
 
 SECOND = 10**9
 TRACK = 0, np.array([0.0, 60.0]), np.array([[1.0, 0.7], [1.0 + 900.0 * ARCSEC, 0.7]])
 
 
-def seen(path, hertz=20.0, seconds=4.0, track=TRACK):
+def seen(path, hertz=20.0, seconds=4.0, track=TRACK, own_zero=False):
     """What is said of a path of both axes, rad, of seconds; noise of 0.2 arcsec."""
-    jumps, rng = ZeroJumps(), np.random.default_rng(3)
+    jumps, rng = ZeroJumps(own_zero), np.random.default_rng(3)
     out = []
     for t in np.arange(0.0, seconds, 1.0 / hertz):
         place = np.array(path(t)) + 0.2 * ARCSEC * rng.standard_normal(2)
@@ -36,6 +37,13 @@ def test_a_jump_of_a_zero_on_a_track_is_seen_once(hertz, axis, jump):
         place[axis] += jump * ARCSEC * (t > 2.0)
         return place
     assert seen(path, hertz) == [(axis, jump)]
+
+
+def test_a_jump_is_seen_of_an_encoder_with_another_zero_and_of_one_axis_alone():
+    def path(t):
+        return on_track(t)[0] + 2.0 * DEG + 360.0 * ARCSEC * (t > 2.0), np.nan
+    assert seen(path, own_zero=True) == [(0, 360.0)]
+    assert seen(path) == []  # it was not on its track before
 
 
 @pytest.mark.parametrize('path', [
@@ -72,6 +80,34 @@ def test_a_zero_that_jumps_is_named_and_not_the_mount(axis, word):
     bench.reads = tuple
     bench.lasts(5.0)
     assert not any('jumped' in text for text in bench.plan.faults)
+
+
+@pytest.mark.parametrize('axis, word', [(0, 'azimuth'), (1, 'elevation')])
+def test_a_zero_of_the_absolute_encoder_that_jumps_is_named(axis, word):
+    """Beside the incremental one: its own zero is degrees from that, and not known."""
+    bench = Live('stars 16', star_seed=2)
+    zero = np.array([1.3, -0.7]) * DEG
+    bench.reads_absolute = lambda angles: tuple(angles + zero)
+    bench.lasts(30.0)
+    assert bench.plan.faults == []
+    zero[axis] += 364.0 * ARCSEC
+    bench.names(f'instrument {ABSOLUTE}: zero of the {word} encoder jumped by +36')
+    assert len(bench.plan.faults) == 1
+    bench.reads_absolute = lambda angles: (np.nan, np.nan)
+    bench.lasts(1.0)
+    assert bench.plan.faults == []
+
+
+@pytest.mark.parametrize('both', [True, False])
+def test_an_absolute_encoder_is_not_named_for_a_mount_that_is_knocked(both):
+    instruments = Instruments()
+    for i in range(80):
+        knocked = 600.0 * ARCSEC * (i > 40)
+        angles = on_track(0.05 * i) + (knocked, 0.0)
+        instruments.take_incremental(50_000_000 * (i + 1), angles - (0.0 if both else knocked, 0.0),
+                                     (0.0, 0.0))
+        instruments.take_absolute(50_000_000 * (i + 1) - 1, angles)
+    assert [ABSOLUTE in text for text in instruments.health.alarms] == [True] * (not both)
 
 
 def test_a_night_without_a_fault_has_no_jump():
