@@ -57,7 +57,7 @@ def interrupted_in_order(program=False):
     Parameters
     ----------
     program : bool
-        Nothing follows in this process: once told, it ends, and no signal disturbs that.
+        Nothing follows in this process: it ends, and no signal disturbs that.
     """
     ours = []
     with contextlib.suppress(ValueError):  # not in the main thread
@@ -74,7 +74,7 @@ def interrupted_in_order(program=False):
         raise
     finally:
         for number in ours:
-            signal.signal(number, signal.SIG_IGN if program and _told else _OWN[number])
+            signal.signal(number, signal.SIG_IGN if program else _OWN[number])
 
 
 @contextlib.contextmanager
