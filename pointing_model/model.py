@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, all_finite, wrap
 from . import geometry as rotation
 from .context import Context
 from .fitted_effects import as_context, total
-from .harmonics import Harmonics
+from .harmonics import DEGREE, Harmonics, columns_of, names_of
 from .mounts import ALTAZ, Mount, is_beyond
 from .terms import Trig, design, known_terms
 from .zero import NO_ZERO
@@ -52,7 +52,7 @@ class PointingModel:
         Terms that the stars did not determine: those that are not zero carry what is known of all
         of them together. They have no standard error of their own.
     directions : sequence of dict of str to float, optional
-        In which nothing of the terms is known: changes of terms that the stars do not see.
+        In which nothing of the terms and harmonics is known: changes that the stars do not see.
     sides : tuple of int, optional
         Rows of the fit on this side and on the other side of the pier, of a German mount.
     mount : Mount, optional
@@ -82,9 +82,10 @@ class PointingModel:
         # of a model with some of the terms of another: what is said of those
         object.__setattr__(self, 'undetermined', tuple(
             name for name in self.undetermined if name in self.terms))
-        of_terms = ({name: value for name, value in one.items() if name in self.terms}
-                    for one in self.directions)
-        object.__setattr__(self, 'directions', tuple(filter(None, of_terms)))
+        own = {*self.terms, *(names_of() if self.harmonics is not None else ())}
+        directions = ({name: value for name, value in one.items() if name in own}
+                      for one in self.directions)
+        object.__setattr__(self, 'directions', tuple(filter(None, directions)))
         if self.geometry not in ('rotation', 'first_order'):
             raise ValueError(
                 f'unknown geometry {self.geometry!r} of a model; take rotation or first_order')
@@ -148,6 +149,12 @@ class PointingModel:
     def held(self):
         """Undetermined terms that are held at zero, tuple of str: others stand for them."""
         return tuple(name for name in self.undetermined if self.terms[name] == 0.0)
+
+    @property
+    def undetermined_harmonics(self):
+        """Coefficients of the harmonics that the stars did not determine, tuple of str."""
+        return tuple(name for name in names_of() if name not in self.terms and any(
+            abs(one.get(name, 0.0)) > OPEN for one in self.directions))
 
     @property
     def by_reading(self):
@@ -307,8 +314,12 @@ class PointingModel:
         out = np.zeros(az.shape, bool)
         if self.directions:
             names = tuple(self.terms)
-            along = np.array([[one.get(name, 0.0) for name in names] for one in self.directions])
             columns = np.array(design(names, az.ravel(), el.ravel(), self.mount))  # (2, n, k)
+            if self.harmonics is not None:
+                names += names_of()
+                columns = np.concatenate((columns, np.moveaxis(columns_of(
+                    DEGREE, az.ravel(), el.ravel(), self.harmonics.interpretation), 0, 2)), 2)
+            along = np.array([[one.get(name, 0.0) for name in names] for one in self.directions])
             out |= (np.abs(columns @ along.T) > OPEN).any(axis=(0, 2)).reshape(out.shape)
         if self.sides is not None and 0 in self.sides:
             out |= is_beyond(el) == (self.sides[1] == 0)

@@ -77,6 +77,9 @@ def to_json(model):
             # the same for people, by the names of paper 000
             'degree': h.degree,
             _NAMED: [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': s / ARCSEC}
+                     if name not in model.undetermined_harmonics else
+                     {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': None,
+                      'undetermined': True}
                      for name, (value, s) in h.coefficients.items()],
         },
         'provenance': model.provenance,

@@ -136,10 +136,11 @@ class PointingCorrector(MountNode):
                              'directions' + (' plus the zero' if self._in_force.zero.angles.any()
                                              else ''))]
         if self._open:
+            model = self._in_force.model
+            names = (*model.undetermined, *model.undetermined_harmonics)
             found.append((DiagnosticStatus.WARN, 'the last demand rests on what the stars of the '
                           'fit did not determine'
-                          + (f' ({", ".join(self._in_force.model.undetermined)})'
-                             if self._in_force.model.undetermined else
+                          + (f' ({", ".join(names)})' if names else
                              ' (no row on this side of the pier)') + ': how far it is off is not '
                           'known, demand_sigma is NaN'))
         if self._lacking:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.model import PointingModel
+from pointing_model.model import OPEN, PointingModel
 from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
@@ -14,6 +14,8 @@ from ..estimation.degeneracy import Undetermined
 from ..estimation.few_rows import FEW, interval_factor
 from ..estimation.least_squares import spectrum_of, uncertainty_of
 
+#: times what a direction moves at the stars, from where it moves more than they show
+_BEYOND = 10.0
 _NOTHING = 1e-9  # of the largest number of a direction: rounding
 
 
@@ -253,9 +255,20 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         **(provenance or {}),
     }
     model = make_model(solved.p, covariance, facts)
-    of_terms = [{name: value for name, value in zip(names, one.tolist())
-                 if abs(value) > _NOTHING and name in model.terms} for one in left_open.directions]
-    model = replace(model, directions=(*model.directions, *filter(None, of_terms)), undetermined=[
+    open_directions = left_open.directions
+    if not len(open_directions):  # of a series, of which no coefficient is held
+        spectrum, rank = solved.spectrum, len(solution.p)
+        open_directions = Undetermined.of(spectrum, rank).directions
+        # the singular value tells by how much one moves the stars (root mean square): functions
+        # that are nearly alike among these are so between them too
+        seen = spectrum.s[:len(spectrum.s) - rank, None] * np.abs(open_directions).max(
+            axis=1, keepdims=True) / np.abs(spectrum.vectors[:, :len(spectrum.s) - rank]
+                                            / spectrum.scale[:, None]).max(axis=0)[:, None]
+        seen /= np.sqrt(2 * n if sigmas is None else np.sum(np.square(1.0 / sigmas)))
+        open_directions = open_directions / np.maximum(1.0, _BEYOND * seen / OPEN)
+    directions = [{name: value for name, value in zip(names, one.tolist())
+                   if abs(value) > _NOTHING} for one in open_directions]
+    model = replace(model, directions=(*model.directions, *filter(None, directions)), undetermined=[
         name for name in model.terms if name in {*model.undetermined, *undetermined}],
         sides=rows_by_side(run.mount, run['el'][w > 0.0]))
     return FitResult(

@@ -328,7 +328,9 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         'harmonics': choice.reading, 'alone': choice.alone, 'degree': degree,
         'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
         'coefficients': [{'name': name, 'value_arcsec': value / ARCSEC,
-                          'sigma_arcsec': sigma / ARCSEC}
+                          **({'sigma_arcsec': sigma / ARCSEC}
+                             if name not in result.model.undetermined_harmonics else
+                             {'sigma_arcsec': None, 'undetermined': True})}
                          for name, (value, sigma) in series.coefficients.items()],
         'fitted': result.rms_arcsec(rejected=False)._asdict(),
         'rcond': choice.rcond, 'rank': result.rank, 'condition': result.condition,

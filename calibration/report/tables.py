@@ -100,7 +100,8 @@ def harmonic_tables(section):
     rows = section['coefficients']
     for pair in zip(rows, rows[len(rows) // 2:]):
         table.add_row(*(cell for one in pair for cell in (
-            one['name'], f'{one["value_arcsec"]:+.2f}', f'{one["sigma_arcsec"]:.2f}')))
+            one['name'], f'{one["value_arcsec"]:+.2f}',
+            UNDETERMINED if one['sigma_arcsec'] is None else f'{one["sigma_arcsec"]:.2f}')))
     tried = section['cross_validation']
     judged = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
                        f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')

@@ -267,9 +267,10 @@ def _open(model, places, lines):
     if not rows.any():
         return []
     where = f'row{"s" * int(rows.sum() > 1)} {_listed(lines[rows])}'
-    if model.undetermined:
+    names = (*model.undetermined, *model.undetermined_harmonics)
+    if names:
         return [f'the prediction is of unknown error in {where}: it rests on terms that the stars '
-                f'of the fit did not determine ({", ".join(model.undetermined)})']
+                f'of the fit did not determine ({", ".join(names)})']
     return [f'the prediction is of unknown error in {where}: no row of the fit is on this side of '
             'the pier']
 
