@@ -25,6 +25,7 @@ MMT = ROOT / 'calibration' / 'data' / 'mmt_2021-08-21.csv'
 #: what two runs of one commit may say otherwise
 UNSTABLE = {'created', 'version', 'source', 'seconds', 'started', 'software', 'folder', 'files'}
 PART = 1e-3
+PURE = ('correlations', '_sigmas/', 'covariance')
 
 
 def cases(data, full):
@@ -103,7 +104,9 @@ def differences(before, after, at='', sigma=None):
         if before != after and ' ' not in before.strip():  # else a sentence
             yield f'{at}: {before!r}, now {after!r}'
     elif _is_number(before) and _is_number(after):
-        near = PART * (sigma if _is_number(sigma) and sigma > 0.0 else abs(before))
+        # of correlations, and of what is in standard errors, the unit is 1
+        size = 1.0 if any(word in at for word in PURE) else abs(before)
+        near = PART * (sigma if _is_number(sigma) and sigma > 0.0 else size)
         if not math.isclose(before, after, rel_tol=0.0, abs_tol=near + 1e-9):
             yield f'{at}: {before:.6g}, now {after:.6g}'
     elif before != after:

@@ -172,7 +172,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     first_order = stacked_design(terms, used.az, el, mount, trig)
     if len(names) > len(terms):
         first_order = _with_zeros(first_order, run['run'][used.rows], runs, el)
-    solved = gauss_newton(
+    found = gauss_newton(
         Linear(observed, first_order) if linear
         else Rotating(trig, terms, turned, observed, first_order, mount),
         used.sigmas, robust, rcond, mild_sigmas(used), zeros_of_axes)
@@ -183,7 +183,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
-    result = make_result(run, names, used, solved, make_model, provenance, facts)
+    result = make_result(run, names, used, found, make_model, provenance, facts)
     return _with_run_zeros(result, runs, len(terms)) if run_zeros else result
 
 
@@ -327,12 +327,12 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
         rows = _with_zeros(rows, run['run'][used.rows], runs, el)
-    solved = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond, mild_sigmas(used))
+    found = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond, mild_sigmas(used))
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]
         if after is not None:
-            covariance = _without_taken(covariance, solved, after, run, used)
+            covariance = _without_taken(covariance, found, after, run, used)
         harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
         if held is None:
             return PointingModel({}, None, harmonics, facts, mount=run.mount)
@@ -341,7 +341,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
 
     facts = {'method': f'harmonics, {interpretation} reading', 'degree': degree,
              'encoder': encoder, 'rcond': rcond}
-    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, solved, make_model,
+    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, found, make_model,
                          None, facts)
     if run_zeros:
         result = _with_run_zeros(result, runs, k)
@@ -350,7 +350,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     return result
 
 
-def _without_taken(covariance, solved, after, run, used):
+def _without_taken(covariance, found, after, run, used):
     """Covariance of harmonics of what an earlier fit to the same rows has left.
 
     Residuals of that fit have no part along its columns T: of (H+ H+') sigma^2 the part
@@ -361,16 +361,7 @@ def _without_taken(covariance, solved, after, run, used):
     taken = stacked_design(terms, used.az, used.el, run.mount)
     if labels is not None:
         taken = np.vstack((taken, _columns_of_zeros(labels, np.unique(labels), used.el)))
-    weights = solved.base
-    if solved.row_weights is not None:
-        both = np.concatenate((solved.row_weights, solved.row_weights))
-        weights = both if weights is None else both * weights
-    weighted = np.asarray(solved.rows)
-    weighted = weighted if weights is None else weighted * weights
-    onto = solved.solution.inverse @ (weighted @ taken.T)
-    if solved.basis is not None:
-        onto = solved.basis @ onto
-    onto = onto[:len(covariance)]
+    onto = found.response(taken.T)[:len(covariance)]
     left = covariance - onto @ after.covariance @ onto.T
     # both noises are measured: along what was taken nothing is left, but for their difference
     values, vectors = np.linalg.eigh(0.5 * (left + left.T))

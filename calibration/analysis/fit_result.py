@@ -12,7 +12,7 @@ from pointing_model.zero import Zeros
 
 from ..estimation.degeneracy import Undetermined
 from ..estimation.few_rows import FEW, interval_factor
-from ..estimation.least_squares import spectrum_of, uncertainty_of
+from ..estimation.least_squares import spectrum_of
 
 #: times what a direction moves at the stars, from where it moves more than they show
 _BEYOND = 10.0
@@ -186,7 +186,7 @@ def _dropped(spectrum, rank, names, basis=None):
     return out
 
 
-def make_result(run, names, used, solved, make_model, provenance, notes):
+def make_result(run, names, used, found, make_model, provenance, notes):
     """`FitResult` of a solution.
 
     Parameters
@@ -194,7 +194,7 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     run : PointingRun
     names : sequence of str, length k
     used : rows.Usable
-    solved : least_squares.Solved
+    found : gauss_newton.Estimate
     make_model : callable
         ``make_model(p, covariance, facts) -> PointingModel``.
     provenance : dict or None
@@ -203,18 +203,9 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         What the fit itself writes into the provenance.
     """
     rows_used, sigmas, excluded = used.rows, used.sigmas, used.excluded
-    solution, basis, feasible = solved.solution, solved.basis, solved.feasible
-    row_weights = solved.row_weights
-    n, lost = len(rows_used), feasible.size - int(np.count_nonzero(feasible))
-    all_feasible = not lost
-    if row_weights is not None and lost:
-        row_weights = row_weights * feasible
-    noise = solved.base, row_weights
-    if solved.few:  # rows count in full or are lost
-        lost = lost if row_weights is None else int(np.count_nonzero(row_weights == 0.0))
-        noise = solved.base, None
-    covariance, scatter, freedom = uncertainty_of(solution, *noise, sigmas is not None, basis, lost)
-    r = solution.residual
+    solution, basis, feasible = found.solution, found.basis, found.feasible
+    row_weights, r, n = found.row_weights, found.residual, len(rows_used)
+    covariance, scatter = found.covariance, found.scatter
     if n == len(run):
         residual_x, residual_y = r[:n], r[n:]  # nobody else has it
         w = np.ones(n) if row_weights is None else row_weights
@@ -222,7 +213,7 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
         residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
         w[rows_used] = 1.0 if row_weights is None else row_weights
-    if not all_feasible:
+    if not feasible.all():
         lost = rows_used[~feasible]
         residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
         excluded = excluded + [
@@ -232,11 +223,9 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
     if sigmas is not None:
         x_unit, y_unit = (rms(s) for s in (sigmas[:n], sigmas[n:]))
         scatter = scatter[0] * x_unit, scatter[1] * y_unit
-    dropped, left_open = _dropped(solved.spectrum, len(solution.p), names), solved.undetermined
+    dropped, left_open = _dropped(found.spectrum, len(solution.p), names), found.undetermined
     if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
-        both = np.concatenate((row_weights, row_weights))
-        both = both if solved.base is None else both * solved.base
-        inner = spectrum_of(solved.rows, both, solution.normal)
+        inner = spectrum_of(found.rows, found.all_weights, solution.normal)
         dropped += _dropped(inner, solution.rank, names, basis)
         if len(inner.s) == len(left_open.fitted):
             left_open = left_open.more(Undetermined.of(inner, solution.rank))
@@ -254,10 +243,10 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
         **(provenance or {}),
     }
-    model = make_model(solved.p, covariance, facts)
+    model = make_model(found.coefficients, covariance, facts)
     open_directions = left_open.directions
     if not len(open_directions):  # of a series, of which no coefficient is held
-        spectrum, rank = solved.spectrum, len(solution.p)
+        spectrum, rank = found.spectrum, len(solution.p)
         open_directions = Undetermined.of(spectrum, rank).directions
         # the singular value tells by how much one moves the stars (root mean square): functions
         # that are nearly alike among these are so between them too
@@ -273,8 +262,8 @@ def make_result(run, names, used, solved, make_model, provenance, notes):
         sides=rows_by_side(run.mount, run['el'][w > 0.0]))
     return FitResult(
         model=model, names=tuple(names),
-        coefficients=solved.p, covariance=covariance, covariance_from=covariance_from,
-        scatter=scatter, rank=solution.rank, singular_values=solved.spectrum.s[::-1],
+        coefficients=found.coefficients, covariance=covariance, covariance_from=covariance_from,
+        scatter=scatter, rank=solution.rank, singular_values=found.spectrum.s[::-1],
         dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
-        excluded=excluded, robust=row_weights is not None, iterations=solved.iterations,
-        freedom=freedom, undetermined=undetermined, raised=used.raised)
+        excluded=excluded, robust=row_weights is not None, iterations=found.iterations,
+        freedom=found.freedom, undetermined=undetermined, raised=used.raised)

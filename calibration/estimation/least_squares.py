@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from .few_rows import satterthwaite
-from .in_cache import BLOCK, MANY, change, parts
 from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -103,54 +102,12 @@ def normal_matrices(rows, weights=None):
     if not isinstance(rows, np.ndarray):
         return rows.normals(weights)
     n = rows.shape[1] // 2
-    if not _are_many(rows):
-        weighted = rows if weights is None else rows * weights
-        x_normal = weighted[:, :n] @ rows[:, :n].T
-        return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
-    return _normals_and_pull(rows, weights)[:2]
+    weighted = rows if weights is None else rows * weights
+    x_normal = weighted[:, :n] @ rows[:, :n].T
+    return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
 
 
-def _are_many(rows):
-    """Whether a design is gone over by parts."""
-    return isinstance(rows, np.ndarray) and rows.shape[1] > BLOCK
-
-
-def _normals_and_pull(rows, weights, b=None):
-    """As `normal_matrices`, and ``rows @ (weights * b)``, in one pass over many rows."""
-    n = rows.shape[1] // 2
-    (x_normal, x_pull), (y_normal, y_pull) = (
-        _normal(rows[:, part], weights if weights is None or len(weights) == n else weights[part],
-                None if b is None else b[part])
-        for part in (slice(0, n), slice(n, None)))
-    return x_normal, x_normal + y_normal, x_pull + y_pull
-
-
-def _normal(rows, weights, b):
-    k, n = rows.shape
-    out, pull, weighted = np.zeros((k, k)), np.zeros(k), np.empty((k, BLOCK))
-    for begin in range(0, n, BLOCK):
-        part = rows[:, begin:begin + BLOCK]
-        if weights is None:
-            by = part
-            out += _gram(part)
-        else:
-            by = np.multiply(part, weights[begin:begin + BLOCK], out=weighted[:, :part.shape[1]])
-            out += by @ part.T
-        if b is not None:
-            pull += by @ b[begin:begin + BLOCK]
-    return out, pull
-
-
-def _gram(rows):
-    """``rows @ rows.T`` of few long rows: BLAS' own way for that takes three times as long."""
-    out = np.empty((len(rows), len(rows)))
-    np.matmul(rows[:-1], rows.T, out=out[:-1])
-    out[-1, :-1] = out[:-1, -1]
-    out[-1, -1] = rows[-1] @ rows[-1]
-    return out
-
-
-def weighted_solve(rows, b, weights, rcond, normals=None):
+def weighted_solve(rows, b, weights, rcond):
     """Weighted least squares of b = p @ rows, with singular directions left out.
 
     The inverse normal matrix where that is accurate, with a step of iterative refinement (which
@@ -160,31 +117,15 @@ def weighted_solve(rows, b, weights, rcond, normals=None):
     ----------
     rows : ndarray, shape (k, 2n)
     b : ndarray, shape (2n,)
-    weights : ndarray, shape (2n,), or (n,) where those of x and y are the same, or None
+    weights : ndarray, shape (2n,), or None
     rcond : float
         Relative singular value below which a direction is left out.
-    normals : tuple of ndarray, optional
-        What `normal_matrices` gives, where it is known.
 
     Returns
     -------
     Solution
     """
-    solution = coefficients_of(rows, b, weights, rcond, normals)
-    return solution._replace(residual=_left(b, solution.p, rows))
-
-
-def coefficients_of(rows, b, weights, rcond, normals=None, pull=None):
-    """As `weighted_solve`, without its residual; `pull`: ``rows @ (weights * b)`` if known."""
-    many = _are_many(rows)
-    if weights is not None and len(weights) < len(b) and not many:
-        weights = np.concatenate((weights, weights))
-    if normals is not None:
-        x_normal, normal = normals
-    elif many and pull is None:
-        x_normal, normal, pull = _normals_and_pull(rows, weights, b)
-    else:
-        x_normal, normal = normal_matrices(rows, weights)
+    x_normal, normal = normal_matrices(rows, weights)
     try:
         inverse = (inverse_of(normal) if isinstance(rows, np.ndarray)
                    else rows.inverse(normal))
@@ -196,35 +137,18 @@ def coefficients_of(rows, b, weights, rcond, normals=None, pull=None):
         rank = len(normal)
         refinements = 1 if condition > _FINE_CONDITION else 0
     else:
-        if weights is not None and len(weights) < len(b):
-            weights = np.concatenate((weights, weights))
         spectrum = spectrum_of(rows, weights, normal)
         rank = spectrum.rank(rcond)
         kept = slice(len(spectrum.s) - rank, None)  # none, where no row has a weight
         half = spectrum.vectors[:, kept] / (spectrum.scale[:, None] * spectrum.s[kept])
         inverse = half @ half.T
         refinements = 3
-    if pull is None:
-        pull = rows @ _weighted(b, weights)
-    p = inverse @ pull
+    p = inverse @ (rows @ (b if weights is None else weights * b))
+    residual = b - p @ rows
     for _ in range(refinements):
-        p = p + inverse @ (rows @ _weighted(_left(b, p, rows), weights))
-    return Solution(p, inverse, normal, x_normal, None, rank)
-
-
-def _weighted(b, weights):
-    if weights is None:
-        return b
-    return weights * b if len(weights) == len(b) else (weights * b.reshape(2, -1)).reshape(-1)
-
-
-def _left(b, p, rows):
-    if len(b) < MANY:
-        taken = p @ rows
-        return np.subtract(b, taken, out=taken)
-    out = np.empty_like(b)
-    change(b, p, rows, out)
-    return out
+        p = p + inverse @ (rows @ (residual if weights is None else weights * residual))
+        residual = b - p @ rows
+    return Solution(p, inverse, normal, x_normal, residual, rank)
 
 
 class Uncertainty(NamedTuple):
@@ -297,8 +221,7 @@ def _noises(solution, base, row_weights, lost):
     else:
         inflation, consistency = BISQUARE_INFLATION, BISQUARE_VARIANCE
         total = float(row_weights.sum())
-        squares = [sum(float(row_weights[part] @ np.square(of[part])) for part in parts(n))
-                   for of in (rx, ry)]
+        squares = [float(row_weights @ np.square(of)) for of in (rx, ry)]
     hat = inverse @ solution.x_normal
     used, squared = float(np.trace(hat)), float(np.vdot(hat.T, hat))  # traces of H and of H H
     pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)

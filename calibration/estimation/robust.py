@@ -8,7 +8,6 @@ from math import exp
 
 import numpy as np
 
-_SORTED = 200  # values up to which sorting them all is the fastest
 #: 1 / 0.6745: from the median of the absolute residuals to 1 sigma of Gaussian noise
 MAD = 1.4826
 #: where Huber's weights set in (Huber 1964). Of the radial distance it has 95.0 % of the
@@ -29,7 +28,7 @@ HAMPEL = (3.0, 12.0, 25.0)
 GROSS = BISQUARE
 
 
-def sigma_of(residual, dof_factor=1.0, axis=None, room=None):
+def sigma_of(residual, dof_factor=1.0, axis=None):
     """1-sigma noise from the median of the absolute residuals.
 
     Parameters
@@ -39,25 +38,8 @@ def sigma_of(residual, dof_factor=1.0, axis=None, room=None):
         For the freedom that a fit took: sqrt(n / (n - k)).
     axis : int, optional
         As for `numpy.median`.
-    room : ndarray, optional
-        Of the shape of `residual`, to work in.
     """
-    distance = np.abs(residual, out=room)
-    last = distance.ndim - 1
-    if axis in (None, last) and (last == 0 or axis == last) and distance.size:
-        # as numpy.median, to the bit, at a third of its time
-        half, odd = divmod(distance.shape[-1], 2)
-        total = float(np.add.reduce(distance, axis=None))
-        if total == total:  # none is NaN
-            if distance.shape[-1] <= _SORTED:
-                distance.sort()
-                low = distance[..., half if odd else half - 1]
-            else:  # numpy has a fast way for one place only
-                distance.partition(half)
-                low = (distance[..., half] if odd
-                       else np.maximum.reduce(distance[..., :half], axis=-1))
-            return MAD * dof_factor * ((low + distance[..., half]) / 2.0)
-    return MAD * dof_factor * np.median(distance, axis=axis)
+    return MAD * dof_factor * np.median(np.abs(residual), axis=axis)
 
 
 def huber(u):

@@ -3,59 +3,16 @@
 
 import numpy as np
 import pytest
-from noisy_run import make_run
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.rotation_offsets import Rotating
-from calibration.estimation import gauss_newton, robust_rounds, robust_weights, rounds_of_many
+from calibration.estimation.gauss_newton import noise_of, settle
+from calibration.estimation.robust import bisquare
 from msg_tools.units import ARCSEC
-from pointing_model.geometry import offsets
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import Trig, stacked_design
 
 MOUNTS, NAMES = (ALTAZ, Mount.equatorial(0.6)), ('altaz', 'equatorial')
-
-
-def rotating(az, el, mount, at):
-    names = tuple(mount.names.physical)
-    trig = Trig(az, el, mount)
-    out = Rotating(trig, names, {}, np.zeros(2 * len(az)),
-                   stacked_design(names, az, el, mount, trig), mount)
-    out.residual(np.asarray(at), False)
-    return out
-
-
-@pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
-@pytest.mark.parametrize('top', [50.0, 85.0, 89.5])
-def test_the_second_order_is_within_its_bound(mount, top):
-    rng = np.random.default_rng(int(top))
-    names, used = mount.names.physical, []
-    for _ in range(40):
-        az, el = rng.uniform(-3, 3, 300), np.radians(rng.uniform(top - 5, top, 300))
-        at, one, two = rng.normal(size=(3, 7)) * np.array([[50.0], [20.0], [20.0]]) * ARCSEC
-        one[rng.random(7) < 0.5] = 0.0  # along few of them it is the largest
-        two[rng.random(7) < 0.5] = 0.0
-        bound = rotating(az, el, mount, at).curvature()
-        if not (np.isfinite(bound) and one.any() and two.any()):
-            continue
-
-        both, first, second, none = (
-            np.array(offsets(az, el, dict(zip(names, p)), mount))
-            for p in (at + one + two, at + one, at + two, at))
-        mixed = np.abs(both - first - second + none).max()
-        used.append(mixed / (bound * np.abs(one).sum() * np.abs(two).sum()))
-    assert len(used) > 20
-    assert 0.05 < max(used) < 0.5
-
-
-def test_where_the_mount_cannot_look_there_is_no_bound():
-    az, el = np.array([0.1, 1.0]), np.array([0.5, np.pi / 2 - 300 * ARCSEC])
-    at = np.array([0, 0, 100.0, 0, 0, 0, 0]) * ARCSEC
-    assert rotating(az, el, ALTAZ, at).curvature() == np.inf
-    assert rotating(az[:1], el[:1], ALTAZ, at).curvature() < 10.0
-    assert rotating(az[:1], el[:1], ALTAZ, 0.0 * at).curvature() < 10.0
 
 
 def simulated(rng, az, el, mount, **columns):
@@ -70,10 +27,7 @@ def simulated(rng, az, el, mount, **columns):
 @pytest.mark.parametrize('robust', [True, False])
 @pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
 @pytest.mark.parametrize('kind', ['few', 'some', 'many', 'sigmas', 'near the zenith'])
-def test_residuals_are_those_of_the_rotations(monkeypatch, kind, mount, robust):
-    if kind == 'many':
-        for module in (robust_weights, rounds_of_many):
-            monkeypatch.setattr(module, 'MANY', 0)
+def test_residuals_are_those_of_the_rotations(kind, mount, robust):
     rng = np.random.default_rng(4)
     n = {'few': 12, 'some': 300}.get(kind, 8000)
     az, el = rng.uniform(-3, 3, n), np.arcsin(rng.uniform(0.3, 0.99, n))
@@ -91,46 +45,6 @@ def test_residuals_are_those_of_the_rotations(monkeypatch, kind, mount, robust):
     y = (run['el_enc'] - el_enc)[there]
     assert np.abs(fit.residual_x[there] - x).max() < 1e-7 * ARCSEC
     assert np.abs(fit.residual_y[there] - y).max() < 1e-7 * ARCSEC
-
-
-def test_a_fit_of_many_rows_ends_without_a_look_that_shows_nothing(monkeypatch):
-    monkeypatch.setattr(robust_weights, 'MANY', 0)
-    monkeypatch.setattr(rounds_of_many, 'MANY', 0)
-    run = make_run(np.random.default_rng(4), 8000)
-    short = fit_terms(run)
-    monkeypatch.setattr(Rotating, 'beyond', lambda *args: np.inf)
-    looked = fit_terms(run)
-    assert short.iterations < looked.iterations
-    assert np.abs(short.coefficients - looked.coefficients).max() < 1e-8 * ARCSEC
-    assert np.abs(short.residual_x - looked.residual_x).max() < gauss_newton.EXACT
-
-
-@pytest.mark.parametrize('robust', [True, False])
-@pytest.mark.parametrize('mount', MOUNTS, ids=NAMES)
-@pytest.mark.parametrize('where', ['a field of 3 degrees', 'some by the zenith'])
-@pytest.mark.parametrize('by_parts', [True, False])
-def test_a_fit_that_begins_at_a_part_has_the_columns_of_its_end(monkeypatch, by_parts, where,
-                                                                mount, robust):
-    """Where the stars hardly tell terms apart, theirs change with the place of the columns."""
-    rng = np.random.default_rng(9)
-    n = 7000
-    az, el = rng.uniform(-3, 3, n), np.arcsin(rng.uniform(0.2, 0.99, n))
-    if where == 'some by the zenith':
-        el[::5] = np.radians(rng.uniform(89.0, 89.95, len(el[::5])))
-    else:
-        az, el = 1.0 + rng.uniform(-0.03, 0.03, n), 0.8 + rng.uniform(-0.03, 0.03, n)
-    run = simulated(rng, az, el, mount)
-    if by_parts:
-        for module in (robust_weights, rounds_of_many):
-            monkeypatch.setattr(module, 'MANY', 0)
-    begun = fit_terms(run, robust=robust)
-    for module in (robust_weights, rounds_of_many):
-        monkeypatch.setattr(module, 'MANY', 10**9)
-    monkeypatch.setattr(gauss_newton, '_MANY', 10**9)
-    monkeypatch.setattr(robust_rounds, '_SETTLED', 1e-6)
-    whole = fit_terms(run, robust=robust)
-    assert np.abs((begun.coefficients - whole.coefficients) / whole.sigma).max() < 1e-3
-    np.testing.assert_allclose(begun.sigma, whole.sigma, rtol=3e-4)
 
 
 @pytest.mark.parametrize('robust', [True, False])
@@ -153,28 +67,13 @@ def test_by_the_zenith_azimuths_go_the_shorter_way_round(robust):
                                                                     abs=0.5 * ARCSEC)
 
 
-@pytest.mark.parametrize('robust', [True, False])
-@pytest.mark.parametrize('every', [2, 4, 5, 8])
-def test_rows_off_in_turns_are_in_the_part_as_in_all(monkeypatch, every, robust):
-    """One in so many off, in step with the part of the rows that a fit begins at."""
-    rng = np.random.default_rng(12)
-    az, el = rng.uniform(-3, 3, 7000), np.arcsin(rng.uniform(0.3, 0.99, 7000))
-    run = simulated(rng, az, el, ALTAZ)
-    run.columns['el_enc'][::every] += (30 if every > 2 else 3) * ARCSEC
-    begun = fit_terms(run, robust=robust)
-    monkeypatch.setattr(gauss_newton, '_MANY', 10**9)
-    whole = fit_terms(run, robust=robust)
-    assert np.abs((begun.coefficients - whole.coefficients) / whole.sigma).max() < 0.05
-    np.testing.assert_allclose(begun.sigma, whole.sigma, rtol=5e-3)
-
-
 def test_of_columns_of_zeros_a_fit_says_so():
     rng = np.random.default_rng(13)
     with pytest.raises(ValueError, match='tell nothing of what is to be fitted'):
         fit_terms(simulated(rng, rng.uniform(-3, 3, 300), np.zeros(300), ALTAZ), ('NPAE',))
 
 
-def test_rows_where_the_mount_cannot_look_are_left_out_of_many(monkeypatch):
+def test_rows_where_the_mount_cannot_look_are_left_out():
     rng = np.random.default_rng(10)
     az, el = rng.uniform(-3, 3, 8000), np.arcsin(rng.uniform(0.3, 0.99, 8000))
     run = simulated(rng, az, el, ALTAZ)
@@ -184,22 +83,36 @@ def test_rows_where_the_mount_cannot_look_are_left_out_of_many(monkeypatch):
     run.columns['az_enc'] = az_enc + noise[0] / np.cos(el)
     run.columns['el_enc'] = el_enc + noise[1]
     run.columns['el'][::500] = np.pi / 2 - 100 * ARCSEC
-    whole = fit_terms(run)
-    for module in (robust_weights, rounds_of_many):
-        monkeypatch.setattr(module, 'MANY', 0)
-    by_parts = fit_terms(run)
-    assert [of['row'] for of in by_parts.excluded] == list(range(0, 8000, 500))
-    assert [of['row'] for of in whole.excluded] == list(range(0, 8000, 500))
-    assert np.abs(by_parts.coefficients - whole.coefficients).max() < 1e-4 * whole.sigma.min()
-    assert np.isnan(by_parts.residual_x[::500]).all()
+    fit = fit_terms(run)
+    assert [of['row'] for of in fit.excluded] == list(range(0, 8000, 500))
+    assert np.isnan(fit.residual_x[::500]).all()
+    left = fit_terms(run.select(np.arange(8000) % 500 > 0))
+    assert np.abs((fit.coefficients - left.coefficients) / left.sigma).max() < 0.01
 
 
-def test_rows_without_an_offset_fit_nothing(monkeypatch):
+def test_rows_without_an_offset_fit_nothing():
     """Coefficients of exactly zero, where a residual is what was observed."""
-    monkeypatch.setattr(robust_weights, 'MANY', 0)
-    monkeypatch.setattr(rounds_of_many, 'MANY', 0)
     rng = np.random.default_rng(8)
     az, el = rng.uniform(0, 6, 7000), rng.uniform(0.4, 1.4, 7000)
     fit = fit_terms(PointingRun({'az': az, 'el': el, 'az_enc': az, 'el_enc': el}))
     assert np.abs(fit.coefficients).max() < 1e-9 * ARCSEC
     assert np.abs(fit.residual_x).max() < 1e-9 * ARCSEC
+
+
+@pytest.mark.parametrize('given', [False, True])
+def test_the_weights_settle_at_the_minimum_of_the_bisquare(given):
+    rng = np.random.default_rng(4)
+    rows, noise = rng.normal(size=(3, 80)), 1e-6 * np.repeat([1.0, 2.0], 40)
+    b = np.array([1e-3, -2e-3, 5e-4]) @ rows + noise * rng.normal(size=80)
+    b[:4] += 30e-6
+    weights = 1.0 / np.square(noise) if given else None
+    scales, residual = noise_of(rows, b, weights, 3, 1e-12)
+    assert scales == pytest.approx([1.0, 1.0] if given else [1e-6, 2e-6], rel=0.3)
+    solution, row_weights = settle(rows, b, weights, scales, 1e-12, residual, 1e-15)
+    assert (row_weights[:4] == 0.0).all() and (row_weights[4:] > 0.0).sum() >= 35
+    at = solution.residual / np.repeat(scales, 40) / (noise if given else 1.0)
+    u = np.hypot(*at.reshape(2, -1))
+    np.testing.assert_allclose(bisquare(u), row_weights, atol=1e-9)
+    # no coefficient moves the weighted residuals
+    pull = np.tile(row_weights, 2) * solution.residual * (1.0 if weights is None else weights)
+    assert np.abs(rows @ pull).max() < 1e-9 * np.abs(rows * pull).sum()
