@@ -32,11 +32,11 @@ def of_fit(size):
     return partial(fit_terms, make_run(size, 1))
 
 
-def of_diagnosis(streamed_from, size):
-    """Search for what a model lacks, without cross-validation: in memory, or in chunks."""
+def of_diagnosis(most_rows, size):
+    """Search for what a model lacks, without cross-validation: of all rows, or of a part."""
     from calibration.analysis.diagnosis import diagnose
     return partial(diagnose, make_run(size, 2), cross_validation=False, flips=99,
-                   streamed_from=streamed_from)
+                   most_rows=most_rows)
 
 
 def of_model(back, size):
@@ -130,7 +130,7 @@ def operations(folder):
     return {
         'fit': ('rows', ROWS, of_fit),
         'diagnosis': ('rows', (30, 100, 1000, 10_000), partial(of_diagnosis, 10**9)),
-        'diagnosis in chunks': ('rows', (1000, 10_000, 100_000, 1_000_000),
+        'diagnosis of a part': ('rows', (1000, 10_000, 100_000, 1_000_000),
                                 partial(of_diagnosis, 999)),
         'model to the encoder': ('directions', ROWS, partial(of_model, False)),
         'model to the sky': ('directions', ROWS, partial(of_model, True)),

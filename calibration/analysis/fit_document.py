@@ -77,6 +77,7 @@ def refused_fit(error):
         'undetermined': None,
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
         'rms_with_outliers_arcsec': None, 'rows_are': 'line', 'rows_taken_back': 0,
+        'rows_not_drawn': 0, 'detection_factor': 1.0,
         'columns_alike': [], 'readings': error.readings,
         'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
         'origin_of_errors': None}

@@ -42,10 +42,9 @@ FAR = 2.5
 FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
 #: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
 RUNS = 4
-#: rows from which a diagnosis goes through them in chunks: of so many the search in memory and its
-#: cross-validation take 22 s of CPU and 1.5 GB, and both grow with the rows (a million in chunks:
-#: 10 s, 0.4 GB beside the run)
-STREAMED_FROM = 10000
+#: rows that a diagnosis looks at, and of each run at least, where there are more: time and memory
+#: grow with them
+MOST_ROWS, OF_RUN = 5000, 30
 #: a candidate whose score a wander swells by more (variance) is one that it can be mistaken for;
 #: with up to a fifth more a p of 0.01 is one of 0.02
 SLOW = 1.2

@@ -12,7 +12,7 @@ from .alternatives import contenders
 from .cause_models import by_any_cause, fit_causes
 from .chance import Chance
 from .choice_rules import choose, settled
-from .constants import FLIPS, FOLDS, SET_WIDTH, STREAMED_FROM
+from .constants import FLIPS, FOLDS, MOST_ROWS, SET_WIDTH
 from .detection_limits import detectable
 from .diagnosis_base import Base, mount_of, observations
 from .diagnosis_result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
@@ -27,7 +27,6 @@ from .repeats import repeats_sentence
 from .row_counts import claimed, row_word
 from .scores import Bank
 from .sessions import arrange, split
-from .streamed import diagnose_streamed
 from .undetermined_terms import determined, said
 from .untestable import judge_undecided
 from .validation import cross_validated, judge_on, partitions_of
@@ -41,7 +40,7 @@ _MORE = 1.02  # what terms fitted beside a wander leave over those without, from
 
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
-             streamed_from=STREAMED_FROM, sessions=None, partitions=None, progress=None,
+             most_rows=MOST_ROWS, sessions=None, partitions=None, progress=None,
              jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 
@@ -66,9 +65,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         most 5 from 1500 rows on).
     seed : int
     cross_validation : bool
-    streamed_from : int
-        More rows than this are gone through in chunks, see `streamed`: without `flips`, `folds`
-        and the cross-validation. A note says so.
+    most_rows : int
+        Of more than this a part is looked at, spread evenly over each run. A note says so, and what
+        it costs.
     sessions : float, optional
         A gap longer than so many hours begins a session with terms of its own; by default told
         by the data, see `sessions.arrange`. 0: runs are taken as they are.
@@ -106,16 +105,20 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         obs.notes.append(not_taken(obs.context))
     base, left_open = determined(obs, base)
     rng = np.random.default_rng(seed)
-    if len(obs) > streamed_from:
-        result = diagnose_streamed(obs, base, alpha, rng, streamed_from)
-    else:
-        result = _in_memory(obs, base, alpha, rng, flips, folds if cross_validation else 0,
-                            partitions, progress or _silent, jobs)
+    if len(obs) > most_rows:
+        obs = obs.thinned(most_rows, rng)
+    result = _diagnosis(obs, base, alpha, rng, flips, folds if cross_validation else 0, partitions,
+                        progress or _silent, jobs)
     if left_open is not None:
         result = said(result, left_open)
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
+    if obs.thinned_from:
+        result.notes.append(
+            f'{len(obs)} of {obs.thinned_from} rows were looked at, spread evenly over each run. '
+            f'An effect must be {(obs.thinned_from / len(obs))**0.5:.1f} times as large to be '
+            'found as with all of them; fit --base MODEL fits all rows to the model that is found')
     result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
     result.unphysical = unphysical(result)
     if holdout is not None:
@@ -148,7 +151,7 @@ def not_taken(context):
             f'{", ".join(map(context.said, names))} ({how})')
 
 
-def _in_memory(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
+def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     progress('looking for effects', 0, None)
     work = Work(obs, base, alpha)
     problem = work.problem

@@ -1,7 +1,7 @@
 """What a diagnosis starts from: usable rows, the base model and its columns, decoder slips."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import known_terms, stacked_design
 
+from .constants import OF_RUN
 from .linear_model import Columns
 
 _FARTHEST = 30  # bars or lines that a slip goes, at most
@@ -143,6 +144,8 @@ class Observations:
         Line of each row in its file, or its row in a run without one.
     sources : ndarray of object, shape (n,)
         That file, or None.
+    thinned_from : int
+        Usable rows of which these are a part; 0: all.
     """
 
     run: PointingRun
@@ -156,6 +159,7 @@ class Observations:
     notes: list
     lines: np.ndarray
     sources: np.ndarray
+    thinned_from: int = 0
 
     def __len__(self):
         return len(self.run)
@@ -170,6 +174,28 @@ class Observations:
             self.context.select(rows), self.observed[both],
             None if self.inverse_sigma is None else self.inverse_sigma[both], [], [],
             self.lines[rows], self.sources[rows])
+
+    def thinned(self, most, rng):
+        """A part of them, spread evenly over each run: one row, drawn, of every so many.
+
+        Parameters
+        ----------
+        most : int
+            Rows, about; runs of fewer than `OF_RUN` are whole.
+        rng : numpy.random.Generator
+
+        Returns
+        -------
+        Observations
+        """
+        part, rows = most / len(self), []
+        for run in range(len(self.runs)):
+            own = np.flatnonzero(self.label == run)
+            count = min(len(own), max(OF_RUN, round(part * len(own))))
+            ends = np.linspace(0, len(own), count + 1).astype(int)
+            rows.append(own[rng.integers(ends[:-1], ends[1:])])
+        out = self.select(np.sort(np.concatenate(rows)))
+        return replace(out, excluded=self.excluded, notes=self.notes, thinned_from=len(self))
 
     def excluding(self, i, reason):
         """Entry of `excluded` for row `i`."""

@@ -42,6 +42,8 @@ class RowsTold:
         What their numbers count: lines of a file, or rows of a run without one.
     taken_back : int
         Rows that whoever wrote the file took back; they are none of those read.
+    not_drawn : int
+        Rows of a long run that are not looked at, see `Observations.thinned`.
     """
 
     read: int
@@ -51,17 +53,18 @@ class RowsTold:
     rms_with: float | None
     word: str = 'row'
     taken_back: int = 0
+    not_drawn: int = 0
 
     @property
     def too_few(self):
         """Whether more than a third is left out."""
-        offered = self.read - self.copies
+        offered = self.read - self.copies - self.not_drawn
         return offered - self.used > MOST_LEFT_OUT * offered
 
     @property
     def lost(self):
         """Rows read and not used."""
-        return self.read - self.used
+        return self.read - self.used - self.not_drawn
 
     @property
     def refusal(self):
@@ -70,11 +73,17 @@ class RowsTold:
                 'no effect is claimed: what the others show may come from what is wrong with '
                 'those. Look at the rows left out, and at the columns.')
 
+    @property
+    def detection_factor(self):
+        """How many times larger an effect must be to be found than with all rows."""
+        return (1.0 + self.not_drawn / max(self.used, 1)) ** 0.5
+
     def to_dict(self):
         """Keys of the JSON result."""
         return {'rows_read': self.read, 'rows_used': self.used, 'outliers': self.outliers,
                 'rms_with_outliers_arcsec': self.rms_with, 'rows_are': self.word,
-                'rows_taken_back': self.taken_back}
+                'rows_taken_back': self.taken_back, 'rows_not_drawn': self.not_drawn,
+                'detection_factor': self.detection_factor}
 
 
 def rows_told(result):
@@ -90,8 +99,10 @@ def rows_told(result):
     """
     obs = result.observations
     sources = obs.sources if len(set(obs.sources)) > 1 else None
-    return _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
+    told = _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
                  word=row_word(obs.run))
+    left = max(obs.thinned_from - len(obs), 0)
+    return replace(told, read=told.read + left, not_drawn=left)
 
 
 def rows_of_fit(run, result):
@@ -214,7 +225,7 @@ def refused_document(error):
         'equinox': None, 'unequal_scatter': None,
         'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
         'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
-        'rows_taken_back': 0}
+        'rows_taken_back': 0, 'rows_not_drawn': 0, 'detection_factor': 1.0}
 
 
 def used_sentence(told):

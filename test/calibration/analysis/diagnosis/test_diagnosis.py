@@ -33,7 +33,8 @@ KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noi
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
         'readings', 'as_read_rms_arcsec', 'unequal_scatter', 'worst_rows', 'held_out', 'no_star',
-        'unphysical', 'approach_from', 'rows_are', 'rows_taken_back',
+        'unphysical', 'approach_from', 'rows_are', 'rows_taken_back', 'rows_not_drawn',
+        'detection_factor',
         'as_read_terms', 'south', 'cv_contiguous', 'equinox'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
