@@ -3,8 +3,8 @@
     python benchmarks/papers.py            # a tenth of it, seconds
     python benchmarks/papers.py --full     # 10 000 angles, 2000 skies: a minute
 
-Without ROS. Beside each figure stands what the paper says. `test/test_papers.py` holds them at a
-small size.
+Without ROS. Beside each figure stands what the paper says. At a small size
+`test/telescope_mount/papers/test_errata.py` holds them.
 """
 
 import argparse

@@ -9,7 +9,7 @@ from importlib import import_module
 
 from msg_tools.spelling import spell_out
 
-from .commands import COMMANDS
+from .commands import COMMANDS, PAPERS
 from .commands.options import json_given
 
 #: options that are called otherwise than once, by command
@@ -60,7 +60,7 @@ def make_parser():
 
 def module_of(name):
     """The module of a command."""
-    return import_module(f'telescope_mount.commands.{name}')
+    return import_module(f'telescope_mount.{PAPERS.get(name, "commands." + name)}')
 
 
 def parsed(argv):

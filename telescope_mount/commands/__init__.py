@@ -9,3 +9,5 @@ COMMANDS = ('night', 'observe', 'watch', 'check_drivers', 'guard', 'lifecycle', 
             'close_the_loop', 'solve', 'fit', 'diagnose', 'track', 'season', 'zeros', 'apply',
             'export', 'info', 'recover', 'verify', 'replay', 'encoder_test',
             'completion')
+#: where those are that show what the papers did
+PAPERS = {name: f'papers.{name}_command' for name in ('experiment', 'encoder_test')}

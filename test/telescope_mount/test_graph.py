@@ -370,6 +370,12 @@ def test_the_sky_does_not_know_the_model():
             assert all(is_sky(n) for _, n in uses(path) if n.startswith('pointing_model')), path
 
 
+def test_nothing_imports_the_demonstrations():
+    for path in sources(*PACKAGES):
+        if path.parent.name != 'papers':
+            assert not of(imports(path), 'telescope_mount.papers'), path
+
+
 def test_the_arrows_inside_a_package_run_one_way():
     for package, others in INSIDE.items():
         for path in sources(package.replace('.', '/')):

@@ -1,6 +1,6 @@
 """The command ``experiment``."""
 
-from . import options
+from ..commands import options
 
 #: see `telescope_mount.ros`
 NEEDS_ROS = True
@@ -42,8 +42,8 @@ def run(args):
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.papers.table_1 import experiment_tables
 
-    from ..papers.experiment import run_experiment
-    from .console import Progress, end_of_night, new_console, print_lines
+    from ..commands.console import Progress, end_of_night, new_console, print_lines
+    from .experiment import run_experiment
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
     options.check_target(args.json)

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from . import options
+from ..commands import options
 
 
 def add(commands):
@@ -24,9 +24,9 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
-    from ..papers import encoder_test
-    from ..papers.encoder_page import write_encoder_page
-    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    from ..commands.console import Progress, new_console, print_files, print_lines, write_outputs
+    from . import encoder_test
+    from .encoder_page import write_encoder_page
     options.check_target(args.json)
     console, page = new_console(), args.out / 'page.html'
     options.refuse_existing(page, args)
