@@ -58,7 +58,7 @@ def rows(rounds=5, commit=BEFORE, size=SIZE):
             'to sky': lambda m=mount, v=values, r=at: geometry.encoder_to_sky(*r, v, mount=m),
             'to sky before': lambda m=mount, v=values, r=at: earlier.encoder_to_sky(
                 *r, v, mount=m)}
-        katpoint = peer('katpoint') if mount.altaz else None
+        katpoint = peer('katpoint') if mount.vertical else None
         if katpoint is not None:
             theirs = katpoint.PointingModel()
             theirs.fromlist(np.degrees([TERMS[0], 0, TERMS[3], -TERMS[2], TERMS[4], -TERMS[5],
@@ -72,10 +72,10 @@ def rows(rounds=5, commit=BEFORE, size=SIZE):
                            least))
         for way, kat in (('to encoder', 'apply'), ('to sky', 'reverse')):
             add(way, way, f'{way} before', before,
-                AS_FAST if mount.altaz and way == 'to encoder' else None)
-            if mount.altaz:
+                AS_FAST if mount.vertical and way == 'to encoder' else None)
+            if mount.vertical:
                 add(way, way, f'katpoint {kat}', f'katpoint {kat}')
-        if mount.altaz:
+        if mount.vertical:
             out.append(Row('model', 'altaz, to sky', str(size), times['to sky'],
                            f'limit {BACK / 1e6:g} million a second', size / BACK, 1.0))
         add('to sky against to encoder of then', 'to sky', 'to encoder before', before)

@@ -54,7 +54,7 @@ def look(reading, mount, turns):
     out = stiff = seen(0.0)
     for _ in range(3):
         sag = of['TF'] * np.linalg.norm(np.cross(up, out), axis=1)
-        if mount.altaz:
+        if mount.vertical:
             out = seen(sag)
         else:
             axis = np.cross(up, stiff)
@@ -125,7 +125,7 @@ def places(kind, mount, rng):
         out = np.array([a + radius * np.sin(turn) / np.cos(e), e + radius * np.cos(turn)])
     else:
         out = sky(n)
-    if mount.kind == 'german' and kind.split()[1] not in ('side', 'field'):
+    if mount.two_sided and kind.split()[1] not in ('side', 'field'):
         through = wrap(out[0]) < 0.0  # the east through the pole
         out = np.where(through, [out[0] + np.pi, np.pi - out[1]], out)
     return out

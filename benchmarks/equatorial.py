@@ -70,7 +70,7 @@ def exact(table, args, rng):
         first = rng.uniform(-3.1, 3.1, n)
         second = np.pi / 2 - np.concatenate((rng.uniform(0.1 * DEG, DEG, n // 2),
                                              rng.uniform(DEG, 2.0, n - n // 2)))
-        if not mount.altaz:
+        if not mount.vertical:
             first, second = through_pole(first, second, rng.random(n) < 0.5)
         terms = {name: sign * size[own] for name, (own, sign) in mount.names.terms.items()
                  if own in size}
@@ -82,7 +82,7 @@ def exact(table, args, rng):
                  * Rotation.from_rotvec((reading[1] - size['IE'])[:, None] * x))
         seen = turns.apply(Rotation.from_rotvec(size['CA'] * z).apply(y))
         off = np.linalg.norm(seen - mount.direction(first, second).T, axis=1).max() / ARCSEC
-        if not mount.altaz:
+        if not mount.vertical:
             terms['TF'] = 120.0 * ARCSEC
         back = geometry.encoder_to_sky(*geometry.sky_to_encoder(first, second, terms, mount),
                                        terms, mount=mount)

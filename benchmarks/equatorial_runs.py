@@ -24,7 +24,7 @@ def sky(rng, n, mount):
     az = rng.uniform(0.0, 2.0 * np.pi, n)
     el = np.arcsin(rng.uniform(np.sin(20.0 * DEG), np.sin(85.0 * DEG), n))
     h, _ = mount.axes_of(az, el)
-    a, e = mount.axes_of(az, el, (h < 0.0) & (mount.kind == 'german'))
+    a, e = mount.axes_of(az, el, (h < 0.0) & (mount.two_sided))
     return {
         'az': a, 'el': e, 'time': 1.7e9 + np.cumsum(rng.uniform(60.0, 120.0, n)),
         'temperature': 12.0 - 4.0 * np.linspace(0.0, 1.0, n)**0.7 + 0.5 * rng.normal(size=n),

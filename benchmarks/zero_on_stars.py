@@ -94,7 +94,7 @@ def run_of(truth, place, star, zero, e, marked):
         'az_enc': place[0] + wrap(first + zero[0] + e[0] * ARCSEC / np.cos(place[1]) - place[0]),
         'el_enc': second + zero[1] + e[1] * ARCSEC, 'run': np.ones(len(star)),
         MARK: np.full(len(star), float(marked))},
-        {} if truth.mount.altaz else {'mount': truth.mount})
+        {} if truth.mount.vertical else {'mount': truth.mount})
 
 
 def cases(latitude, n, moments, seeds, *, mount='altaz', polaris=False, rho=0.0, seed=0):
@@ -179,7 +179,7 @@ def _degrees(place, mount):
     """How far the axes slew in all, the longer of both each time."""
     first, second = mount.on_travel(*place)
     moves = np.abs(np.diff([first, second], axis=1))
-    moves[0] = np.abs(wrap(moves[0])) if mount.kind != 'german' else moves[0]
+    moves[0] = np.abs(wrap(moves[0])) if not mount.two_sided else moves[0]
     return float(moves.max(axis=0).sum() / DEG)
 
 

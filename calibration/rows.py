@@ -147,7 +147,7 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero.of_rows(run)):
         if np.ndim(angle) or angle:
             columns[name] = columns[name] - angle
-    if not run.mount.altaz:  # either side of the half turn
+    if not run.mount.vertical:  # either side of the half turn
         columns[f'el_{encoder}'] = columns['el'] + wrap(columns[f'el_{encoder}'] - columns['el'])
     sigmas = None
     if 'sigma_x' in run and 'sigma_y' in run:

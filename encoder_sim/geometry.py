@@ -94,7 +94,7 @@ class MountGeometry:
         self.mount = mount
         stand = mount.at(latitude)
         # columns: the axes of the frame in ENU
-        self._stand = None if stand.altaz else np.array(stand.frame).T
+        self._stand = None if stand.vertical else np.array(stand.frame).T
         self._zenith = np.array(stand.zenith)
         self.start = start
         self._slips = [

@@ -187,7 +187,7 @@ class Mount:
 
     @property
     def names(self):
-        """What its axes and terms are called: `pointing_model.mounts.Names`."""
+        """What its axes and terms are called: `pointing_model.mount_kinds.MountKind`."""
         return self.at().names
 
 

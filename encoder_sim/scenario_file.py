@@ -10,12 +10,13 @@ from importlib import resources
 from pathlib import Path
 
 from msg_tools.units import DEG
-from pointing_model.mounts import KINDS, parse_mount
+from pointing_model.mount_kinds import KINDS, USUAL
+from pointing_model.mounts import parse_mount
 
 from .scenario import Mount, Scenario
 from .scenario_fields import in_si
 
-_ALTAZ, _HADEC = KINDS['altaz'], KINDS['equatorial']
+_ALTAZ = KINDS[USUAL]
 _FOLDER = resources.files('encoder_sim') / 'scenarios'
 
 
@@ -37,7 +38,7 @@ def _key(item, names):
 def _items(cls, names):
     """Key -> field of a section, of a mount with `names`."""
     return {_key(item, names): item for item in dataclasses.fields(cls) if item.metadata
-            and not (item.metadata.get('of_pier') and names is not _HADEC)}
+            and not (item.metadata.get('of_pier') and not names.celestial)}
 
 
 def _unknown(key, cls, names, where):
@@ -181,7 +182,7 @@ def load_scenario(name_or_path='default'):
             if limits.travel_min >= limits.travel_max:
                 raise ValueError(f'scenario {file}, axes.{own}: travel_min_deg must be below '
                                  'travel_max_deg')
-    if not scenario.mount.at().altaz:
+    if not scenario.mount.at().vertical:
         _check_marks(scenario, chain[0][1])
     return dataclasses.replace(scenario, name=chain[0][0])
 

@@ -91,7 +91,7 @@ class WindLoad:
         if not self.turns:
             return np.zeros((len(seconds), 2))
         (east, north, _), (az, el) = self._towards, np.asarray(angles).T
-        if not self._mount.altaz:
+        if not self._mount.vertical:
             right, up = (self._towards @ t for t in self._mount.tangents(az, el))
             across, az = right * np.cos(el), self._mount.horizon_of(az, el)[0]
             return self._torques(seconds, az, across, up)

@@ -138,7 +138,7 @@ class Context:
         site = run.meta.get('site') or {}
         place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
                  for name in ('latitude', 'longitude')}
-        if place['latitude'] is None and run.mount.kind in ('equatorial', 'german'):
+        if place['latitude'] is None and run.mount.celestial:
             place['latitude'] = run.mount.latitude
         context = cls(az, el, columns, **place, mount=run.mount)
         context.time_is_utc = run.meta.get('time_is_utc', True)
@@ -274,13 +274,13 @@ class Context:
 
     def _derive_pier_side(self):
         beyond = is_beyond(self.el)
-        if self.mount.altaz and not np.any(beyond):
+        if self.mount.vertical and not np.any(beyond):
             return None
         return np.where(beyond, -1.0, 1.0)
 
     def _derive_counterweight(self):
         # of a level shaft; it turns with the first axis
-        return np.cos(self.az) if self.mount.kind == 'german' else None
+        return np.cos(self.az) if self.mount.two_sided else None
 
     @cached_property
     def _sequence(self):
@@ -360,7 +360,7 @@ class Context:
         return self._from_before(lambda _, last: approach[last])
 
     def _derive_az_rate(self):
-        if not self.mount.altaz:
+        if not self.mount.vertical:
             return self._sidereal_rate()[0]
         if self.latitude is None:
             return None
@@ -378,7 +378,7 @@ class Context:
         return x / self.trig.cos_el, y
 
     def _derive_el_rate(self):
-        if not self.mount.altaz:
+        if not self.mount.vertical:
             return self._sidereal_rate()[1]
         if self.latitude is None:
             return None
@@ -406,7 +406,7 @@ class Context:
 
     def tangent(self):
         """East-north-up unit vectors toward growing angles of the axes, each shape (3, n)."""
-        if not self.mount.altaz:
+        if not self.mount.vertical:
             return self.mount.tangents(self.az, self.el)
         t = self.trig
         return (np.array([t.cos_az, -t.sin_az, 0.0 * t.az]),
@@ -414,7 +414,7 @@ class Context:
 
     def direction(self):
         """East-north-up unit vectors of the catalogue place, shape (3, n)."""
-        if not self.mount.altaz:
+        if not self.mount.vertical:
             return self.mount.direction(self.az, self.el)
         t = self.trig
         return np.array([t.cos_el * t.sin_az, t.cos_el * t.cos_az, t.sin_el])

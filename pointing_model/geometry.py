@@ -27,7 +27,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .mount_names import CANONICAL
+from .mount_kinds import CANONICAL
 from .mounts import ALTAZ, OF_MOUNT, sides
 from .rotations import derivatives, in_turn, lowered, to_axes, to_sky, turned, values
 from .trig import BLOCK, sincos
@@ -88,7 +88,7 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
         return az + wrap(a_enc - a), el + side * wrap(e_enc - e)
     known = values(coefficients, mount)
     ia, ie, ca, npae, an, aw, tf = known
-    if not (ca or npae or an or aw or (tf and not mount.altaz)):
+    if not (ca or npae or an or aw or (tf and not mount.vertical)):
         return az + ia, el + ie + (tf * np.cos(el) if tf else 0.0)
     az, el = np.broadcast_arrays(az, el)
 
@@ -96,7 +96,7 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
         sines = *sincos(a), *sincos(e)
         d_az, d_el, _ = to_axes(sines, known, mount)
         d_el += ie
-        if tf and mount.altaz:
+        if tf and mount.vertical:
             d_el += tf * sines[3]
         return a + in_turn(d_az + ia), e + d_el
 
@@ -151,13 +151,13 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         x, y, z = place
         side = np.where(vy < 0.0, -1.0, 1.0)
         az, el = np.arctan2(side * x, side * y), np.arctan2(z, side * np.hypot(x, y))
-        return az_enc + wrap(az - az_enc), el if mount.altaz else el_enc + wrap(el - el_enc)
+        return az_enc + wrap(az - az_enc), el if mount.vertical else el_enc + wrap(el - el_enc)
 
     a, e = az_enc - ia, el_enc - ie
     az, el = look(a, e)
     for _ in range(_STEPS):
         d_az, d_el = added(az, el)
-        if mount.altaz:
+        if mount.vertical:
             az_new, el_new = look(a - d_az, e - d_el - tf * np.cos(el))
         else:
             az_new, el_new = look(a - d_az, e - d_el, _unit(az, el) if tf else None)
@@ -168,7 +168,7 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
             break
     else:
         az, el = np.where(open_, np.nan, az), np.where(open_, np.nan, el)
-    if mount.altaz:
+    if mount.vertical:
         az, el, _ = sides(az, el)
         az = az_enc + wrap(az - az_enc)
     return az, el
@@ -182,7 +182,7 @@ def _to_sky(az_enc, el_enc, known, mount):
         d_el -= known[1]
         # an elevation in another turn has its place within the first
         return (a + in_turn(d_az - known[0]),
-                in_turn(e + d_el) if mount.altaz else e + in_turn(d_el))
+                in_turn(e + d_el) if mount.vertical else e + in_turn(d_el))
 
     return _blockwise(place, *np.broadcast_arrays(az_enc, el_enc))
 
@@ -281,7 +281,7 @@ def linearised(az, el, sines, known, names, mount):
     d_az += ia
     x = in_turn(d_az) * cos_el
     d_el += ie
-    if tf and mount.altaz:
+    if tf and mount.vertical:
         d_el += tf * cos_el
 
     def tangent():

@@ -95,7 +95,7 @@ def to_json(model):
 
 def _mount_document(mount):
     """What the document has of another mount than an alt-azimuth one."""
-    if mount.altaz:
+    if mount.vertical:
         return {}
     convention = _CONVENTION_OF_AXES.format(', '.join(mount.names.axes))
     return {'version': _SKY_VERSION if mount.on_sky else _MOUNT_VERSION,

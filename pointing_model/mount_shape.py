@@ -10,8 +10,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from .mounts import TRAVEL_DEG
-
 #: links: what stands, what the first axis turns, what the second turns
 STANDS, TURNS, TUBE = 'pier', 'first_axis', 'tube'
 #: root of the tree, the frame of observations
@@ -49,7 +47,7 @@ def parts_of(mount):
     The pier is upright, in `ROOT`; the others are in the frames of their axes at rest.
     """
     pier = Part(STANDS, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
-    if mount.kind == 'german':  # the tube on the left of one who looks to the meridian
+    if mount.two_sided:  # the tube on the left of one who looks to the meridian
         tube = 0.22
         return [
             pier, Part(STANDS, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
@@ -122,10 +120,10 @@ def urdf(mount, name='mount'):
                 _visual(element, part)
     _joint(robot, 'pier_stands', ROOT, STANDS)
     _joint(robot, 'axes_stand', STANDS, 'axes', rpy=euler(base_of(mount)))
-    travel = [np.radians(ends) for ends in TRAVEL_DEG[mount.kind]]
+    travel = [np.radians(ends) for ends in mount.names.travel_deg]
     for key, axis, parent, child, ends in zip(
             mount.names.keys, ('0 0 -1', '0 -1 0'), ('axes', TURNS), (TURNS, TUBE), travel):
-        whole = mount.altaz and child == TURNS
+        whole = mount.vertical and child == TURNS
         joint = _joint(robot, key, parent, child, 'continuous' if whole else 'revolute')
         ElementTree.SubElement(joint, 'axis', xyz=axis)
         limits = {} if whole else {'lower': f'{ends[0]:.6f}', 'upper': f'{ends[1]:.6f}'}

@@ -1,4 +1,4 @@
-"""Mounts: how two axes stand to the horizon; what they are called: `mount_names`.
+"""Mounts: how two axes stand to the horizon; what they are called: `mount_kinds`.
 
 The axis frame is a rotation of the local horizon (east, north, up). Its z is the pole of the first
 axis, and angles of the first axis grow clockwise as seen from there, from y over x: azimuth from
@@ -25,19 +25,12 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .mount_names import KINDS
+from .mount_kinds import KINDS, USUAL
 
 #: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
 SAME = 1e-9
 #: whose the errors of a mount are, see `Mount`
 OF_MOUNT, ON_SKY = 'mount', 'sky'
-#: travel of the axes where nothing else is said, deg: first and second axis
-TRAVEL_DEG = {
-    'altaz': ((-270.0, 270.0), (-5.0, 95.0)),
-    'equatorial': ((-180.0, 180.0), (-90.0, 100.0)),
-    'german': ((-10.0, 190.0), (-90.0, 270.0)),
-    'free': ((-180.0, 180.0), (-90.0, 270.0)),
-}
 _HORIZON = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -61,7 +54,7 @@ class Mount:
         Unknown kind or errors, or the frame is no rotation.
     """
 
-    kind: str = 'altaz'
+    kind: str = USUAL
     frame: tuple = _HORIZON
     errors: str = OF_MOUNT
 
@@ -76,7 +69,7 @@ class Mount:
         if self.errors not in (OF_MOUNT, ON_SKY):
             raise ValueError(f'errors of a mount that act on {self.errors!r}; choose from '
                              f'{OF_MOUNT}, {ON_SKY}')
-        if self.on_sky and self.kind != 'german':
+        if self.on_sky and not self.two_sided:
             raise ValueError(f'errors that act on the sky before the flip, of a mount that is '
                              f'{self.kind}: it has none')
 
@@ -116,7 +109,7 @@ class Mount:
         return cls._of_pole('free', azimuth, elevation, roll)
 
     @classmethod
-    def _of_pole(cls, kind, azimuth, elevation, roll):
+    def _of_pole(cls, kind, azimuth, elevation, roll=0.0):
         s, c = np.sin(azimuth), np.cos(azimuth)
         z = np.array([np.cos(elevation) * s, np.cos(elevation) * c, np.sin(elevation)])
         y = np.array([-np.sin(elevation) * s, -np.sin(elevation) * c, np.cos(elevation)])
@@ -126,13 +119,23 @@ class Mount:
 
     @property
     def names(self):
-        """Its `Names`."""
+        """Its `MountKind`."""
         return KINDS[self.kind]
 
     @property
-    def altaz(self):
+    def vertical(self):
         """Whether the axis frame is the horizon, whose pole is the zenith."""
-        return self.kind == 'altaz'
+        return self.names.vertical
+
+    @property
+    def celestial(self):
+        """Whether the first axis points to the celestial pole."""
+        return self.names.celestial
+
+    @property
+    def two_sided(self):
+        """Whether it goes through the pole to change its side, as a German mount does."""
+        return self.names.two_sided
 
     def entries(self):
         """What a document of results says of another mount than an alt-azimuth one.
@@ -145,7 +148,7 @@ class Mount:
             ``mount`` (the kind) and ``mount_axes``; empty for an alt-azimuth mount. Where its
             errors act on the sky, ``errors_act`` says so.
         """
-        if self.altaz:
+        if self.vertical:
             return {}
         return {'mount': self.kind, 'mount_axes': list(self.names.axes),
                 **({'errors_act': ON_SKY} if self.on_sky else {})}
@@ -208,9 +211,9 @@ class Mount:
         first, second : float or ndarray
             Within half a turn of the middle of the travel.
         """
-        if self.altaz:
+        if self.vertical:
             return first, second
-        middle = np.pi / 2.0 if self.kind == 'german' else 0.0
+        middle = np.pi / 2.0 if self.two_sided else 0.0
         return middle + wrap(first - middle), middle + wrap(second - middle)
 
     def way(self, here, there):
@@ -223,7 +226,7 @@ class Mount:
         here, there : float or ndarray
             Radians, as of `on_travel`.
         """
-        return wrap(there - here) if self.altaz else there - here
+        return wrap(there - here) if self.vertical else there - here
 
     def side_for(self, first, second, limit, beyond):
         """Whether such a mount looks through the pole at a place.
@@ -244,7 +247,7 @@ class Mount:
         -------
         bool or ndarray of bool
         """
-        if self.kind != 'german':
+        if not self.two_sided:
             return np.zeros(np.shape(first), bool)[()]
         first = wrap(first)
         return np.where(np.abs(first) < limit, beyond, first < 0.0)[()]
@@ -257,7 +260,7 @@ class Mount:
         first, second : float or ndarray
             Axis angles, radians; the second may be beyond the pole.
         """
-        if self.altaz and not np.any(is_beyond(second)):
+        if self.vertical and not np.any(is_beyond(second)):
             return first, second
         east, north, up = self.direction(first, second)
         return np.mod(np.arctan2(east, north), 2.0 * np.pi), np.arctan2(up, np.hypot(east, north))
@@ -266,7 +269,7 @@ class Mount:
         """East, north and up of a direction, shape (3, ...)."""
         place = np.array([np.cos(second) * np.sin(first), np.cos(second) * np.cos(first),
                           np.sin(second) * np.ones_like(first)])
-        return place if self.altaz else np.tensordot(np.array(self.frame).T, place, 1)
+        return place if self.vertical else np.tensordot(np.array(self.frame).T, place, 1)
 
     def tangents(self, first, second):
         """Unit vectors (east, north, up) along which the angles grow, each shape (3, ...).
@@ -276,7 +279,7 @@ class Mount:
         s, c = np.sin(first), np.cos(first)
         both = (np.array([c, -s, 0.0 * first]),
                 np.array([-np.sin(second) * s, -np.sin(second) * c, np.cos(second)]))
-        if self.altaz:
+        if self.vertical:
             return both
         frame = np.array(self.frame).T
         return tuple(np.tensordot(frame, one, 1) for one in both)
@@ -348,7 +351,7 @@ def rows_by_side(mount, second):
     tuple of int, or None
         None of a mount that is no German one.
     """
-    if mount.kind != 'german':
+    if not mount.two_sided:
         return None
     beyond = int(np.count_nonzero(is_beyond(second)))
     return len(second) - beyond, beyond
@@ -371,43 +374,45 @@ def parse_mount(text, latitude=None):
         One line: what is wrong.
     """
     kind, _, numbers = text.strip().lower().partition(':')
-    kind = {'fork': 'equatorial', 'horseshoe': 'equatorial', 'gem': 'german',
-            'alt-az': 'altaz'}.get(kind, kind)
+    kind = next((name for name, one in KINDS.items() if kind in one.aliases), kind)
     if kind not in KINDS:
-        raise ValueError(f'unknown mount {text!r}; choose from altaz, equatorial, german, '
-                         'free:AZ,EL[,ROLL] (degrees)')
-    if kind == 'free':
+        known = ', '.join(name + ':AZ,EL[,ROLL]' * (one.pole == 'given')
+                          for name, one in KINDS.items())
+        raise ValueError(f'unknown mount {text!r}; choose from {known} (degrees)')
+    pole = KINDS[kind].pole
+    if pole == 'given':
         try:
-            angles = [float(part) * DEG for part in numbers.split(',')]
+            pole = [float(part) * DEG for part in numbers.split(',')]
         except ValueError:
-            angles = []
-        if len(angles) not in (2, 3) or not np.all(np.isfinite(angles)):
+            pole = []
+        if len(pole) not in (2, 3) or not np.all(np.isfinite(pole)):
             raise ValueError(f'mount {text!r}: give where its first axis points as '
-                             'free:AZ,EL or free:AZ,EL,ROLL, in degrees')
-        return Mount.free(*angles)
-    if kind == 'altaz':
-        return ALTAZ
-    if latitude is None:
-        raise ValueError(f'a mount that is {kind} needs the latitude of its site')
-    return Mount.equatorial(latitude, kind)
+                             f'{kind}:AZ,EL or {kind}:AZ,EL,ROLL, in degrees')
+    elif pole == 'zenith':
+        return ALTAZ if kind == USUAL else Mount(kind)
+    elif pole == 'celestial':
+        if latitude is None:
+            raise ValueError(f'a mount that is {kind} needs the latitude of its site')
+        return Mount.equatorial(latitude, kind)
+    return Mount._of_pole(kind, *pole)
 
 
 def mount_text(mount):
     """What `parse_mount` reads as the same mount, with the latitude of an equatorial one."""
-    if mount.kind != 'free':
+    if mount.names.pole != 'given':
         return mount.kind
     x, y, z = np.array(mount.frame)
     azimuth, elevation = np.arctan2(z[0], z[1]), np.arctan2(z[2], np.hypot(z[0], z[1]))
     plain = Mount.free(azimuth, elevation)
     roll = np.arctan2(*(np.array(plain.frame)[:2] @ x)[::-1])
-    return 'free:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
+    return f'{mount.kind}:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
 
 
 def told(mount):
     """A `Mount` in words that tell it from another of its kind."""
-    if mount.altaz:
+    if mount.vertical:
         return mount.kind
-    if mount.kind != 'free':
+    if mount.celestial:
         return f'{mount.kind}, latitude {mount.latitude / DEG:.7g}'
     rows = ', '.join(f'{value:.6g}' for value in (*mount.frame[0], *mount.frame[2]))
-    return f'free, its x and z east, north, up {rows}'
+    return f'{mount.kind}, its x and z east, north, up {rows}'

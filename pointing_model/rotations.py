@@ -11,7 +11,7 @@ import numpy as np
 
 from msg_tools.units import wrap
 
-from .mount_names import CANONICAL
+from .mount_kinds import CANONICAL
 
 #: squares of angles, rad: `small_angle` has more digits than a float below it, with a term less
 _SMALL, _TINY = 1e-4, 1e-5
@@ -188,7 +188,7 @@ def to_axes(sines, coefficients, mount):
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     if np.ndim(sin_el) == 0:
         place = cos_el * sin_a, cos_el * cos_a, sin_el
-        if tf and not mount.altaz:
+        if tf and not mount.vertical:
             place = _lifted(place, tf, mount.zenith)
         ux, uy, uz = turned(place, an, aw)
         sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
@@ -198,7 +198,7 @@ def to_axes(sines, coefficients, mount):
         np.multiply(cos_el, sin_a, out=place[0])
         np.multiply(cos_el, cos_a, out=place[1])
         place[2] = sin_el
-        if tf and not mount.altaz:
+        if tf and not mount.vertical:
             place = np.array(_lifted(place, tf, mount.zenith))
         room = np.empty((4, *sin_el.shape))
         np.matmul(np.array(_turning(an, aw)), place.reshape(3, -1), out=room[:3].reshape(3, -1))
@@ -206,7 +206,7 @@ def to_axes(sines, coefficients, mount):
         sin_e += sin_c * sin_n
         sin_e *= 1.0 / (cos_c * cos_n)
         lowest = np.minimum.reduce(cos_el, axis=None, initial=1.0)
-        clear = mount.altaz and lowest > _BESIDE * (hypot(an, aw) + abs(ca) + abs(npae))
+        clear = mount.vertical and lowest > _BESIDE * (hypot(an, aw) + abs(ca) + abs(npae))
         beyond = False if lowest >= 0.0 else cos_el < 0.0  # NaN is below nothing
     vx = (-cos_c * sin_n) * sin_e - sin_c * cos_n
     horizontal = ux * ux + uy * uy
@@ -258,7 +258,7 @@ def derivatives(sines, coefficients, way, names, mount, tangent=None):
     for name in names:
         if name in ('IA', 'IE', 'TF'):
             out[name] = ((cos_el, 0.0) if name == 'IA' else (0.0, 1.0) if name == 'IE' else
-                         (0.0, cos_el) if mount.altaz else tangent())
+                         (0.0, cos_el) if mount.vertical else tangent())
     ux, uy, horizontal, vx, vy, sin_e, cos_e, room = way
     sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
     high, skew, low = cos_c * cos_n, -cos_c * sin_n, sin_c * sin_n
@@ -330,7 +330,7 @@ def to_sky(sines, coefficients, mount):
 
     x, y, z = look(sin_el, cos_el)
     settled, side = True, np.where(cos_el < 0.0, -1.0, 1.0)
-    if tf and mount.altaz:
+    if tf and mount.vertical:
         bend = 0.0
         for _ in range(_STEPS):  # bend = TF cos E, by Newton
             step = (tf * side * np.sqrt(x * x + y * y) - bend) / (1.0 - tf * z)
@@ -352,7 +352,7 @@ def to_sky(sines, coefficients, mount):
                 break
         x, y, z = star
     horizontal = np.sqrt(x * x + y * y)
-    if not mount.altaz:
+    if not mount.vertical:
         x, y, horizontal = side * x, side * y, side * horizontal
     with np.errstate(invalid='ignore', divide='ignore'):
         d_el = small_angle(z * cos_el - horizontal * sin_el, horizontal * cos_el + z * sin_el)

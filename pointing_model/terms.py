@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .mounts import ALTAZ, KINDS, OF_MOUNT, sides
+from .mount_kinds import KINDS
+from .mounts import ALTAZ, OF_MOUNT, sides
 from .trig import BLOCK, sincos
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
@@ -46,7 +47,7 @@ class Trig:
         else:
             self.sin_az, self.cos_az = sincos(az)
             self.sin_el, self.cos_el = sincos(el)
-        self._zenith = self if mount.altaz else None
+        self._zenith = self if mount.vertical else None
 
     def part(self, rows):
         """That of some of the places: a slice, or an ndarray of int."""
@@ -54,7 +55,7 @@ class Trig:
         for name in ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el'):
             setattr(out, name, getattr(self, name)[rows])
         out.side = None if self.side is None else self.side[rows]
-        out.mount, out._zenith = self.mount, out if self.mount.altaz else None
+        out.mount, out._zenith = self.mount, out if self.mount.vertical else None
         return out
 
     @property
@@ -73,7 +74,7 @@ class Trig:
 
     def lifted(self, by):
         """Pair (x, y) of what lifts the line of sight toward the zenith by so much."""
-        if self.mount.altaz:
+        if self.mount.vertical:
             return ZERO, by
         x, y, z = self.mount.zenith
         up = (x * self.cos_az - y * self.sin_az,
@@ -213,13 +214,13 @@ _FREE = [*_rotations('free', (
     ('first axis leans to its angle 0', '(sin a sin b, cos a)', None),
     ('first axis leans to its angle -90 degrees', '(cos a sin b, -sin a)', None),
     ('tube flexure, cos E', f'cos E {_UP}', None))), *_ZENITH]
-_BY_KIND = {'altaz': TERMS, **{kind: {term.name: term for term in terms} for kind, terms in (
-    ('equatorial', _HADEC), ('german', _HADEC), ('free', _FREE))}}
+_HADEC, _FREE = ({term.name: term for term in terms} for terms in (_HADEC, _FREE))
 
 
 def terms_of(mount):
     """All terms of a mount, or of a kind of mount, name -> `Term`."""
-    return _BY_KIND[mount if isinstance(mount, str) else mount.kind]
+    kind = KINDS[mount] if isinstance(mount, str) else mount.names
+    return TERMS if kind.vertical else _HADEC if kind.celestial else _FREE
 
 
 def known_terms(names, mount=ALTAZ):
@@ -249,7 +250,7 @@ def _known_terms(names, mount):
     if unknown:
         raise ValueError(
             f'unknown pointing term {", ".join(map(str, unknown))}'
-            + ('' if mount.altaz else f' of a mount that is {mount.kind}')
+            + ('' if mount.vertical else f' of a mount that is {mount.kind}')
             + f'; choose from {", ".join(known)}')
     if len(set(names)) < len(names):
         raise ValueError(f'a pointing term is named twice in {", ".join(names)}; name it once')

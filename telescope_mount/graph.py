@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from msg_tools import NAMESPACE
+from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import parse_mount
 from telescope_mount.observing.plan import parse_plan
 
@@ -120,8 +121,8 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     list of NodeSpec
     """
     kept = {} if kept_power_ons is None else {'kept_power_ons': kept_power_ons}
-    sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).altaz
-    below = parse_mount(mount, 0.0).kind == 'german' and sky.get('latitude_deg', 90.0) < 0.0
+    sky, altaz = dict(sky or {}), parse_mount(mount, 0.0).vertical
+    below = parse_mount(mount, 0.0).two_sided and sky.get('latitude_deg', 90.0) < 0.0
     names = (*NIGHT, *(['frame_reader'] if absolute == 'frames' else []))
     simulator = {'scenario': scenario, 'seed': seed} | (
         {'start_time': start_time} if start_time else {})
@@ -181,9 +182,6 @@ def every_frame(namespace=NAMESPACE):
 
 #: beside the mount of a server and what tells where it looks
 BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', 'mcap_logger')
-#: where mounts of servers are parked, deg: near the pole, and not at it, where places say nothing
-#: of the first axis
-PARK = {'german': '90,80', 'altaz': '180,80'}
 
 
 #: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
@@ -235,11 +233,11 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
         exposure = ASKED if protocol == 'alpaca' else 0.0  # at the readings of INDI's
     names = *parameters, *BESIDE
     parameters |= {
-        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': PARK.get(mount, '0,80'),
+        'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
                         # a driver stops a moment after it is told
                         'request_timeout_s': 0.35} | (
             # none is told places beyond the zenith
-            {'second_travel_deg': '-5,89'} if mount == 'altaz' else {}) | (
+            {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
             slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,

@@ -4,7 +4,7 @@ from textwrap import shorten
 
 from calibration.report.tables import new_table
 from pointing_model.effects.base import readable
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import kind_of
 
 #: characters of an alarm in the table of all
 _ALARM = 36
@@ -13,7 +13,7 @@ _DRIVE = 0.25
 
 
 def _names(report):
-    return KINDS[report.get('mount', 'altaz')]
+    return kind_of(report)
 
 
 def _arcsec(value):

@@ -181,7 +181,7 @@ def run_of_log(path):
         notes.append(written_twice(copied))
         run = run.select(~copied)
     columns = dict(run.columns)
-    columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.altaz
+    columns['az_raw'], columns['el_raw'] = _readings(columns, not run.mount.vertical
                                                      and is_beyond(run['el']))
     if zeros:
         notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')

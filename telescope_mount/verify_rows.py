@@ -113,7 +113,7 @@ class Pairing:
         miss, half = self.frames.get(stamp + _late(run)), _half(run)
         track = self._track(stamp - half) if half else None
         found = {}
-        beyond = not run.mount.altaz and bool(is_beyond(run['el'][0]))
+        beyond = not run.mount.vertical and bool(is_beyond(run['el'][0]))
         for encoder, readings in self._readings.items():
             angles = self._around(readings, stamp, half)
             if miss is None or angles is None or (half and track is None):

@@ -150,7 +150,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     if geometry not in (None, base.geometry):
         base = replace(base, geometry=geometry)
     turning = [own for name in names for own, _ in [mount.names.terms.get(name, ('IA', 1))]
-               if own not in _LINEAR or (own == 'TF' and not mount.altaz)]
+               if own not in _LINEAR or (own == 'TF' and not mount.vertical)]
     linear = base.geometry == 'first_order' or not turning
     used = usable(run, encoder, zero)
     turned = {}
@@ -305,7 +305,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
         Too few usable rows, unknown interpretation or degree, `held` has harmonics, or the mount
         is no alt-azimuth one.
     """
-    if not run.mount.altaz:
+    if not run.mount.vertical:
         raise ValueError('the harmonics are functions of azimuth and elevation, of alt-azimuth '
                          f'mounts; this one is {run.mount.kind}: leave them out')
     held = held if after is None else after.model

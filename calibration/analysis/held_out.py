@@ -71,7 +71,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
         judge(_ZEROED.format(way), base, first)
     # functions of azimuth and elevation, to compare with: nobody has asked for them, and where
     # the stars are too few for them it is no news
-    for label, interpretation in HARMONICS.items() if rows.mount.altaz else ():
+    for label, interpretation in HARMONICS.items() if rows.mount.vertical else ():
         with suppress(ValueError):
             judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
     try:
@@ -81,7 +81,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
     except ValueError as err:
         notes.append(f'held-out check: {err}')
     else:
-        if rows.mount.altaz:
+        if rows.mount.vertical:
             with suppress(ValueError):
                 judge(BOTH, fit_harmonics(halves['used'], held=model, zero=zeros).model, zeros)
     if published is not None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import all_finite, wrap
 from pointing_model.geometry import linearised
-from pointing_model.mount_names import CANONICAL
+from pointing_model.mount_kinds import CANONICAL
 from pointing_model.rotations import values
 
 #: rad: nearer to the axis azimuths go the shorter way round
@@ -40,7 +40,7 @@ class Rotating:
         self._places = {i: own[name] for i, name in enumerate(terms) if name in own}
         #: the zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay
         self._turning = {i: of for i, of in self._places.items()
-                         if of[0] not in (('IA', 'IE', 'TF') if mount.altaz else ('IA', 'IE'))}
+                         if of[0] not in (('IA', 'IE', 'TF') if mount.vertical else ('IA', 'IE'))}
         self._columns = {}
 
     def residual(self, p):

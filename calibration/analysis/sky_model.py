@@ -157,7 +157,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
         whose sign changes with the side, or too few rows.
     """
     names = run.mount.names.physical if names is None else tuple(names)
-    if run.mount.kind != 'german' or not {'ID', 'CH', 'NP'} & set(names):
+    if not run.mount.two_sided or not {'ID', 'CH', 'NP'} & set(names):
         return None
     good = np.ones(len(run), bool)
     for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}'):

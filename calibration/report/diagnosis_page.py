@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from calibration.analysis.diagnosis.row_counts import used_sentence
 from msg_tools.output import write_text
+from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as page
 from .cause_words import counted, open_causes
@@ -159,9 +160,8 @@ def _correlations(view):
 
 def _tpoint_signs(document):
     """Which signs of another program are the other way round."""
-    kind = document.get('mount') or 'altaz'
-    terms = {'altaz': 'IE', 'equatorial': 'the terms of both axes',
-             'german': 'the terms of both axes'}.get(kind)
+    kind = kind_of(document)
+    terms = ('IE' if kind.vertical else 'the terms of both axes' if kind.celestial else None)
     return f'TPOINT writes {terms} with the opposite sign, which `export --to tpoint` sees to.' \
         if terms else ''
 

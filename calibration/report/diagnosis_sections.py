@@ -6,7 +6,8 @@ import numpy as np
 
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
-from pointing_model.mounts import ALTAZ, KINDS
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mounts import ALTAZ
 
 from .diagnosis_words import floor_words
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
@@ -347,7 +348,7 @@ def _next_group(names, group, kind):
     text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
     return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
             + table(['', *(f'{word} [°]' for word in places.values()),
-                     'side, last motion' if kind == 'german' or any(
+                     'side, last motion' if KINDS[kind].two_sided or any(
                          row.get('through_pole') for _, row in group) else 'last motion',
                      *(['hours from the last row [h], UTC'] if timed else []),
                      'ΔBIC expected with it and those above'], cells))

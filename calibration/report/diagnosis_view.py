@@ -193,7 +193,7 @@ def _groups(obs):
 
 def _in_words(rows, mount):
     """Candidates with the axis that they act on in words, by what the mount has."""
-    if mount.altaz:
+    if mount.vertical:
         return rows
     words = dict(zip(('az', 'el'), mount.names.axes))
 
@@ -208,7 +208,7 @@ def _in_words(rows, mount):
 def _axes_of(context):
     """What the axes are called, and how they stand to the horizon."""
     mount = context.mount
-    if mount.altaz and not is_beyond(context.el).any():
+    if mount.vertical and not is_beyond(context.el).any():
         return {}
     first, second = mount.names.axes
     horizon = ALTAZ.tangents(*context.on_horizon())

@@ -8,7 +8,7 @@ from calibration.analysis.diagnosis.row_counts import outlier_sentence
 from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
 from calibration.analysis.term_notes import said_of_term
 from pointing_model.effects.base import arcsec, readable
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import kind_of
 
 from .cause_words import counted, first_check, open_causes
 from .method_words import (
@@ -148,7 +148,7 @@ def _told(document, effects, limit, caution):
             ['No effect is added. How far the zero can be trusted is part of the model: set it '
              'anew as often as that asks for.', *last])
     ranked = _ranked(document, effects)
-    axes = KINDS[document.get('mount') or 'altaz'].axes
+    axes = kind_of(document).axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _wander(document)
     return Verdict(_headline(document, effects),
@@ -260,7 +260,7 @@ def _slow_words(document):
 
 def _drifts(document):
     """Which axes drift evenly, after a colon; '' where none does."""
-    names = dict(zip(('az', 'el'), KINDS[document.get('mount') or 'altaz'].axes))
+    names = dict(zip(('az', 'el'), kind_of(document).axes))
     told = [drift_words(names[key], one['trend'])
             for key, one in document['wander'].get('axes', {}).items()
             if one.get('trend') and one['trend']['share'] > MOSTLY]

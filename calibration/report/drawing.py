@@ -291,7 +291,7 @@ class SkyMap:
                           f'{_n(c - r)}v{_n(2 * r)}"/>')
         for side, dx, dy in (('N', 0, -1), ('E', 1, 0), ('S', 0, 1), ('W', -1, 0)):
             self.parts.append(text(c + dx * (r + 12), c + dy * (r + 12), side, 'label', dy='.35em'))
-        if not mount.altaz:
+        if not mount.vertical:
             self._axes_of(mount)
 
     def _axes_of(self, mount):

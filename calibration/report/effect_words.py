@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC, covered
 from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec
 from pointing_model.effects.words import common_shape
+from pointing_model.mount_kinds import USUAL
 
 from .cause_words import causes_sentence, contenders_sentence, short_cause, still_open
 from .method_words import plain_name
@@ -175,7 +176,7 @@ def title_of(found, axes):
     """
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
-        return plain_name(e.name, e.parameters.get('mount'))
+        return plain_name(e.name, e.parameters.get('mount', USUAL))
     where = acting_word(found, axes, 'both axes')
     return f'{where}: {shape_of(found)}'
 

@@ -119,7 +119,7 @@ def _residuals(run, result, encoder, model):
         time=run.columns.get('time'), groups=runs, group_word='run',
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='as the encoders read', after_text='model', turned=turned,
-        places=None if run.mount.altaz else (run['az'], run['el']),
+        places=None if run.mount.vertical else (run['az'], run['el']),
         utc=run.meta.get('time_is_utc', True))
 
 

@@ -20,7 +20,7 @@ def on_horizon(run):
         Components toward azimuth and elevation of x and y; None: they are the same.
     """
     mount = run.mount
-    if not len(run) or (mount.altaz and not is_beyond(run['el']).any()):
+    if not len(run) or (mount.vertical and not is_beyond(run['el']).any()):
         return run['az'], run['el'], None
     az, el = mount.horizon_of(run['az'], run['el'])
     own, horizon = mount.tangents(run['az'], run['el']), ALTAZ.tangents(az, el)

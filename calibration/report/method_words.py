@@ -5,7 +5,7 @@ import numpy as np
 from calibration.analysis.diagnosis.constants import SET_WIDTH
 from calibration.analysis.diagnosis.readings import MIRRORED, Reading, doubt_sentences
 from pointing_model.effects.base import arcsec, readable
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL, kind_of
 
 from .cause_words import counted, open_causes, short_cause, still_open
 
@@ -32,8 +32,6 @@ STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 #: on what a figure is judged
 HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
 STRETCHES = 'on stretches of rows left out'
-_MOUNTS = {'altaz': 'an alt-azimuth mount', 'equatorial': 'an equatorial mount',
-           'german': 'a German mount', 'free': 'a mount of two axes'}
 
 
 def model_words(document, whose=True):
@@ -46,21 +44,21 @@ def model_words(document, whose=True):
         With the mount that they are of.
     """
     terms = list(document.get('base_terms') or ())
-    kind = document.get('mount') or 'altaz'
-    of = f' of {_MOUNTS.get(kind, kind)}' if whose else ''
+    kind = kind_of(document)
+    of = f' of {kind.words}' if whose else ''
     if not terms:
         return 'no terms'
-    if terms == list(KINDS[kind].index):
+    if terms == list(kind.index):
         return f'the zeros{of}'
-    usual = 'the usual ' if terms == list(KINDS[kind].standard6) else 'the '
-    if usual == 'the ' and terms != list(KINDS[kind].physical):
+    usual = 'the usual ' if terms == list(kind.standard6) else 'the '
+    if usual == 'the ' and terms != list(kind.physical):
         return f'the {counted(len(terms), "declared term")}'
     return f'{usual}{counted(len(terms), "term")}{of}'
 
 
 def plain_name(name, kind):
     """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
-    return readable(name.replace('fork', 'saddle') if kind == 'german' else name)
+    return readable(name.replace('fork', 'saddle') if KINDS[kind].carrier == 'saddle' else name)
 
 
 def way(document):
@@ -152,7 +150,7 @@ def serves_sentence(document):
     largest = max(rows, key=lambda row: row.get('removes_rms_arcsec') or 0.0, default=None)
     if not serves or largest is None or largest['name'] in serves:
         return ''
-    kind = document.get('mount') or 'altaz'
+    kind = document.get('mount') or USUAL
     open_ = open_causes(largest) > 1
     return (f'These serve the smaller effects alone. Of the largest, '
             f'{plain_name(largest["name"], kind)} ({arcsec(largest["removes_rms_arcsec"])} RMS on '
@@ -226,7 +224,7 @@ def next_sentence(document, row):
             for name in one['effects']}
     mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
     if mine:
-        kind = document.get('mount') or 'altaz'
+        kind = document.get('mount') or USUAL
         both = [told[row['name']], told.get(mine[0]['separates'][1], 'the next')]
         if len({short_cause(one) for one in both}) > 1:
             both = [short_cause(one) for one in both]
@@ -257,7 +255,7 @@ def _degrees(value):
 
 def counterweight_up(item, kind):
     """Whether the counterweight of a German mount is above level at a proposed observation."""
-    return bool(kind == 'german' and 'ha_deg' in item
+    return bool(KINDS[kind].two_sided and 'ha_deg' in item
                 and np.sin(np.radians(item['ha_deg'])) < -_LEVEL)
 
 
@@ -285,7 +283,7 @@ def choice_sentence(document):
     folds = spread.get('folds')
     if not folds or document['verdict'] in STAYS or not document['effects']:
         return ''
-    kind = document.get('mount') or 'altaz'
+    kind = document.get('mount') or USUAL
     own, others = ([f'{plain_name(name, kind)} {_times(count, folds)}' for name, count in
                     sorted(spread.get(key, {}).items(), key=lambda one: -one[1])]
                    for key in ('chosen', 'others'))
@@ -306,7 +304,7 @@ def _times(number, of):
         number, f'{number} times')
 
 
-def place_words(item, kind='altaz'):
+def place_words(item, kind=USUAL):
     """A proposed observation in words.
 
     Parameters

@@ -236,7 +236,7 @@ def residuals_of(run, model, report, split_seed=None):
         before_text='zero set, no model' if measured else 'as the encoders read',
         after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read',
         turned=turned,
-        places=None if mount.altaz else (rows['az'], rows['el']),
+        places=None if mount.vertical else (rows['az'], rows['el']),
         utc=run.meta.get('time_is_utc', True))
 
 

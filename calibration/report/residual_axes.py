@@ -101,7 +101,7 @@ def driver_of(context, name):
         label, unit = f'{name.replace("_", " ")} [°]', DEG
     if name == 'azimuth':
         values = np.mod(values, 2.0 * np.pi)
-    elif name in context.mount.names.keys and not context.mount.altaz:
+    elif name in context.mount.names.keys and not context.mount.vertical:
         values = _in_one_piece(values)
     return Driver(name, label, values / unit)
 

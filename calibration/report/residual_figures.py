@@ -211,7 +211,8 @@ def sky_maps(data):
         skies.append(sky)
     out, margins = [], np.ceil(np.max([sky.beyond for sky in skies], axis=0))
     margins += 3.0 * (margins > 0.0)
-    dashed = f', dashed each 30° of {" and ".join(data.mount.names.axes)}' * (not data.mount.altaz)
+    axes = ' and '.join(data.mount.names.axes)
+    dashed = f', dashed each 30° of {axes}' * (not data.mount.vertical)
     for (when, size, more), sky in zip(maps, skies):
         unit = ticks(0.0, max(60.0 / size, 1e-9), 2)
         unit = float(unit[unit > 0][0]) if (unit > 0).any() else 1.0

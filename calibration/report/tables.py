@@ -1,7 +1,7 @@
 """What people see of a calibration on the terminal: tables."""
 
 from pointing_model.effects.base import readable
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero_exposures import BY_POLARIS
 
@@ -46,7 +46,7 @@ def night_tables(report):
     -------
     list of rich.table.Table
     """
-    tables, names = [], KINDS[report.get('mount', 'altaz')]
+    tables, names = [], kind_of(report)
     first, second = names.columns
     if report['zeros']:
         ways = [zero.get('by', BY_POLARIS) for zero in report['zeros']]

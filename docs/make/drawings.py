@@ -88,7 +88,7 @@ class Skeleton:
     ----------
     kind : {'altaz', 'equatorial'}
     errors : dict of str to float
-        By the names of an alt-azimuth mount (`mount_names.CANONICAL`), radians.
+        By the names of an alt-azimuth mount (`mount_kinds.CANONICAL`), radians.
     """
 
     def __init__(self, kind, errors):

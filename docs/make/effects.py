@@ -43,7 +43,7 @@ def run_of(kind):
     mount = parse_mount(kind, site.latitude)
     az, el = rng.uniform(0.0, 2 * np.pi, n), rng.uniform(20.0, 80.0, n) * DEG
     side = np.arange(n) % 2 == 1 if kind == 'german' else False
-    first, second = (az, el) if mount.altaz else mount.axes_of(az, el, side)
+    first, second = (az, el) if mount.vertical else mount.axes_of(az, el, side)
     columns = {'az': first, 'el': second, 'az_enc': first, 'el_enc': second, 'az_raw': first,
                'el_raw': second, 'time': 1.7e9 + 120.0 * np.arange(n),
                'run': np.repeat((1, 2, 3, 4), n // 4), 'approach_az': rng.choice((-1, 1), n),

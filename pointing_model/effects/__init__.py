@@ -59,7 +59,7 @@ def dictionary(context, lacking=(), own=()):
     offers.sort(key=_place)
     untestable = [(o.what, o.reason) for o in offers if o.reason]
     effects = of_mount([e for o in offers for e in o.effects], context.mount)
-    if context.mount.altaz:
+    if context.mount.vertical:
         return effects, untestable
     sided, reason = by_side(effects, context)
     return effects + sided, untestable + ([reason] if reason else [])

@@ -2,23 +2,19 @@
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import Effect, Offer, effect, form, on_axis, times
 
 
 def _tpoint(names, text):
-    """Names of generic terms: 1, 2, v and s stand for what `mounts.Names.tpoint` has."""
+    """Names of generic terms: 1, 2, v and s stand for what `MountKind.tpoint` has."""
     if not names.tpoint:
         return None
     return text.translate(str.maketrans('12vs', ''.join(names.tpoint)))
 
 
-#: kinds of mounts of which most have no encoder on an axis: it is counted at the motor, and the
-#: wheel that the worm turns takes the place of the disc
-_GEARED = ('equatorial', 'german')
-#: what turns with the polar axis
-_CARRIERS = {'german': 'saddle', 'equatorial': 'fork, yoke or horseshoe'}
+#: of axes without an encoder, see `MountKind.geared`
 _OF_GEARS = {
     1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
         'disc or worm wheel off its centre',
@@ -39,7 +35,7 @@ _RING = ('encoder disc, worm wheel or horseshoe ring oval or tilted',
 
 
 @form
-def _encoder(axis, order, mount='altaz'):
+def _encoder(axis, order, mount=USUAL):
     """Harmonic of an encoder, `order` a turn."""
     k, names = int(order), KINDS[mount]
     az = axis == 'az'
@@ -49,9 +45,9 @@ def _encoder(axis, order, mount='altaz'):
         angle = k * (c.az if az else c.el)
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
-    ring = (mount, axis, k) == ('equatorial', 'az', 2)
+    ring = names.ring and (axis, k) == ('az', 2)
     cause, short, told, look_at = _RING if ring else (
-        _OF_GEARS if mount in _GEARED else {}).get(k) or {
+        _OF_GEARS if names.geared else {}).get(k) or {
         1: ('encoder disc off its centre', 'the disc of its encoder off centre',
             'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
@@ -87,7 +83,7 @@ def _of_order(names, text, k):
 
 
 @form
-def _bearing_wobble(order, mount='altaz'):
+def _bearing_wobble(order, mount=USUAL):
     k, names = int(order), KINDS[mount]
     a, e = names.letters
 
@@ -104,15 +100,15 @@ def _bearing_wobble(order, mount='altaz'):
                   lambda _: f'The {shaft} wobbles {times(order)}: a bearing or track that is not '
                   'flat',
                   'flatness of the azimuth bearing or track, with a level on the fork'
-                  if mount == 'altaz' else f'both bearings of the {shaft}',
+                  if names.vertical else f'both bearings of the {shaft}',
                   f'a wave of the {names.word("az")}, {times(order)}, in both axes',
                   f'bearing or track of the {shaft} not flat ({times(order)})',
                   tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k),
-                  effort=1 if mount == 'altaz' else 2)
+                  effort=1 if names.vertical else 2)
 
 
 @form
-def _nod(order, mount='altaz'):
+def _nod(order, mount=USUAL):
     k, names = int(order), KINDS[mount]
     a = names.letter('az')
     return Effect(f'{names.key("el")}_nod_{k}', f'the mount nods {k} a turn of {names.word("az")}',
@@ -121,17 +117,17 @@ def _nod(order, mount='altaz'):
                   lambda _: f'The mount nods in {names.word("el")}, {times(order)} of the '
                   f'{names.shaft("az")}',
                   'wheels or pads under the azimuth axis, and the base under the fork'
-                  if mount == 'altaz' else f'bearings of the {names.shaft("az")}, and what it '
-                  f'carries: {_CARRIERS.get(mount, "fork or saddle")}'
-                  f'{" and counterweight" * (mount == "german")}',
+                  if names.vertical else f'bearings of the {names.shaft("az")}, and what it '
+                  f'carries: {names.carriers}'
+                  f'{" and counterweight" * names.two_sided}',
                   f'a wave of the {names.word("az")}, {times(order)}',
-                  f'mount nods{" on its wheels, pads or base" * (mount == "altaz")} '
+                  f'mount nods{" on its wheels, pads or base" * names.vertical} '
                   f'({times(order)} of {names.word("az")})',
                   tpoint=_of_order(names, 'H2C1# H2S1#', k))
 
 
 @form
-def _line_of_sight(order, mount='altaz'):
+def _line_of_sight(order, mount=USUAL):
     """Collimation that goes round with the azimuth: TPOINT's harmonics of the left-right error."""
     k, names = int(order), KINDS[mount]
     a, word, shaft = names.letter('az'), names.word('az'), names.shaft('az')
@@ -142,16 +138,16 @@ def _line_of_sight(order, mount='altaz'):
                   lambda _: f'The line of sight swings left and right, {times(order)} of the '
                   f'{shaft}, at any {names.word("el")}',
                   f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
-                  'the fork that twists on an uneven track, cables' if mount == 'altaz' else
+                  'the fork that twists on an uneven track, cables' if names.vertical else
                   f'what turns with the {shaft} and bends under its weight: '
-                  f'{_CARRIERS.get(mount, "fork or saddle")}, cables',
+                  f'{names.carriers}, cables',
                   f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
                   f'line of sight swings ({times(order)} of the {shaft})',
                   tpoint=_of_order(names, 'HsC1# HsS1#', k))
 
 
 @form
-def _elevation_axis_wobble(order, mount='altaz'):
+def _elevation_axis_wobble(order, mount=USUAL):
     k, names = int(order), KINDS[mount]
     e, shaft = names.letter('el'), names.shaft('el')
     return Effect(f'{shaft.replace(" ", "_")}_wobble_{k}', f'{shaft} wobbles {k} a turn',
@@ -177,7 +173,7 @@ def propose(context, lacking, own):
     # once a turn (cos A, 0) is nearly a disc off its centre with a wobble of the azimuth axis
     # (of an alt-azimuth mount; elsewhere gravity goes round with the axis)
     for name, lowest, highest in (('bearing_wobble', 1, 3), ('nod', 1, 6),
-                                  ('line_of_sight', 2 if context.mount.altaz else 1, 4),
+                                  ('line_of_sight', 2 if context.mount.vertical else 1, 4),
                                   ('elevation_axis_wobble', 1, 2)):
         yield Offer(name, [] if name in against else [
             effect(name, order=order) for order in range(lowest, highest + 1)],

@@ -23,7 +23,7 @@ from inspect import Parameter, signature
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
 #: what a check of a cause takes, the cheapest first
@@ -197,7 +197,7 @@ def known(columns):
 # ---------------------------------------------------------------------------------- the registry
 
 _FORMS = {}
-_MOUNT, _USUAL = 'mount', 'altaz'  # which is not written down
+_MOUNT = 'mount'
 
 
 def form(build):
@@ -208,7 +208,7 @@ def form(build):
     by_mount = _MOUNT in signature(build).parameters
 
     def made(**parameters):
-        if not by_mount or parameters.get(_MOUNT) == _USUAL:
+        if not by_mount or parameters.get(_MOUNT) == USUAL:
             parameters.pop(_MOUNT, None)
         out = build(**parameters)
         # nobody else has it yet; `replace` would make it twice, and there are hundreds in a run
@@ -259,7 +259,7 @@ def of_mount(effects, mount):
     -------
     list of Effect
     """
-    if mount.altaz:
+    if mount.vertical:
         return effects
     return [effect(e.form, **{**e.parameters, _MOUNT: mount.kind}) for e in effects]
 
@@ -357,7 +357,7 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
                      (('pm_x', 'pm_y'), 'proper motion')) for name in names}}
 #: last motion of an axis in words
 SIDES = {f'approach_{axis}': dict(zip((-1, 1), words))
-         for axis, words in zip(AXES, KINDS[_USUAL].sides)}
+         for axis, words in zip(AXES, KINDS[USUAL].sides)}
 _ANGLES = {key for names in KINDS.values() for key in names.keys}
 #: of the second angle, by what either axis is called in names
 _LETTERS = {key: names.letters[1] for names in KINDS.values() for key in names.keys}

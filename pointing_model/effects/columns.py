@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows, the
 from .drifts import about, progress
@@ -17,7 +17,7 @@ _CAUSES = {
 
 @form
 def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=None,
-                  mount='altaz'):
+                  mount=USUAL):
     """Offset on the sky, or of an axis' angle, proportional to a driver (held within `within`)."""
     names = KINDS[mount]
     sky = pattern == 'sky'
@@ -54,7 +54,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
 def propose(context, lacking, own):
     """Where the column is known and varies; a side of the pier in more than single rows."""
     for driver in _CAUSES:
-        if driver == 'pier_side' and not context.mount.altaz:
+        if driver == 'pier_side' and not context.mount.vertical:
             continue  # see `pier`
         yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
             effect('proportional', axis=axis, **about(driver, 1.0, v)) for axis in AXES

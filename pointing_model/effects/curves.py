@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import Effect, driver_word, effect, form, of_mount, the
 
@@ -16,7 +16,7 @@ _DIRECTION = {key for names in KINDS.values() for key in names.keys}
 
 
 @form
-def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbers):
+def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers):
     """A curve of one driver for what no physical effect explains.
 
     ``shape``: 'fourier' (``orders``, ``period``), 'spline' (``knots``: a natural cubic one),
@@ -47,7 +47,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount='altaz', **numbe
     word = KINDS[mount].word(axis)
     seen = _seen(driver, shape, numbers)
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
-    own = axis if mount == 'altaz' else KINDS[mount].key(axis)
+    own = axis if KINDS[mount].vertical else KINDS[mount].key(axis)
     return Effect(f'smooth_of_{driver}_{own}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
@@ -139,7 +139,7 @@ def smooths(context):
     clock = 'time' if context.get('time') is not None else 'order'
     first, second = context.mount.names.keys
     # gravity follows the elevation, whatever the axes are
-    above = () if context.mount.altaz else ('elevation',)
+    above = () if context.mount.vertical else ('elevation',)
     drivers = [first, second, *above, clock,
                *(['run_hours'] if context.several_nights() else []),
                'temperature', 'magnitude', *context.extra()]

@@ -1,6 +1,6 @@
 """What follows the direction alone and has a term: refraction, flexure, terms left out."""
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.terms import ZERO, Trig, terms_of
 
 from .base import Effect, Offer, effect, form
@@ -50,21 +50,17 @@ _ELSEWHERE = {
 }
 
 
-#: what the first axis carries, by the kind of mount
-_CARRIED = {'altaz': 'fork', 'equatorial': 'fork or saddle', 'german': 'saddle', 'free': 'fork'}
-
-
 def _named(kind):
-    table = _TERM_EFFECTS if kind == 'altaz' else _ELSEWHERE
-    return {name: tuple(text.format(_CARRIED[kind]) for text in row)
+    table = _TERM_EFFECTS if KINDS[kind].vertical else _ELSEWHERE
+    return {name: tuple(text.format(KINDS[kind].carrier) for text in row)
             for name, row in table.items() if row[0] in terms_of(kind)}
 
 
 @form
-def _terms(name, mount='altaz'):
+def _terms(name, mount=USUAL):
     term, cause, formula, sentence, look_at = _named(mount)[name]
     known = terms_of(mount)[term]
-    plain = mount == 'altaz'
+    plain = KINDS[mount].vertical
     axes = 'el' if plain else {'FO': 'el', 'DAF': 'az'}.get(term, 'both')
     return Effect(name, cause, formula if plain else known.formula,
                   'hour_angle' if name == 'fork_flexure' else 'elevation', axes, (term,),
@@ -75,11 +71,11 @@ def _terms(name, mount='altaz'):
 
 
 @form
-def _term(name, mount='altaz'):
+def _term(name, mount=USUAL):
     """A term of `terms.terms_of` a mount that the declared model does not have, in first order."""
     term, names = terms_of(mount)[name], KINDS[mount]
     own = names.terms.get(name, ('', 1))[0]
-    if mount == 'altaz':
+    if KINDS[mount].vertical:
         x, y = term.of(Trig(1.0, 0.5))
         axes = 'el' if x is ZERO else 'az' if y is ZERO else 'both'
         driver = 'azimuth' if 'A' in term.formula else 'elevation'
@@ -95,8 +91,8 @@ def _term(name, mount='altaz'):
 
 
 @form
-def _fork_cross_term(mount='altaz'):
-    names, carried = KINDS[mount], _CARRIED[mount]
+def _fork_cross_term(mount=USUAL):
+    names, carried = KINDS[mount], KINDS[mount].carrier
     a, e = names.letters
     return Effect('fork_cross_term', f'{carried} bends: flexure that turns with the '
                   f'{names.word("az")}',

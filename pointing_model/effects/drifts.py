@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.terms import terms_of
 
 from .base import (
@@ -32,7 +32,7 @@ def _moving(of, names):
         'IA': (f'{names.word("az")} zero', 'az', f'The zero of the {first}'),
         'IE': (f'{names.word("el")} zero', 'el', f'The zero of the {second}'),
         'CA': ('collimation', 'az', 'The collimation'),
-        'TF': ('flexure', 'el' if names is KINDS['altaz'] else 'both', 'The bending of the tube'),
+        'TF': ('flexure', 'el' if names.vertical else 'both', 'The bending of the tube'),
         'tilt': (f'tilt of the {first}', 'both', f'The tilt of the {first}'),
     }[of]
 
@@ -45,7 +45,7 @@ _LONG = 96.0 * _HOUR  # from here on a drift is told by the day
 
 
 @form
-def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount='altaz'):
+def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL):
     """A term x ((driver - origin) / scale)^power; the driver is held at the ends of `within`.
 
     `of`: its name at an alt-azimuth mount.
@@ -91,7 +91,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount='altaz
 
 
 @form
-def _step(axis, at, driver='time', mount='altaz'):
+def _step(axis, at, driver='time', mount=USUAL):
     """A zero that jumps where the driver passes `at`."""
     names = KINDS[mount]
 
@@ -116,7 +116,7 @@ def _step(axis, at, driver='time', mount='altaz'):
 
 
 @form
-def _run_zero(axis, runs, mount='altaz'):
+def _run_zero(axis, runs, mount=USUAL):
     names = KINDS[mount]
     # source: paper 000, Table 1
     return Effect(f'{names.key(axis)}_zero_per_run',

@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, Offer, effect, form, on_axis
 
@@ -72,7 +72,7 @@ def period_of(graduation, lines=None):
 
 
 @form
-def _subdivision(axis, graduation, order, lines=None, mount='altaz'):
+def _subdivision(axis, graduation, order, lines=None, mount=USUAL):
     """Interpolation error within a line of the grating or a bar of the disc."""
     names = KINDS[mount]
     k, period = int(order), period_of(graduation, lines)
@@ -102,7 +102,7 @@ def _subdivision(axis, graduation, order, lines=None, mount='altaz'):
 
 
 @form
-def _decode_slip(axis, rows, multiples, graduation, lines=None, mount='altaz'):
+def _decode_slip(axis, rows, multiples, graduation, lines=None, mount=USUAL):
     """Whole bars or lines too many in single rows: known amounts, nothing to predict."""
     names = KINDS[mount]
     step = period_of(graduation, lines)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, arcsec, effect, form, offer, single_rows
 
@@ -12,7 +12,7 @@ MEMORIES = (3.0, 10.0, 30.0)
 
 
 @form
-def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
+def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
     """Offset by the direction of approach, times 1 or cos E, reached after some degrees."""
     names = KINDS[mount]
     length = memory_deg * DEG
@@ -35,7 +35,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
         value = amount.values[0]
         falling, rising = names.sides[axis != 'az']
         more, less = (rising, falling) if value > 0 else (falling, rising)
-        at_end = ' at the horizon' if mount == 'altaz' else f' at {names.word("el")} 0'
+        at_end = ' at the horizon' if KINDS[mount].vertical else f' at {names.word("el")} 0'
         where = {('az', '1'): ' across the line of sight', ('el', 'cosE'): at_end}.get(
             (axis, shape), '')
         return (f'The {names.shaft(axis)} reads {arcsec(2 * abs(value))} more{where} when the last '
@@ -47,7 +47,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
             ('az', '1'): f'something that tips to the side when the {shaft} reverses: a mirror, '
             'the camera, the tube',
             ('el', 'cosE'): f'play of the {shaft} that the weight of the tube opens or closes'
-            if mount == 'altaz' else f'hysteresis of the {shaft} that fades toward the pole',
+            if KINDS[mount].vertical else f'hysteresis of the {shaft} that fades toward the pole',
             }[axis, shape]
     seen = 'a difference by the direction of the last motion' + (
         f', as cos {names.letter("el")}' if shape == 'cosE' else '') + (
@@ -55,7 +55,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount='altaz'):
     tail = '_cosE' if shape == 'cosE' else ''
     place = {('az', '1'): ' across the line of sight', ('az', 'cosE'): '',
              ('el', '1'): '', ('el', 'cosE'): ', as the weight of the tube acts'
-             if mount == 'altaz' else f', with the cosine of the {names.word("el")}'}[axis, shape]
+             if names.vertical else f', with the cosine of the {names.word("el")}'}[axis, shape]
     return Effect(f'{names.key(axis)}_hysteresis{tail}'
                   + (f'_memory_{memory_deg:g}deg' if length else ''),
                   f'{names.word(axis)} reads differently by the side of approach (backlash){place}'

@@ -8,7 +8,7 @@ hangs on the other end of the axis then.
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 
 from .base import (
     FEWEST_ON_A_SIDE,
@@ -162,7 +162,7 @@ def _polynomial(result, of, power, mount='equatorial'):
 def propose(context, lacking, own):
     """Polynomials, of mounts that are no alt-azimuth ones, and what a counterweight does."""
     mount = context.mount
-    if mount.altaz:
+    if mount.vertical:
         return
     pull = context.get('counterweight')
     if pull is not None:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.terms import TERMS
 
 from .base import Effect, Offer, effect, form, offer
@@ -70,8 +71,9 @@ def _proper_motion():
 
 
 @form
-def _clock(latitude, mount='altaz'):
-    alias = {'altaz': 'IA + AW', 'free': ''}.get(mount, 'IH')
+def _clock(latitude, mount=USUAL):
+    kind = KINDS[mount]
+    alias = 'IA + AW' if kind.vertical else 'IH' if kind.celestial else ''
     pole = np.array([[0.0], [np.cos(latitude)], [np.sin(latitude)]])
     return Effect('clock_or_longitude', 'clock, UT1 or longitude wrong (15" a second of time)',
                   'rotation about the pole', 'azimuth', 'az' if alias == 'IH' else 'both',
@@ -92,8 +94,8 @@ def _latitude():
 
 
 @form
-def _latency(mount='altaz'):
-    exactly = 'IA + AW' if mount == 'altaz' else 'IH'
+def _latency(mount=USUAL):
+    exactly = 'IA + AW' if KINDS[mount].vertical else 'IH'
 
     def say(amount):
         word = 'late' if amount.values[0] > 0 else 'early'
@@ -107,7 +109,8 @@ def _latency(mount='altaz'):
                   'a part that is in proportion to the speed of the axes',
                   unit='s', requires=('az_rate', 'el_rate'), effort=0,
                   alias=f'at sidereal rate latency is exactly a clock error, {exactly}: only '
-                        'satellites or slews show it' if mount != 'free' else None)
+                        'satellites or slews show it'
+                        if KINDS[mount].vertical or KINDS[mount].celestial else None)
 
 
 def propose(context, lacking, own):
@@ -116,7 +119,7 @@ def propose(context, lacking, own):
         'diurnal_aberration', latitude=None if context.latitude is None
         else float(context.latitude))])
     # the same columns; the axes of another mount know nothing of it
-    if context.mount.altaz and 'AN' not in lacking:
+    if context.mount.vertical and 'AN' not in lacking:
         yield Offer('latitude', [effect('latitude')])
     if context.latitude is None:
         yield Offer('clock', [], 'clock_or_longitude', 'the latitude of the site is not known')

@@ -14,7 +14,7 @@ from .run import REQUIRED, PointingRun
 
 def frame_of(mount):
     """The ``frame_id`` of angles of a `Mount`."""
-    if mount.altaz:
+    if mount.vertical:
         return MOUNT_FRAME
     return f'{MOUNT_FRAME}/{mount_text(mount)}@{mount.latitude / DEG!r}'
 
@@ -74,4 +74,4 @@ def cloud_to_run(message):
     """
     mount = mount_of(message.header.frame_id)
     return PointingRun(cloud_to_table(message, REQUIRED, 'observation'),
-                       {} if mount.altaz else {'mount': mount})
+                       {} if mount.vertical else {'mount': mount})

@@ -59,7 +59,7 @@ def column_name(name, names=ALTAZ.names):
     ----------
     name : str
         Of `COLUMNS`; others are returned as they are.
-    names : mounts.Names
+    names : MountKind
     """
     if name not in COLUMNS:
         return name
@@ -181,7 +181,7 @@ class PointingRun:
         az, el = self['az'], self['el']
         dx = wrap(self[f'az_{encoder}'] - az) * np.cos(el)
         dy = self[f'el_{encoder}'] - el
-        return dx, dy if self.mount.altaz else wrap(dy)
+        return dx, dy if self.mount.vertical else wrap(dy)
 
     @classmethod
     def concatenate(cls, runs):

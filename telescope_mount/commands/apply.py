@@ -83,7 +83,7 @@ def _apply(model, args):
     pair = readings if args.reverse else places
     columns, notes = _drivers(name, lines, cells, pair, places, args, reasons)
     az, el = (_angles(name, lines, column, cells, reasons) for column in pair)
-    _check(name, lines, pair, az, el, args.reverse or not model.mount.altaz, cells, reasons)
+    _check(name, lines, pair, az, el, args.reverse or not model.mount.vertical, cells, reasons)
     # rows that are left out go along, somewhere, and their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
@@ -107,7 +107,7 @@ def _apply(model, args):
     at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
     notes += _open(model, at * DEG, lines[seen])
     # the first axis, of what is catalogue place and of the reading alike
-    up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.kind == 'german')
+    up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.two_sided)
     if up.any():
         notes.append(f'the counterweight is up in row{"s" * int(up.sum() > 1)} '
                      f'{_listed(lines[up])}: with it down the mount looks there '

@@ -238,7 +238,8 @@ def _proposals(document, most=6):
     """A line for each pair of causes: the places that tell them apart, one after the other."""
     from calibration.report.method_words import causes_of, enough, place_words, proposals
     from pointing_model.effects.base import readable
-    told, kind = causes_of(document), document.get('mount') or 'altaz'
+    from pointing_model.mount_kinds import USUAL
+    told, kind = causes_of(document), document.get('mount') or USUAL
     for separates, group in groupby(proposals(document)[:most],
                                     key=lambda item: item['separates']):
         group = list(group)

@@ -192,7 +192,7 @@ def _encoder(out, heard, stream):
 def _units(out, heard, of, values):
     first, second = np.abs(values).max(axis=0)
     # a German mount looks through the pole; any may count on over turns, but not over many
-    highest = (np.pi / 2 if heard.mount.altaz else 1.5 * np.pi) + 5.0 * DEG
+    highest = (np.pi / 2 if heard.mount.vertical else 1.5 * np.pi) + 5.0 * DEG
     if second <= highest and first <= 6.0 * np.pi:
         middle = np.degrees(values[-1])
         out.append(Finding(OK, of, f'reads {middle[0]:.2f} and {middle[1]:.2f} deg: can be'))

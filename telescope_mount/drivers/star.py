@@ -39,7 +39,7 @@ def place_of(target, mount, site, here):
 
     def angles(times):
         first, second = pointing.place(np.asarray(times) * 1e9, site, DEFAULT_WEATHER)
-        turns = np.round((here[0] - first[0]) / (2.0 * np.pi)) if mount.altaz else 0.0
+        turns = np.round((here[0] - first[0]) / (2.0 * np.pi)) if mount.vertical else 0.0
         return np.column_stack([first + 2.0 * np.pi * turns, second])
     return angles
 
@@ -71,7 +71,7 @@ def bright_star(mount, site, time, here, allowed=None):
     rows = np.flatnonzero(stars.mag <= BRIGHT)
     az, el = observed_place(stars.select(rows), time, site, DEFAULT_WEATHER)
     good = (el > LOW) & (el < HIGH) & ~has_neighbour(stars, rows) & limits.reached(
-        mount, az, el, HIGH if mount.altaz else 80.0 * DEG, time, stars.hip[rows])
+        mount, az, el, HIGH if mount.vertical else 80.0 * DEG, time, stars.hip[rows])
     if not good.any():
         raise ValueError(f'no star brighter than {BRIGHT:g} between {LOW / DEG:.0f} and '
                          f'{HIGH / DEG:.0f} deg where the guard lets the tube look: look at site '

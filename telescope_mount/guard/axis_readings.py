@@ -74,7 +74,7 @@ class Readings:
         before = self.here.tolist()
         step = [angle - here for angle, here in zip(angles, before)]
         # others stay on their turn, however far they went
-        if self._limits.mount.altaz and not self._other_turn(angles[0]):
+        if self._limits.mount.vertical and not self._other_turn(angles[0]):
             step[0] = wrap(step[0])
         beyond = [abs(one) - FARTHER - FASTER * seconds * axis.rate
                   for one, axis in zip(step, self._limits.axes)]
@@ -126,7 +126,7 @@ class Readings:
                 continue
             # an azimuth may be read within one turn, whatever turn it is on
             turned = wrap(angle)
-            if i or not self._limits.mount.altaz or abs(angle) > _TURN or not (
+            if i or not self._limits.mount.vertical or abs(angle) > _TURN or not (
                     low <= turned <= high or low <= turned + _TURN <= high):
                 raise ValueError(f'a reading of {self._limits.mount.names.axes[i]} of {angle:.6g} '
                                  f'rad ({angle / DEG:.1f} deg) cannot be: give radians, within '

@@ -45,7 +45,7 @@ class GotoKeeper(Keeper):
         first, second = self._vias[0]
         beside = second - 0.5 * math.pi
         # the last one of a way to the park position is that itself
-        if abs(beside) < POLE and not self._limits.mount.altaz and (
+        if abs(beside) < POLE and not self._limits.mount.vertical and (
                 self._goal is not None or len(self._vias) > 1):
             side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
             self._vias[0] = first, 0.5 * math.pi + side * POLE

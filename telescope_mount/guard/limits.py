@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.mounts import ALTAZ, TRAVEL_DEG, Mount
+from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.skyline import Horizon
 
 _TURN = 2.0 * np.pi
@@ -21,8 +21,8 @@ def travel_of(mount):
     ----------
     mount : Mount
     """
-    first, second = TRAVEL_DEG[mount.kind]
-    if mount.kind in ('equatorial', 'german') and mount.latitude < 0.0:
+    first, second = mount.names.travel_deg
+    if mount.celestial and mount.latitude < 0.0:
         second = -second[1], -second[0]
     return first, second
 
@@ -78,7 +78,7 @@ class Limits:
 
         rad; None where the tube may pass there, or need not.
         """
-        if self.mount.kind != 'german':
+        if not self.mount.two_sided:
             return None
         turn = 0.5 * np.pi if self.axes[1].high > np.pi else -0.5 * np.pi
         az, el = self.mount.horizon_of(0.0, turn)
@@ -93,14 +93,14 @@ class Limits:
         first, second : float
             rad.
         """
-        if self.mount.altaz or not np.isfinite([first, second]).all():
+        if self.mount.vertical or not np.isfinite([first, second]).all():
             return first, second
         return tuple(angle + _TURN * round((0.5 * (axis.low + axis.high) - angle) / _TURN)
                      for angle, axis in zip((first, second), self.axes))
 
     def nearest_turn(self, place, here):
         """A place, rad, with the azimuth on the turn nearest to `here` if its travel has it."""
-        first = here + wrap(place[0] - here) if self.mount.altaz else place[0]
+        first = here + wrap(place[0] - here) if self.mount.vertical else place[0]
         return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
                          place[1]])
 

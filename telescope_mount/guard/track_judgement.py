@@ -76,7 +76,7 @@ class Judge:
         if reason:
             return Refused(reason)
         turns = self._turns(cubic, state.angles[0]) if turns is None else turns
-        second = 0 if self.limits.mount.altaz else self._middle(cubic, 1)
+        second = 0 if self.limits.mount.vertical else self._middle(cubic, 1)
         if turns or second:
             cubic = cubic.turned(turns, second)
         reason = self._track_out_of_travel(cubic)
@@ -108,7 +108,7 @@ class Judge:
         -------
         list of Cubic
         """
-        if not self.limits.mount.altaz:
+        if not self.limits.mount.vertical:
             return []
         axis, first = self.limits.axes[0], float(cubic.angles[0, 0])
         brake = cubic.brakes(self._slow)[0]
@@ -238,7 +238,7 @@ class Judge:
     def _turns(self, cubic, here):
         """Whole turns to add to the first axis: the nearest that its travel has room for."""
         axis = self.limits.axes[0]
-        nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.altaz
+        nearest = (round((here - float(cubic.angles[0, 0])) / _TURN) if self.limits.mount.vertical
                    else self._middle(cubic, 0))
         low, high = cubic.surely_within(self._slow)[0]
         if axis.low - low <= nearest * _TURN <= axis.high - high:

@@ -68,7 +68,7 @@ class Pointing:
         reach it, that of the parity of its number, so that stars of both are on either side.
         """
         az, el = self.target.place(stamps * 1e-9, site, air)
-        if self.mount.altaz:
+        if self.mount.vertical:
             return az, el
         first, second = self.mount.axes_of(az, el)
         if self.beyond is None:

@@ -120,7 +120,7 @@ class Asking:
         """Send the axes to where they come to a star from, and wait there for an exposure."""
         mount, value = self.outbox.mount(), self.outbox.value
         place = there - sides * BEYOND * DEG
-        if mount.altaz:
+        if mount.vertical:
             place[1] = np.clip(place[1], value('min_elevation_deg') * DEG,
                                value('max_elevation_deg') * DEG)
         # where the guard refuses it the star is taken as it comes: its row tells how

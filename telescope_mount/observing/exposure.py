@@ -186,7 +186,7 @@ class Exposer:
         rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
         wrong, sense = turned_rows(PointingRun(
             {name: np.array([own[name] for own in rows]) for name in JUDGED},
-            {} if self._out.mount().altaz else {'mount': self._out.mount()}))
+            {} if self._out.mount().vertical else {'mount': self._out.mount()}))
         if len(wrong) and wrong[-1]:
             self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)
             self.forget_aim()
@@ -239,7 +239,7 @@ class Exposer:
 
         Azimuths are carried as they are: a zero that is off is most of it.
         """
-        if pointing.mount.altaz:
+        if pointing.mount.vertical:
             return 1.0
         second = pointing.place(np.array([self.now()]), *self._out.sky())[1][0]
         return np.array([1.0 / np.cos(second), 1.0])

@@ -66,7 +66,7 @@ class FollowingCheck:
         now = at, wall
         demand = np.array([np.interp(at, track.times, axis) for axis in track.angles.T])
         way = here - demand
-        if self._mount.altaz:  # its reading may wrap; that of others is on the mount's travel
+        if self._mount.vertical:  # its reading may wrap; that of others is on the mount's travel
             way[0] = wrap(way[0])
         left = np.abs(way)
         if self._first is None:

@@ -67,10 +67,10 @@ class Limits(NamedTuple):
         ndarray of bool, shape (n,)
         """
         allowed = self.permitted(mount, az, el, time, numbers)
-        if mount.altaz:
+        if mount.vertical:
             return allowed & (el <= most)
         first, second = mount.axes_of(az, el)
-        free = mount.kind == 'german'  # on one side or the other
+        free = mount.two_sided  # on one side or the other
         return allowed & (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
 
 
@@ -138,7 +138,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
     bright, places, up, known, lonely = _observable(
         stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
-    highest = max_el if mount.altaz else np.pi / 2.0
+    highest = max_el if mount.vertical else np.pi / 2.0
     good = up & ~known & lonely
     if np.count_nonzero(good) < n:
         if not np.any(up):
@@ -242,7 +242,7 @@ def axes_at(mount, az, el, limits, numbers):
     first, second : ndarray, shape (n,)
         Radians.
     """
-    if mount.altaz:
+    if mount.vertical:
         return az, el
     first, second = mount.axes_of(az, el)
     beyond = mount.side_for(first, second, limits.meridian, numbers % 2 == 1)

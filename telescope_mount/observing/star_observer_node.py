@@ -164,7 +164,7 @@ class StarObserver(MountNode):
                 raise ValueError(f'joints {" and ".join(found)}, and the parameter mount says '
                                  f'{self.value(KIND_OF_MOUNT.name)}: {" and ".join(wanted)}')
             stamp, angles, rates, effort = convert.read_joints(message)
-            if self._mount.altaz and abs(angles[1]) > HIGHEST:
+            if self._mount.vertical and abs(angles[1]) > HIGHEST:
                 raise ValueError(f'an elevation of {angles[1]:.3g} rad, beyond the zenith: degrees '
                                  'for radians, or exchanged axes?')
         except ValueError as err:

@@ -33,7 +33,7 @@ class Table:
     """
 
     def __init__(self, mount=ALTAZ, power_ons=0):
-        self._meta = {} if mount.altaz else {'mount': mount}
+        self._meta = {} if mount.vertical else {'mount': mount}
         self._given, self._power_ons = 0, power_ons
         self.rows = ()
 

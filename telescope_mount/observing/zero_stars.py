@@ -283,7 +283,7 @@ def _short_way(az, el, mount, start):
     left = list(range(len(az)))
     here = (az[0], el[0]) if start is None else start
     order = []
-    turns = mount.kind != 'german'  # its travel ends at the pier
+    turns = not mount.two_sided  # its travel ends at the pier
     while left:
         first = az[left] - here[0]
         move = np.maximum(np.abs(wrap(first) if turns else first), np.abs(el[left] - here[1]))

@@ -47,7 +47,7 @@ INSIDE = {
 PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: what the simulator may use of the pointing model: the sky is the same for both, and how a mount
 #: stands under it
-SKY = ('pointing_model.sky', 'pointing_model.mounts', 'pointing_model.mount_names')
+SKY = ('pointing_model.sky', 'pointing_model.mounts', 'pointing_model.mount_kinds')
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
 DOOR = ROOT / 'telescope_mount' / 'simulator.py'
 #: whose names begin as those of packages

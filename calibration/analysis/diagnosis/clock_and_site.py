@@ -13,7 +13,6 @@ from .readings import Places
 #: hours that clocks of the zones differ from UTC by, beside whole and half ones
 _ODD_ZONES = (5.75, 8.75, 12.75, 13.75)
 _LARGEST_ZONE = 14.0
-_EQUATORIAL = ('equatorial', 'german')
 _TIMES, _SITE = 'times', 'site'
 _SET_SITE = 'set the site right'
 
@@ -79,7 +78,7 @@ def other_places(rows):
         out = [_of_stars(rows, *_clock(hours), site, hours) for hours in _zones()]
         out += [_of_stars(rows, text, _SITE, _SET_SITE, other) for text, other in _sites(site)]
         out = [one for one in out if one is not None]
-    elif rows.mount.kind in _EQUATORIAL:
+    elif rows.mount.celestial:
         az, el = rows.columns[:2]
         out.append(Elsewhere('the latitude with the other sign', _SITE, _SET_SITE, az, el,
                              Mount.equatorial(-rows.mount.latitude, rows.mount.kind)))
@@ -122,8 +121,8 @@ def _of_stars(rows, text, kind, advice, site, hours=0.0):
     except ValueError:  # beyond the tables of the Earth's rotation
         return None
     mount = rows.mount
-    if not mount.altaz:
-        if mount.kind in _EQUATORIAL:
+    if not mount.vertical:
+        if mount.celestial:
             mount = Mount.equatorial(site.latitude, mount.kind)
         az, el = mount.axes_of(az, el)
     turn = 0.0

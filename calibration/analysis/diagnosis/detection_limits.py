@@ -9,7 +9,7 @@ score passes what chance gives to the best of all candidates.
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 
 from .chance import ChanceTest, normal_score
 from .constants import DICTIONARY_SHARE, LIVE

@@ -169,7 +169,7 @@ class Diagnosis:
     def _south(self):
         """Whether the pole that is above the horizon is the southern one, where that matters."""
         mount = self.observations.run.mount
-        return bool(not mount.altaz and mount.latitude < 0.0)
+        return bool(not mount.vertical and mount.latitude < 0.0)
 
     def to_dict(self):
         """The JSON result; keys that do not apply are None."""

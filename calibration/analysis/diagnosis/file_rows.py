@@ -66,7 +66,7 @@ class FileRows:
         self.line = written['line'][some]
         self.beyond = written['beyond'][some] if 'beyond' in written else None
         self.label = _labels(run, place[some])
-        self.lst, self.sidereal = (None, False) if self.mount.altaz else _clock(
+        self.lst, self.sidereal = (None, False) if self.mount.vertical else _clock(
             run, written, place, some)
 
 
@@ -86,7 +86,7 @@ def _written(run, encoder):
     some = _evenly(len(run), _SOME)
     columns = {name: np.asarray(run[name][some], float) for name in ('az', 'el', *names)}
     beyond = is_beyond(columns['el'])
-    if not run.mount.altaz or beyond.any():  # places as they are on the sky
+    if not run.mount.vertical or beyond.any():  # places as they are on the sky
         columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
     return {**columns, 'line': run.lines[some], 'misplaced_rows': 0,
             'misplaced': np.zeros(len(some), bool)}, some

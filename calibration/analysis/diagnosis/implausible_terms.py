@@ -36,7 +36,7 @@ def unphysical(result):
              if one.fitted.effect.coefficient_names == ('TX',)]
     out = suspicious(rows) + _in_doubt(result, rows)
     for one in out:
-        one['altaz'] = result.observations.run.mount.altaz
+        one['altaz'] = result.observations.run.mount.vertical
         if result.effects and one['name'] in result.base_model.terms and (
                 'beside_effects_arcsec' not in one):
             one['alone_arcsec'] = result.base_model.terms[one['name']] / ARCSEC

@@ -18,7 +18,6 @@ from .clock_and_site import other_places
 from .file_rows import FileRows
 from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
 from .readings import MIRRORED, SOUTH, Reading, double_readings, doubt_sentences, single_readings
-from .usual_effects import USUAL
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -134,7 +133,7 @@ class _Check:
     def __init__(self, run, encoder):
         self.rows = rows = FileRows(run, encoder)
         self.mount, self.fits = rows.mount, ReadingFits(rows)
-        self.physical, self.effects = rows.mount.names.physical, USUAL[rows.mount.kind]
+        self.physical, self.effects = rows.mount.names.physical, rows.mount.names.usual
 
     def judged(self):
         """`Checked`; raises MistakenColumns."""
@@ -145,7 +144,7 @@ class _Check:
         if written is None or written.rms_arcsec > ABSURD or far:
             self._explain(written, far)
             return Checked()
-        south = self.mount.altaz and abs(np.remainder(written.zeros[0], 2.0 * np.pi)
+        south = self.mount.vertical and abs(np.remainder(written.zeros[0], 2.0 * np.pi)
                                          - np.pi) < SOUTH
         others = self.fits.best([r for r in self._single() if r != MIRRORED], _NEAR)
         if south:
@@ -198,7 +197,7 @@ class _Check:
         if not set(reading.catalogue) & {'hours', 'radians of the first'} or (
                 'swapped' in reading.catalogue):
             return False
-        if self.mount.altaz:
+        if self.mount.vertical:
             return 'hours' in reading.catalogue and first.min() >= 0.0 and np.ptp(first) > _DAY
         return len(first) >= _STRIP_ROWS and np.ptp(first) < _STRIP and np.ptp(second) > _STRIP_LONG
 

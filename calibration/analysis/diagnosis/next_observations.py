@@ -167,10 +167,10 @@ def places_under(known, low, high, *conditions):
         Of each condition.
     """
     mount = known.mount
-    beyond = np.unique(is_beyond(known.el)) if not mount.altaz else [False]
+    beyond = np.unique(is_beyond(known.el)) if not mount.vertical else [False]
     side, az, el = (v.ravel() for v in np.meshgrid(
         beyond, np.arange(0.0, 360.0, 15.0) * DEG, np.linspace(low, high, 9), indexing='ij'))
-    if not mount.altaz:
+    if not mount.vertical:
         az, el = mount.axes_of(az, el, side)
         seen = turned_to(known.az, az)
         az, el = (on_turn(known.az, az[seen]), el[seen]) if seen.any() else (known.az, known.el)
@@ -305,7 +305,7 @@ def place_of(context, j):
 def _side(context, j):
     """Of another mount than an alt-azimuth one: its own angles, and whether through the pole."""
     mount = context.mount
-    if mount.altaz:
+    if mount.vertical:
         return {}
     angles = mount.on_travel(context.az[j], context.el[j])
     return {**{f'{name}_deg': round(float(angle / DEG), 6)

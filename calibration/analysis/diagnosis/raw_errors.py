@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms
 from pointing_model.terms import stacked_design
 
@@ -102,7 +102,7 @@ def as_read_sentence(document):
     left = document['before'].get('rms_arcsec')
     if not rows or not read or left is None or read < _MUCH * left:
         return ''
-    names = KINDS[document.get('mount') or 'altaz']
+    names = kind_of(document)
     values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
     others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
     said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []

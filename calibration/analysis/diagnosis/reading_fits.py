@@ -224,14 +224,14 @@ class ReadingFits:
             or 'unturned' in names and not beyond.any()
             or 'folded' in names and abs(np.exp(1j * (az_enc - az)).mean()) > _ONE_SIDE
             or 'sideless' in names and (beyond.any() or self.rows.beyond is not None
-                                        or self.rows.mount.kind != 'german'))
+                                        or not self.rows.mount.two_sided))
 
     def _places(self, reading, centred):
         """Usable places of a reading, the first zero taken off, the log of its gain, rows lost."""
         with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
             p = reading.places(*self.rows.columns, held=self.rows.held, lst=self.rows.lst,
                                sidereal=self.rows.sidereal)
-            p = self._beyond_zenith(p, reading) if self.rows.mount.altaz else \
+            p = self._beyond_zenith(p, reading) if self.rows.mount.vertical else \
                 self._by_axes(p, reading)
             high = self._mount(reading).horizon_of(p.az, p.el)[1]
             good = np.isfinite(p.az_enc + p.el_enc) & (high >= _LIMITS[0]) & (high <= _LIMITS[1])

@@ -188,7 +188,6 @@ class Reading:
         return ', and '.join(parts)
 
 
-_EQUATORIAL = ('equatorial', 'german')
 #: of a mount that is its mirror image
 MIRRORED = Reading(('reversed',), ('reversed',))
 #: an azimuth zero this near to half a turn is one of the south, radians
@@ -280,10 +279,10 @@ def single_readings(held=False, mount=ALTAZ, lst=False):
     """
     if held:
         return [Reading((name,)) for name in _OF_PAIRS]
-    pairs = (*_OF_PAIRS, *(['ascension'] if lst and mount.kind in _EQUATORIAL else []))
+    pairs = (*_OF_PAIRS, *(['ascension'] if lst and mount.celestial else []))
     out = [Reading(*pair) for name in pairs
            for pair in (((name,), ()), ((), (name,)), ((name,), (name,)))]
-    if not mount.altaz:
+    if not mount.vertical:
         out += [Reading((), (name,)) for name in ('unturned', 'folded', 'sideless')]
     return [*out, *(Reading(offsets=name) for name in _OFFSETS), Reading(exchanged=True)]
 

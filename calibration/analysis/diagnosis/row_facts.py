@@ -9,7 +9,7 @@ from scipy.special import chdtrc
 from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms
 
 from .constants import BAD_NIGHT
@@ -45,7 +45,7 @@ def worst_rows(diagnosis):
              for when in ('before', 'after')}
     several = len(set(obs.sources)) > 1
     az, el = np.degrees(obs.run['az']), np.degrees(obs.run['el'])
-    if obs.run.mount.altaz:
+    if obs.run.mount.vertical:
         az = np.mod(az, 360.0)
     return {when: {'row': int(obs.lines[i]), 'az_deg': float(az[i]), 'el_deg': float(el[i]),
                    **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
@@ -95,7 +95,7 @@ def scatter_sentence(document):
     if not found:
         return ''
     bands = found['bands']
-    word = KINDS[document.get('mount') or 'altaz'].axes['xy'.index(found['axis'])]
+    word = kind_of(document).axes['xy'.index(found['axis'])]
     told = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
                      f'{band["to_deg"]:.0f}°' for band in bands)
     lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
@@ -123,7 +123,7 @@ def worst_sentence(document):
         return ''
     before, after = rows['before'], rows['after']
     word = document.get('rows_are') or 'row'
-    axes = KINDS[document.get('mount') or 'altaz'].axes
+    axes = kind_of(document).axes
 
     def named(row):
         text = (f'{row["source"]} ' if 'source' in row else '') + f'{word} {row["row"]}'

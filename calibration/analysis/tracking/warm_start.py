@@ -187,7 +187,7 @@ def menus(mount):
     """
     from pointing_model.terms import terms_of
     names, known = mount.names, tuple(terms_of(mount))
-    of_axes = ('ACEC', 'ACES', 'HACA2', 'HASA2') if mount.altaz else (
+    of_axes = ('ACEC', 'ACES', 'HACA2', 'HASA2') if mount.vertical else (
         'HCEC', 'HCES', 'HHCH2', 'HHSH2')
     rest = tuple(name for name in known if name not in names.physical)
     return {'six': names.standard6, 'physical': names.physical,

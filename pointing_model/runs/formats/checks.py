@@ -178,7 +178,7 @@ def flag_rows(table, mount):
     """Leave out rows below or beyond the sky, and copies of an earlier row."""
     low, high = ELEVATION_LIMITS
     el = table.columns['el']  # of an alt-azimuth mount as written
-    if not mount.altaz:
+    if not mount.vertical:
         el = mount.horizon_of(table.columns['az'], el)[1]
     with np.errstate(invalid='ignore'):
         table.exclude((el < low * DEG) | (el > high * DEG),

@@ -3,7 +3,7 @@
 import difflib
 import re
 
-from pointing_model.mount_names import Names
+from pointing_model.mount_kinds import MountKind
 
 from .solves import PARITY, SCALE, SIGMA
 
@@ -26,7 +26,7 @@ def near_column(name, header, by_header, names):
         All columns of the file; what is there is not what is meant.
     by_header : collection of str
         Names that are read.
-    names : Names
+    names : MountKind
         Of the axes: columns of x and y, az and el, are those of the first and the second.
 
     Returns
@@ -52,7 +52,7 @@ def _in_order(name):
     return '_'.join(sorted(name.split('_')))
 
 
-def _by_axes(name, names: Names):
+def _by_axes(name, names: MountKind):
     """A name with the axes that it may mean in those of the mount."""
     first, second = names.columns
     own = {'x': first, 'y': second, 'az': first, 'el': second, 'alt': second, 'ra': first}

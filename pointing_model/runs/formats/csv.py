@@ -6,7 +6,8 @@ import numpy as np
 
 from msg_tools.output import beside
 from msg_tools.units import DEG
-from pointing_model.mounts import ALTAZ, KINDS, is_beyond, mount_text, through_pole
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name
 
 from . import hints, solves, table
@@ -22,7 +23,7 @@ _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
 _OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
                     **{column_name(name, names): name for name in COLUMNS},
                     'pier_side': 'pier_side'})
-           for names in (KINDS['equatorial'], KINDS['free'])]
+           for names in KINDS.values() if not (names.vertical or names.two_sided)]
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
@@ -318,7 +319,7 @@ def write_csv(run, path, *, plain=False):
     names += [name for name in run.columns if name not in COLUMNS]
     header, columns, mount = [], [], run.mount
     beyond = is_beyond(run['el'])
-    places = {} if mount.altaz and not beyond.any() else dict(zip(
+    places = {} if mount.vertical and not beyond.any() else dict(zip(
         ('az', 'el'), through_pole(run['az'], run['el'], beyond)))  # the readings tell the side
     for name in names:
         values = places.get(name, run[name])
@@ -347,12 +348,12 @@ def write_csv(run, path, *, plain=False):
 def _told_of(run):
     """Comments by which `read_csv` knows mount and site."""
     mount = run.mount
-    if mount.altaz:
+    if mount.vertical:
         return []
     site = run.meta.get('site') or {}
     place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
              for name, _ in _SITE.values()}
-    if mount.kind != 'free':
+    if mount.celestial:
         place['latitude'] = mount.latitude
     said = [f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
             if place[name] is not None]

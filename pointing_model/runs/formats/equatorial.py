@@ -5,7 +5,8 @@ import re
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.mounts import ALTAZ, KINDS, Mount, sides
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 
 from .table import Table, cost_rows, floats, is_number, same_width, usual_width

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from msg_tools.units import DEG
-from pointing_model.mounts import ALTAZ, KINDS, Mount, parse_mount
+from pointing_model.mounts import ALTAZ, Mount, parse_mount
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun
@@ -127,7 +127,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
     places.mount_ascension(path, table)
     checks.blank_absurd(table)
-    if mount.altaz:
+    if mount.vertical:
         meta.pop('from_horizon', None)
     else:
         places.to_axes(path, table, mount)
@@ -135,7 +135,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     if meta['azimuth_origin'] == 'S':
         places.from_south(columns)
     checks.flag_rows(table, mount)
-    if mount.altaz:
+    if mount.vertical:
         places.past_zenith(table)
     checks.derive_approach(table)
     return PointingRun(checks.finish(path, table), meta)
@@ -151,7 +151,7 @@ def _settle_mount(path, table, given):
     if not isinstance(mount, Mount):
         place = meta.get('site') or {}
         latitude = place.get('latitude') if isinstance(place, dict) else place.latitude
-        if mount is None and table.names is not KINDS['equatorial']:
+        if mount is None and not table.names.celestial:
             raise ValueError(f'{path}: the mount of the columns axis1, axis2 is not told: give a '
                              'line "# mount: free:AZ,EL", or --mount')
         try:
@@ -165,11 +165,11 @@ def _settle_mount(path, table, given):
                 f'{path}: {error}' + (', and its longitude' if both else '') +
                 ' (a line "# latitude_deg: 31.05" before the header, or --latitude DEG'
                 + (' --longitude DEG' if both else '') + ')') from None
-    if mount.names is not table.names:
+    if mount.names.columns != table.names.columns:
         first, second = mount.names.columns
         raise ValueError(f'{path}: the columns are of {" and ".join(table.names.axes)}; those of a '
                          f'mount that is {mount.kind} are {first}_enc_deg, {second}_enc_deg')
-    if not mount.altaz:
+    if not mount.vertical:
         meta['mount'] = mount
     return mount
 

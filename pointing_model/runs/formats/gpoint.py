@@ -5,7 +5,8 @@ import re
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.mounts import ALTAZ, KINDS
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mounts import ALTAZ
 
 from .declared import declarations
 from .table import (

@@ -6,7 +6,7 @@ from pathlib import PurePath
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
 from .table import NoObservations, Table, parse_iso

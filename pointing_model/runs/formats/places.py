@@ -81,7 +81,7 @@ def observe_places(path, table, weather, origin, mount):
             meta['notes'].append(f'places of the catalogue taken as {declared.text}, as it was '
                                  'given')
         return
-    angles = 'az, el' if mount.altaz else f'{" and ".join(mount.names.axes)} of the catalogue'
+    angles = 'az, el' if mount.vertical else f'{" and ".join(mount.names.axes)} of the catalogue'
     meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
                          'proper motion)'
                          + ('' if declared else '; no comment "# frame: ..." says so'))

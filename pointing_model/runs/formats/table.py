@@ -8,7 +8,7 @@ import numpy as np
 
 from msg_tools.iso_time import read_iso
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mount_names import KINDS, Names
+from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
 
@@ -53,7 +53,7 @@ class Table:
         Why a row is left out, 0 where it is not.
     commented : list of int
         Lines that hold an observation behind a comment sign.
-    names : mounts.Names
+    names : MountKind
         Of the axes, in the names of its columns.
     written : dict of str to ndarray, shape (n,)
         Angles of the axes as they stand in the file where `columns` has them on their side of the
@@ -65,7 +65,7 @@ class Table:
     meta: dict
     reasons: np.ndarray = None
     commented: list = field(default_factory=list)
-    names: Names = ALTAZ.names
+    names: MountKind = ALTAZ.names
     written: dict = field(default_factory=dict)
 
     def label(self, name):

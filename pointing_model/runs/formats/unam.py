@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
 from .table import (

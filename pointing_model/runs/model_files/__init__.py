@@ -71,7 +71,7 @@ def read_model(path, mount=ALTAZ):
     path = Path(path)
     if path.suffix.lower() in _OURS:
         model = PointingModel.load(path)
-        if not mount.altaz and not model.mount.agrees(mount):
+        if not mount.vertical and not model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({told(model.mount)}) than the '
                              f'one that is meant ({told(mount)})')
         return ModelFile(model, 'telescope_mount')

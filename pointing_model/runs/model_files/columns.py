@@ -66,7 +66,7 @@ def on_sky(key, az, el, mount=ALTAZ):
     """
     trig = Trig(az, el, mount)
     out = np.zeros((2, len(az)))
-    if not mount.altaz:
+    if not mount.vertical:
         out[0], out[1] = trig.columns(terms_of(mount)[key[0]])
     elif key in TERM_OF:
         out[0], out[1] = TERMS[TERM_OF[key]].of(trig)
@@ -197,15 +197,15 @@ def of_model(model):
     def take(key, value):
         values[key] = values.get(key, 0.0) + value
     for (name, value), error in zip(model.terms.items(), model.sigmas):
-        if model.mount.altaz and name not in OF_TERM:
+        if model.mount.vertical and name not in OF_TERM:
             left.append(name)
             continue
-        key = OF_TERM[name] if model.mount.altaz else (name, ())
+        key = OF_TERM[name] if model.mount.vertical else (name, ())
         take(key, value)
         if np.isfinite(error):
             sigma[key] = float(error)
     for fitted in model.effects:
-        parts = _of_effect(fitted.effect) if model.mount.altaz else _terms_of_effect(
+        parts = _of_effect(fitted.effect) if model.mount.vertical else _terms_of_effect(
             fitted.effect, model.mount)
         if parts is None:
             needs = ', '.join(fitted.effect.requires)
@@ -217,7 +217,7 @@ def of_model(model):
                 if len(part) == 1:
                     sigma.setdefault(key, float(error))
     if model.harmonics is not None:
-        series = _of_harmonics(model.harmonics) if model.mount.altaz else None
+        series = _of_harmonics(model.harmonics) if model.mount.vertical else None
         if series is None:
             left.append(f'harmonics ({model.harmonics.interpretation})')
         else:

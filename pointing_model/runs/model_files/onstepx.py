@@ -112,10 +112,10 @@ def _read(path, text):
 
 def _for_mount(mount):
     """OnStepX of an equatorial mount, on both sides of the pier."""
-    if mount.kind not in ('equatorial', 'german'):
+    if not mount.celestial:
         raise ValueError(f'OnStepX has no models of a mount that is {mount.kind}')
     terms = {name: row for name, row in _EQUATORIAL.items()
-             if name != 'dfCor' or mount.kind == 'equatorial'}
+             if name != 'dfCor' or not mount.two_sided}
     own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
     index = tuple((name, ()) for name in mount.names.index)
 

@@ -160,7 +160,7 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     from pointing_model.fitted_effects import FittedEffect
 
     from .columns import TERM_OF
-    if not mount.altaz:
+    if not mount.vertical:
         return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
             [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)
     terms = {TERM_OF[key]: value for key, value in values.items() if key in TERM_OF}

@@ -122,7 +122,7 @@ def _write_gem(sheet):
 
 def _for_mount(mount):
     """gpoint of an equatorial mount: nine terms, in first order."""
-    if mount.kind not in ('equatorial', 'german'):
+    if not mount.celestial:
         raise ValueError(f'RTS2 has no models of a mount that is {mount.kind}')
     of = {name: (own, float(sign)) for own, (name, sign) in _GEM.items()}
     return replace(
@@ -144,7 +144,7 @@ def _angle(path, line, name, word):
 
 def _read(path, text, mount=ALTAZ):
     found, head = Found({}), None
-    line_of = _LINE if mount.altaz else _GEM
+    line_of = _LINE if mount.vertical else _GEM
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split()
         if not words or line.startswith('#'):
@@ -152,11 +152,11 @@ def _read(path, text, mount=ALTAZ):
         if head is None:
             head = words[0]
             gem = head in ('RTS2_MODEL', 'RTS2_GEM')
-            if gem and mount.altaz:
+            if gem and mount.vertical:
                 raise ValueError(f'{path} is a model of an equatorial mount ({head}), and not of '
                                  'an alt-azimuth one; if the mount is one, say so (--mount, '
                                  '--latitude)')
-            if head == 'RTS2_ALTAZ' and not mount.altaz:
+            if head == 'RTS2_ALTAZ' and not mount.vertical:
                 raise ValueError(f'{path} is a model of an alt-azimuth mount, and the mount is '
                                  f'{mount.kind}')
             if not (gem or head == 'RTS2_ALTAZ') or len(words) != 1 + len(line_of):
@@ -165,7 +165,7 @@ def _read(path, text, mount=ALTAZ):
             for name, word in zip(line_of, words[1:]):
                 found.terms[name] = _angle(path, number, name, word)
             continue
-        if not mount.altaz:
+        if not mount.vertical:
             raise ValueError(f'{path}, row {number}: extra terms of equatorial mounts are not read')
         name, value = _extra(path, number, words)
         if name in found.terms:

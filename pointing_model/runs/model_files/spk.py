@@ -38,7 +38,7 @@ def _attitude(mount, an, aw):
     """From south, east, up to the mount: the colatitude, then -AN about y, then AW about x."""
     s, c = np.sin(aw), np.cos(aw)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
-    nominal = np.eye(3) if mount.altaz else _about_y(mount.latitude - 0.5 * np.pi)
+    nominal = np.eye(3) if mount.vertical else _about_y(mount.latitude - 0.5 * np.pi)
     return about_x @ _about_y(-an) @ nominal
 
 
@@ -96,7 +96,7 @@ def _encoder(values, az, el, mount=ALTAZ, own=_OWN):
     azimuth, elevation = mount.horizon_of(az, el)
     aim = attitude @ _vector(np.pi - azimuth, elevation)
     side = np.where(is_beyond(el), -1.0, 1.0)
-    turn = np.pi if mount.altaz else 0.0  # roll is this minus the azimuth or the hour angle
+    turn = np.pi if mount.vertical else 0.0  # roll is this minus the azimuth or the hour angle
     roll, pitch = turn - az, el
     for _ in range(_PASSES):
         tel = _drooped(roll, pitch, attitude, plain, p, sn, cn, side)
@@ -148,7 +148,7 @@ def _read(path, text):
 
 def _for_mount(mount):
     """SPK of an equatorial mount, on both sides of the pier."""
-    if mount.kind not in ('equatorial', 'german'):
+    if not mount.celestial:
         raise ValueError(f'SPK has no models of a mount that is {mount.kind}')
     own = {(name, ()): [(member, float(sign))] for member, (name, sign) in _EQUATORIAL.items()}
     return replace(

@@ -106,7 +106,7 @@ def read(path, text, mount=ALTAZ):
         error = number_of(path, number, f'sigma of {name}', row.get('sigma_arcsec') or '0') * ARCSEC
         if part == 'term':
             if name not in terms_of(mount):
-                if mount.altaz:
+                if mount.vertical:
                     refuse_equatorial(path, [name])
                 raise ValueError(f'{path}, row {number}: {name} is no term that is known here; '
                                  f'known are {", ".join(terms_of(mount))}')

@@ -187,12 +187,12 @@ def _read(path, text, of=columns_of, mount=ALTAZ):
             found.sigma[name] = abs(number_of(path, number, f'sigma of {name}', sigma)) * ARCSEC
         if '=' in flags:
             fixed.append(name)
-    if mount.altaz:
+    if mount.vertical:
         refuse_equatorial(path, [name for name in names if of(name) is None])
     unknown = [f'{name} (row {names[name]})' for name in names if of(name) is None]
     if unknown:
         known = f'{", ".join(_NAMED)}, ECEC, harmonics as HASA2, HECA, HVSA2, HESA3CE3 ' \
-            'and polynomials as PZZ1' if mount.altaz else ', '.join(_signs(mount))
+            'and polynomials as PZZ1' if mount.vertical else ', '.join(_signs(mount))
         raise ValueError(f'{path}: {", ".join(unknown)} is no term that is known here; known are '
                          + known)
     if not names:

@@ -48,10 +48,10 @@ def uniform_sky(count=600, mount=ALTAZ):
     i = np.arange(count)
     height = np.sin(_LOWEST) + (1.0 - np.sin(_LOWEST)) * (i + 0.5) / count
     az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
-    if mount.altaz:
+    if mount.vertical:
         return Context(az, el)
     ha, dec = mount.axes_of(az, el)
-    return Context(*through_pole(ha, dec, (ha < 0.0) & (mount.kind == 'german')), mount=mount)
+    return Context(*through_pole(ha, dec, (ha < 0.0) & (mount.two_sided)), mount=mount)
 
 
 def apart(one, other, el):
@@ -187,7 +187,7 @@ def export(model, program, sky=None, told='', facts=None):
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = of_model(model)
     values = {key: value for key, value in values.items() if value or (
-              key in TERM_OF or not model.mount.altaz) and program.own(key) is not None}
+              key in TERM_OF or not model.mount.vertical) and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
     left += [_name_of(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
@@ -235,7 +235,7 @@ def export(model, program, sky=None, told='', facts=None):
 
 def of_mount(program, mount):
     """The program with the terms of a mount; ValueError where it has none."""
-    if mount.altaz:
+    if mount.vertical:
         return program
     if program.for_mount is None:
         raise ValueError(f'models of {program.title} are read and written of alt-azimuth mounts '
@@ -263,7 +263,7 @@ def _refit(program, target, start, sky, more):
     With `more`, where parts of the model have no column there, the program's other columns are
     taken as far as they pay; what second order leaves of rotations is not dressed up so.
     """
-    index = [OF_TERM[n] for n in ('IA', 'IE')] if program.mount.altaz else [
+    index = [OF_TERM[n] for n in ('IA', 'IE')] if program.mount.vertical else [
         (n, ()) for n in program.mount.names.index]
     keys = [*start, *(key for key in index if key not in start)]
     keys = [key for key in keys if program.own(key) is not None]

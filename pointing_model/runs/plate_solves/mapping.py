@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from pointing_model.mount_names import KINDS, Names
+from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
 
@@ -52,7 +52,7 @@ class Mapping:
     shift : float
         Part of the exposure from the moment that the time names to that at which the encoders
         were read.
-    names : mounts.Names
+    names : MountKind
         Of the axes whose readings are given.
     mount : str or None
         As `mounts.parse_mount` takes it.
@@ -67,7 +67,7 @@ class Mapping:
     columns: dict
     site: dict
     shift: float
-    names: Names = ALTAZ.names
+    names: MountKind = ALTAZ.names
     mount: str | None = None
     frame: Frame | None = None
     boresight: tuple | None = None

@@ -53,7 +53,7 @@ class AlpacaDriver(GotoMount):
             raise AlpacaError(f'{telescope.device} stands elsewhere than the parameters of the '
                               'site say')
         telescope.prepare(self.site if apart else None)
-        if self.mount.kind == 'german' and telescope.beyond is None:
+        if self.mount.two_sided and telescope.beyond is None:
             raise AlpacaError(f'{telescope.device} does not tell its side of the pier: a German '
                               'mount cannot be read without it')
         if self._dead_man and self.stopper is None:
@@ -72,5 +72,5 @@ class AlpacaDriver(GotoMount):
                 self.lost()
                 continue
             axes = axes_at(self.mount, *place, stamp * 1e-9, self.site,
-                           self.mount.kind == 'german' and bool(telescope.beyond))
+                           self.mount.two_sided and bool(telescope.beyond))
             self.take(Tick(stamp, np.array(axes), place, not telescope.slewing))

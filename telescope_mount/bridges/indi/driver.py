@@ -59,7 +59,7 @@ class MountDriver(GotoMount):
     def find(self):
         """The telescope of the server, ready to be pointed."""
         device = find_device(self.client, self._device)
-        telescope = IndiTelescope(self.client, device, self._axes, self.mount.altaz)
+        telescope = IndiTelescope(self.client, device, self._axes, self.mount.vertical)
         telescope.connect()
         check_kind(telescope, self.mount.kind)
         apart = self.check(telescope)

@@ -195,7 +195,7 @@ class GotoMount:
             place = telescope.place
             if place is None:
                 return
-            beyond = self.mount.kind == 'german' and bool(telescope.beyond)
+            beyond = self.mount.two_sided and bool(telescope.beyond)
             angles = np.array(axes_at(self.mount, *place[0], now * 1e-9, self.site, beyond))
         self._told = now
         self._readings.append((now, angles))

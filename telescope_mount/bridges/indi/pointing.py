@@ -39,7 +39,7 @@ def hour_angle_of(mount, first, second, site):
         A mount of another kind.
     """
     check_kind(mount)
-    if mount.altaz:
+    if mount.vertical:
         return Mount.equatorial(site.latitude).axes_of(first, second)
     return through_pole(first, second, is_beyond(second))
 
@@ -85,7 +85,7 @@ def axes_at(mount, ra, dec, time, site, beyond):
         rad; an azimuth is from 0 to 2 pi.
     """
     hour_angle = wrap(sidereal_time(time, site) - ra)
-    if mount.altaz:
+    if mount.vertical:
         return Mount.equatorial(site.latitude).horizon_of(hour_angle, dec)
     return mount.on_travel(*through_pole(hour_angle, dec, beyond))
 

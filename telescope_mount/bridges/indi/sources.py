@@ -138,7 +138,7 @@ class TrueSky(IndiSource):
         """Find the telescope."""
         if self.ticks.telescope is None:
             telescope = IndiTelescope(self.client, find_device(self.client, self._device),
-                                      self._axes, self.field.mount.altaz)
+                                      self._axes, self.field.mount.vertical)
             telescope.connect()
             knows_where_it_looks(telescope)
             self.ticks.telescope, self.why = telescope, ''

@@ -64,7 +64,7 @@ class TwoAxes:
     def __init__(self, mount, site, errors=None, clock=time.time):
         self.mount, self.site, self._clock = mount, site, clock
         errors = errors or {}
-        names = TERMS['altaz' if mount.altaz else 'polar']
+        names = TERMS['altaz' if mount.vertical else 'polar']
         unknown = set(errors) - set(names)
         if unknown:
             raise ValueError(f'{", ".join(sorted(unknown))}: a mount that is {mount.kind} has '
@@ -72,7 +72,7 @@ class TwoAxes:
         values = [errors.get(name, 0.0) for name in names]
         self._zeros, (self._cone, self._skew) = np.array(values[:2]), values[2:4]
         # AN and AW of an alt-azimuth mount; MA grows to the other side
-        self._lean = values[4], values[5] if mount.altaz else -values[5]
+        self._lean = values[4], values[5] if mount.vertical else -values[5]
         self.slewing = self.tracking = False
         self._axes, self._place, self._beyond = np.array([0.0, 80.0 * DEG]), None, False
         self._at, self._lock = clock(), threading.Lock()
@@ -119,7 +119,7 @@ class TwoAxes:
         with self._lock:
             self._go_on()
             axes, now = self._axes.copy(), self._at
-        if self.mount.altaz:
+        if self.mount.vertical:
             axes[0] = np.mod(axes[0], 2.0 * np.pi)
         true = self.mount.axes_of(*_azimuth_and_elevation(self._direction(axes)))
         return (axes, place_of_date(self.mount, axes, now, self.site),
@@ -137,7 +137,7 @@ class TwoAxes:
             return
         there = np.array(axes_at(self.mount, *self._place, now, self.site, self._beyond))
         ahead = there - self._axes
-        if self.mount.altaz:
+        if self.mount.vertical:
             ahead[0] = wrap(ahead[0])
         most = SPEED * max(passed, 0.0) if self.slewing else np.inf
         self._axes = self._axes + np.clip(ahead, -most, most)

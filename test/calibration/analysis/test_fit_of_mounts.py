@@ -32,7 +32,7 @@ def simulated(mount=GERMAN, n=60, seed=1, noise=1.0, x=0.0, y=0.0):
     rng = np.random.default_rng(seed)
     az, el = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.995, n))
     h, _ = mount.axes_of(az, el)
-    a, e = mount.axes_of(az, el, (h < 0.0) & (mount.kind == 'german'))
+    a, e = mount.axes_of(az, el, (h < 0.0) & (mount.two_sided))
     reading = geometry.sky_to_encoder(a, e, truth(mount), mount)
     off = noise * rng.normal(size=(2, n))
     if callable(x):

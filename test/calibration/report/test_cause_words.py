@@ -14,7 +14,7 @@ from calibration.report.cause_words import (
 from calibration.report.effect_words import title_of
 from pointing_model.effects import effect
 from pointing_model.effects.words import coefficient_word, common_shape
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 
 
 def test_causes_are_equals_and_the_best_is_first():

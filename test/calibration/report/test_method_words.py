@@ -25,7 +25,8 @@ from calibration.report.method_words import (
 )
 from calibration.report.page_parts import said
 from pointing_model.effects import effect
-from pointing_model.mounts import ALTAZ, KINDS
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats.mmt import _WANTED as WANTED
 
 

@@ -12,7 +12,7 @@ from calibration.analysis.term_notes import notes_of_terms, said_of_term, suspic
 from calibration.report.diagnosis_words import told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
 from msg_tools.units import ARCSEC
-from pointing_model.mounts import KINDS
+from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.run import PointingRun
 
 

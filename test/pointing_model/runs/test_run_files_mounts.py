@@ -159,7 +159,7 @@ mount
 
 def test_export_of_thesky(read):
     run = read(EXPORT)
-    assert run.mount.kind == 'german'
+    assert run.mount.two_sided
     assert run.mount.latitude / DEG == pytest.approx(39.0 + 26.0 / 3600.0)
     assert is_beyond(run['el']).tolist() == [True, False, True, False]
     # the mount is two degrees off in declination, on both sides of the pole the same way
@@ -300,7 +300,7 @@ def test_logs_of_the_unam_without_an_equinox_and_with_other_names(read, name, en
                f'{name} 207.6 25.1 207.8 25.0 -69.1 207.6 25.13391 180.0 -152.25 25.1478{end}\n'
                f'# {row} 0.0 207.7 35.1{end}\n'
                f'{row} 90.0 207.74189 +35.14780{end}\n', site=SITE)
-    assert run.mount.kind == 'german' and is_beyond(run['el']).tolist() == [False, True]
+    assert run.mount.two_sided and is_beyond(run['el']).tolist() == [False, True]
     assert run.meta['excluded'] == [{'row': 4, 'reason': 'commented out'},
                                     {'row': 5, 'reason': 'rotation: 90 is not 0 or 180'}]
     assert np.abs(run.offsets()).max() < 1.0 * DEG  # a right ascension of -152 is one of 208

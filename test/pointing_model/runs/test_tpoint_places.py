@@ -43,7 +43,8 @@ def observatory(mount, latitude, terms, n=40, seed=1, moved=None, lst_decimals=6
     first, second = mount.axes_of(az, el)
     reading = geometry.sky_to_encoder(first, second,
                                       {k: v * ARCSEC for k, v in terms.items()}, mount)
-    at = Mount.equatorial(latitude).axes_of(*mount.horizon_of(*reading)) if mount.altaz else reading
+    at = (Mount.equatorial(latitude).axes_of(*mount.horizon_of(*reading)) if mount.vertical
+          else reading)
     tt = time / 86400.0 + 40587.0 + 69.184 / 86400.0
     cirs = erfa.ufunc.atci13(*now, 0.0, 0.0, 0.0, 0.0, 2400000.5, tt)
     apparent = cirs[0] - cirs[2], cirs[1]
@@ -91,7 +92,7 @@ def test_an_alt_azimuth_mount_with_places_among_the_stars(read):
     rows = observatory(ALTAZ, latitude, OF_ALTAZ)
     text = written(rows, ['ALTAZ'], latitude, after='-1.4 105.9 HARPB 0.00')
     run = read(text, equinox='date')
-    assert run.mount.altaz and len(run) == 40 and off(run, OF_ALTAZ) < 0.1
+    assert run.mount.vertical and len(run) == 40 and off(run, OF_ALTAZ) < 0.1
     assert run['auxiliary_1'][0] == -1.4 and run['auxiliary_4'][0] == 0.0
     notes = ' '.join(run.meta['notes'])
     assert 'HARPB' in notes and 'made of its right ascension' in notes

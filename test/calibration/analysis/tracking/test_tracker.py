@@ -20,7 +20,7 @@ SOUTH = Mount.equatorial(-30 * DEG, 'german')
 
 def model(sigma=0.3, mount=ALTAZ, **other):
     """Of an ordinary mount; other terms in arcsec."""
-    names = TERMS if mount.altaz else mount.names.physical
+    names = TERMS if mount.vertical else mount.names.physical
     terms = {**dict(zip(names, TERMS.values())), **other}
     return PointingModel({name: value * ARCSEC for name, value in terms.items()},
                          np.eye(len(terms)) * (sigma * ARCSEC) ** 2, mount=mount)

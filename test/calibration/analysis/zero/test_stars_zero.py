@@ -23,7 +23,7 @@ def model_of(mount=ALTAZ, values=VALUES, noise=1.0, seed=0):
     """A model and the covariance that 30 stars with such noise give it."""
     rng = np.random.default_rng([9, seed])
     az, el = rng.uniform(0.0, 2.0 * np.pi, 30), np.arcsin(rng.uniform(0.35, 0.99, 30))
-    first, second = mount.axes_of(az, el) if not mount.altaz else (az, el)
+    first, second = mount.axes_of(az, el) if not mount.vertical else (az, el)
     names = mount.names.physical
     columns = np.concatenate(design(names, first, second, mount))
     return PointingModel(dict(zip(names, values)),
@@ -35,7 +35,7 @@ def four(mount=ALTAZ, turned=0.0):
     star = np.repeat(np.arange(4), 4)
     az = np.array([77.0, 41.0, 272.0, 181.0])[star] * DEG + turned + 0.0005 * np.arange(16)
     el = np.array([32.0, 33.0, 64.0, 35.0])[star] * DEG
-    return (*(mount.axes_of(az, el) if not mount.altaz else (az, el)), 100.0 + star)
+    return (*(mount.axes_of(az, el) if not mount.vertical else (az, el)), 100.0 + star)
 
 
 def exposed(rng, truth, zero, place=None, run=1, noise=1.0, mark=1.0):
@@ -48,7 +48,7 @@ def exposed(rng, truth, zero, place=None, run=1, noise=1.0, mark=1.0):
     return PointingRun({
         'az': az, 'el': el, 'az_enc': wrap(first + zero[0] + dx / np.cos(el)),
         'el_enc': second + zero[1] + dy, 'star': star, 'run': np.full(n, float(run)),
-        MARK: np.full(n, mark)}, {} if mount.altaz else {'mount': mount})
+        MARK: np.full(n, mark)}, {} if mount.vertical else {'mount': mount})
 
 
 def drawn(rng, model):

@@ -1,0 +1,181 @@
+"""Kinds of mounts: what their axes and terms are called, how they stand, travel and carry.
+
+A kind more is an entry more of `KINDS`; everybody else asks a mount, or its kind, for what it has,
+and not for its name.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+#: the terms of the rotations, by the names that an alt-azimuth mount has for them
+CANONICAL = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
+_AXES = ('azimuth', 'elevation')
+_WORDS = re.compile(r'\b(?:azimuth|elevation)\b')
+
+
+@dataclass(frozen=True)
+class MountKind:
+    """A kind of mount.
+
+    Attributes
+    ----------
+    words : str
+        For people: "an alt-azimuth mount".
+    axes : tuple of str
+        Their angles, for people.
+    shafts : tuple of str
+        The axes themselves, for people.
+    letters : tuple of str
+        Of the angles in formulas.
+    tpoint : tuple of str
+        In names of TPOINT's generic terms: of both angles, of what is left and right as a third
+        term of the geometry is (non-perpendicularity), and of left and right on the sky. Empty
+        where TPOINT has no such mount.
+    columns : tuple of str
+        In the names of columns in files: ``az_enc_deg``, ``ha_enc_deg``.
+    terms : dict of str to (str, int)
+        Name of each geometric term -> that of the same rotation of an alt-azimuth mount, and its
+        sign there: MA leans the pole to the x of the frame (west), AW away from it.
+    sides : tuple of tuple of str
+        Words for a falling and a rising angle, of each axis.
+    pole : str or tuple of float
+        Where the first axis points: ``'zenith'``; ``'celestial'``, which takes the latitude;
+        ``'given'``, with the mount; or azimuth, elevation and roll of such mounts, radians.
+    travel_deg : tuple of tuple of float
+        Of both axes, where nothing else is said, in the north.
+    park_deg : str
+        Where mounts of servers are parked: near the pole, and not at it, where places say nothing
+        of the first axis.
+    two_sided : bool
+        Whether it goes through the pole to change its side: a German mount does, whose
+        counterweight stays down.
+    geared : bool
+        Whether most have no encoder on an axis: it is counted at the motor, and the wheel that the
+        worm turns takes the place of the disc.
+    ring : bool
+        Whether the first axis may be a large ring, which its own weight makes oval.
+    carrier, carriers : str
+        What the first axis carries, in short, and which kinds of it there are.
+    usual : tuple of tuple of str
+        Groups of terms that many have: what a misfit may be in place of mistaken columns.
+    aliases : tuple of str
+        Other words for it.
+    """
+
+    words: str
+    axes: tuple
+    shafts: tuple
+    letters: tuple
+    tpoint: tuple
+    columns: tuple
+    terms: dict
+    sides: tuple
+    pole: object
+    travel_deg: tuple
+    park_deg: str = '0,80'
+    two_sided: bool = False
+    geared: bool = False
+    ring: bool = False
+    carrier: str = 'fork'
+    carriers: str = 'fork or saddle'
+    usual: tuple = ()
+    aliases: tuple = ()
+
+    @property
+    def vertical(self):
+        """Whether the first axis points to the zenith: its frame is the horizon."""
+        return self.pole == 'zenith'
+
+    @property
+    def celestial(self):
+        """Whether the first axis points to the celestial pole."""
+        return self.pole == 'celestial'
+
+    @cached_property
+    def keys(self):
+        """Of the axes, in names of effects and drivers."""
+        return tuple(axis.replace(' ', '_') for axis in self.axes)
+
+    @property
+    def physical(self):
+        """The geometry and Hooke's law flexure."""
+        return tuple(self.terms)
+
+    @property
+    def standard6(self):
+        """The usual six, of telescopes with well squared axes."""
+        return tuple(name for name, (own, _) in self.terms.items() if own != 'NPAE')
+
+    @property
+    def index(self):
+        """The zeros of both axes."""
+        return self.physical[:2]
+
+    def named(self, canonical):
+        """Name here of a term of `CANONICAL`."""
+        return next(name for name, (own, _) in self.terms.items() if own == canonical)
+
+    def say(self, text):
+        """A sentence about azimuth and elevation, of the axes of this mount."""
+        if self.axes == _AXES:
+            return text
+        return _WORDS.sub(lambda found: self.axes[_AXES.index(found[0])], text)
+
+    def word(self, axis):
+        """For people, of ``az`` (the first axis) or ``el`` (the second)."""
+        return self.axes[axis != 'az']
+
+    def shaft(self, axis):
+        """As `word`, of the axis itself."""
+        return self.shafts[axis != 'az']
+
+    def key(self, axis):
+        """As `word`, in names."""
+        return self.keys[axis != 'az']
+
+    def letter(self, axis):
+        """As `word`, in formulas."""
+        return self.letters[axis != 'az']
+
+
+def _terms(*names):
+    return {name: (own, 1) for name, own in zip(names, CANONICAL)}
+
+
+_HADEC = MountKind(
+    'an equatorial mount', ('hour angle', 'declination'), ('polar axis', 'declination axis'),
+    ('h', 'δ'), ('H', 'D', 'P', 'X'), ('ha', 'dec'),
+    {**_terms('IH', 'ID', 'CH', 'NP'), 'MA': ('AW', -1), 'ME': ('AN', 1), 'TF': ('TF', 1)},
+    (('eastward', 'westward'), ('toward smaller readings', 'toward larger readings')),
+    'celestial', ((-180.0, 180.0), (-90.0, 100.0)), geared=True, ring=True,
+    carrier='fork or saddle', carriers='fork, yoke or horseshoe', usual=(
+        ('HZCZ',), ('TX',), ('HDCD2', 'HDSD2'), ('HCEC', 'HCES'), ('HHCH2', 'HHSH2'),
+        ('HDCH', 'HDSH'), ('HDCH2', 'HDSH2'), ('HPCH2', 'HPSH2'), ('DAF',)),
+    aliases=('fork', 'horseshoe'))
+#: which is not written down
+USUAL = 'altaz'
+KINDS = {
+    USUAL: MountKind(
+        'an alt-azimuth mount', _AXES, ('azimuth axis', 'elevation axis'), ('A', 'E'),
+        ('A', 'E', 'V', 'S'), ('az', 'el'), _terms(*CANONICAL),
+        (('anticlockwise', 'clockwise'), ('downward', 'upward')),
+        'zenith', ((-270.0, 270.0), (-5.0, 95.0)), '180,80', usual=(
+            ('ECES',), ('TX',), ('HECE2', 'HESE2'), ('ACEC', 'ACES'), ('HACA2', 'HASA2'),
+            ('HECA', 'HESA'), ('HECA2', 'HESA2'), ('HVCA2', 'HVSA2')),
+        aliases=('alt-az',)),
+    'equatorial': _HADEC,
+    # an equatorial one that goes through the pole to change its side; the geometry is the same
+    'german': replace(_HADEC, words='a German mount', travel_deg=((-10.0, 190.0), (-90.0, 270.0)),
+                      park_deg='90,80', two_sided=True, ring=False, carrier='saddle',
+                      carriers='saddle', aliases=('gem',)),
+    'free': MountKind(
+        'a mount of two axes', ('first axis', 'second axis'), ('first axis', 'second axis'),
+        ('a', 'b'), (), ('axis1', 'axis2'), _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
+        (('falling', 'rising'), ('falling', 'rising')), 'given',
+        ((-180.0, 180.0), (-90.0, 270.0)), usual=(('TX',), ('HZCZ',)))}
+
+
+def kind_of(document):
+    """The `MountKind` that a document of results says; by default an alt-azimuth one."""
+    return KINDS[document.get('mount') or USUAL]

@@ -1,0 +1,82 @@
+"""A kind of mount is an entry of one table: what asks for it needs no other change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.fit import fit_terms
+from calibration.report.method_words import model_words
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.model import PointingModel
+from pointing_model.mount_kinds import KINDS
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import mount_text, parse_mount
+from pointing_model.runs.formats import read_run
+from pointing_model.runs.formats.csv import write_csv
+from pointing_model.runs.run import PointingRun
+from pointing_model.sky.places import observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+from telescope_mount.graph import night_graph
+from telescope_mount.guard.limits import travel_of
+from telescope_mount.observing.star_choice import choose_stars
+
+#: its first axis lies to the north
+ALT_ALT = replace(KINDS['free'], words='an alt-alt mount', axes=('roll', 'pitch'),
+                  shafts=('roll axis', 'pitch axis'), pole=(0.0, 0.0),
+                  travel_deg=((-85.0, 85.0), (-80.0, 80.0)))
+
+
+@pytest.fixture
+def mount(monkeypatch):
+    monkeypatch.setitem(KINDS, 'altalt', ALT_ALT)
+    return parse_mount('altalt')
+
+
+def night(mount, n=60, **terms):
+    rng = np.random.default_rng(7)
+    az, el = rng.uniform(-np.pi, np.pi, 4 * n), np.arcsin(rng.uniform(0.4, 1.0, 4 * n))
+    first, second = (v[:n] for v in np.array(mount.axes_of(az, el))[
+        :, np.abs(mount.axes_of(az, el)[1]) < 70.0 * DEG])
+    truth = PointingModel({name: value * ARCSEC for name, value in terms.items()}, mount=mount)
+    x, y = rng.normal(size=(2, n)) * ARCSEC
+    a, e = truth.sky_to_encoder(first, second)
+    return PointingRun({'az': first, 'el': second, 'az_enc': a + x / np.cos(second),
+                        'el_enc': e + y, 'time': 1.7e9 + 60.0 * np.arange(n)}, {'mount': mount})
+
+
+def test_it_points_to_where_its_axes_say(mount):
+    assert mount_text(mount) == 'altalt' and parse_mount('altalt').agrees(mount)
+    zenith = mount.horizon_of(0.0, 0.0)
+    assert zenith[1] == pytest.approx(0.5 * np.pi)
+    az, el = mount.horizon_of(0.0, 30.0 * DEG)  # toward the pole of its first axis
+    assert wrap(az) == pytest.approx(0.0, abs=1e-12) and el == pytest.approx(60.0 * DEG)
+
+
+def test_a_run_is_fitted_diagnosed_written_and_read(mount, tmp_path):
+    truth = {'I1': 100.0, 'I2': -50.0, 'C1': 30.0, 'N12': -20.0, 'T1': 40.0, 'T2': 25.0, 'TF': 15.0}
+    run = night(mount, **truth)
+    fit = fit_terms(run)
+    for name, value, sigma in zip(fit.names, fit.coefficients, fit.sigma):
+        assert abs(value - truth[name] * ARCSEC) < 4.0 * sigma
+    again = PointingModel.from_json(fit.model.to_json())
+    assert again.mount.agrees(mount) and again.mount.kind == 'altalt'
+    document = diagnose(run, cross_validation=False, flips=199).to_dict()
+    assert document['mount'] == 'altalt' and document['mount_axes'] == ['roll', 'pitch']
+    assert model_words(document) == 'the seven terms of an alt-alt mount'
+    write_csv(run, tmp_path / 'run.csv')
+    back = read_run(tmp_path / 'run.csv')
+    assert back.mount.agrees(mount)
+    np.testing.assert_allclose(back['az_enc'], run['az_enc'], atol=1e-9)
+
+
+def test_guard_stars_and_picture_know_it(mount):
+    assert travel_of(mount) == ALT_ALT.travel_deg
+    assert '<robot' in urdf(mount)
+    stars = load_catalogue(mag_limit=4.0)
+    rows = choose_stars(stars, 1.768e9, n=8, mount=mount)
+    az, el = observed_place(stars.select(rows), 1.768e9)
+    assert (np.abs(mount.axes_of(az, el)[1]) < 85.0 * DEG).all()
+    night = {spec.name: spec.parameters for spec in night_graph(bag='bag', mount='altalt')}
+    assert night['star_observer']['mount'] == night['mount_guard']['mount'] == 'altalt'
