@@ -30,7 +30,7 @@ from pointing_model.sky.places import Site
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
 from telescope_mount.guard.limits import Axis, Limits, travel_of
-from telescope_mount.guard.motion import State
+from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.track_judgement import Judge
 from telescope_mount.guard.verdicts import Allowed
 from telescope_mount.guard.way import lead, stopped
@@ -172,7 +172,7 @@ def judged(case, spent, spent_on_plans):
     """Ask the guard; whether it lets the command pass, and its words."""
     own = case['setting']
     judge, sky = own.judge, own.sky
-    state = State(tuple(case['angles'].tolist()), tuple(case['rates'].tolist()))
+    state = AxisState(tuple(case['angles'].tolist()), tuple(case['rates'].tolist()))
     begin, steady = time.thread_time(), time.perf_counter()
     found = judge.judge(*case['track'], state, *sky)
     spent.append((time.thread_time() - begin, time.perf_counter() - steady,

@@ -19,7 +19,7 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from telescope_mount.guard.guard_settings import Settings
+from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.keeper import Keeper
 from telescope_mount.observing.axis_demand import Track
 
@@ -35,7 +35,7 @@ class Session:
     def __init__(self, rng, own, here):
         self.rng, self.own, self.here, self.rate = rng, own, here, np.zeros(2)
         self.time, self.start = 0.0, round(own.time * 1e9)
-        self.keeper = Keeper(own.judge.limits, own.over, Settings(whole=False),
+        self.keeper = Keeper(own.judge.limits, own.over, GuardSettings(whole=False),
                              lambda: self.time)
         self.track, self.asked, self.path, self.wrong = None, None, [here], []
         self.hung = self.silent = self.dead = 0.0

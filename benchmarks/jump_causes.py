@@ -29,7 +29,7 @@ from scipy.special import ndtri
 from zero_drift import ABSOLUTE_NOISE, AXES, Night, changed, load_scenario
 
 from calibration.analysis.encoders.cross_check import check_witnesses
-from calibration.analysis.encoders.cross_check_night import Night as Rows
+from calibration.analysis.encoders.cross_check_night import CrossCheckNight as Rows
 from calibration.analysis.encoders.cross_check_records import USUAL
 from calibration.analysis.encoders.jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
 from calibration.analysis.fit import fit_terms

@@ -23,7 +23,7 @@ import numpy as np
 
 from calibration.analysis.fit import fit_terms
 from encoder_sim.geometry import MountGeometry, azimuth_elevation, direction
-from encoder_sim.scenario import Mount, Wobble
+from encoder_sim.scenario import MountErrors, Wobble
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.formats import iso_utc
 from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
@@ -34,7 +34,7 @@ from telescope_mount.observing.pairing import centred
 
 SITE = Site(34.3 * DEG, 109.0 * DEG, 500.0)
 START = 1_795_000_000.0  # 2026-11-18T11:06:40Z
-SOLID = Mount(ia=310 * ARCSEC, ie=-170 * ARCSEC, ca=46 * ARCSEC, npae=-23 * ARCSEC,
+SOLID = MountErrors(ia=310 * ARCSEC, ie=-170 * ARCSEC, ca=46 * ARCSEC, npae=-23 * ARCSEC,
               an=37 * ARCSEC, aw=-21 * ARCSEC, tf=15 * ARCSEC)
 HEAD = '# latitude_deg: 34.3\n# longitude_deg: 109.0\n# height_m: 500\n'
 KINDS = ('false', 'copied', 'double', 'scale')
@@ -54,7 +54,7 @@ def simulated(count=40, hours=4.0, seed=5, beside=15.0, noise=1.0, mount=SOLID):
         How far the axes point beside the star, arcsec, standard deviation of each.
     noise : float
         Of the readings, arcsec.
-    mount : encoder_sim.scenario.Mount
+    mount : encoder_sim.scenario.MountErrors
 
     Returns
     -------
@@ -154,7 +154,7 @@ def any_mount(rng):
     if rng.random() < 0.5:
         wobble = (Wobble(amplitude=10 ** rng.uniform(0, 1.5) * ARCSEC, per_turn=2,
                          phase=rng.uniform(0, 6), lean='forward'),)
-    return Mount(**terms, tf=rng.normal(0, 20) * ARCSEC, wobble=wobble)
+    return MountErrors(**terms, tf=rng.normal(0, 20) * ARCSEC, wobble=wobble)
 
 
 def any_night(seed, hours=None):

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from calibration.analysis.season.season_causes import candidates, choose_causes
 from calibration.analysis.season.season_filter import Told, find_wander, forecast, levels, smoothed
-from calibration.analysis.season.season_nights import Night, Nights, days, nights_of
+from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats import read_run
@@ -52,7 +52,7 @@ def season(rng, what, count=30):
             values[night:, term] += sign * rng.uniform(10.0, 20.0) * noise
     sigma = rng.uniform(0.5, 2.0, (count, k))
     values += sigma * rng.standard_normal((count, k))
-    nights = [Night(f'night {i}', 86400.0 * d, 40, v * ARCSEC, np.diag(s**2) * ARCSEC**2, 0.0,
+    nights = [SeasonNight(f'night {i}', 86400.0 * d, 40, v * ARCSEC, np.diag(s**2) * ARCSEC**2, 0.0,
                     {'temperature': (t, 1.0)})
               for i, (d, v, s, t) in enumerate(zip(day, values, sigma, temperature))]
     return Nights(NAMES, ALTAZ, nights, []), term, at

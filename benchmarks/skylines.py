@@ -18,7 +18,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.limits import Axis, Limits
-from telescope_mount.guard.motion import State
+from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.track_judgement import Judge
 from telescope_mount.guard.verdicts import Allowed
 from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
@@ -114,7 +114,7 @@ def judged(rng, corners, text, count):
     rates = rng.uniform(-15.0, 15.0, (len(az), 2)) * ARCSEC
     far = away(corners, az, el)
     for place, rate, hit, off in zip(np.array(az_el).T * DEG, rates, building, far):
-        state = State(tuple(place.tolist()))
+        state = AxisState(tuple(place.tolist()))
         for name, times in (('', np.zeros(1)), (' on a track', np.array([-1.0, 1.0]))):
             moving = rate if name else 0.0 * rate
             track = times, place + times[:, None] * moving, np.tile(moving, (len(times), 1))

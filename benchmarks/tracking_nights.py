@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.analysis.tracking.hypotheses import Bank, Jump
+from calibration.analysis.tracking.hypotheses import Hypotheses, TermJump
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.terms import design
@@ -170,8 +170,8 @@ class Night:
         t = self.truth
         weight = np.linalg.inv(self.evening_covariance)
         right = weight @ self.evening
-        oracle = Bank(self.evening, self.evening_covariance, [np.diag(t.walk**2)], wrong=1e-9)
-        far = Jump('', np.eye(K)[self.jump_axis], 100.0 * ARCSEC, 0.0)
+        oracle = Hypotheses(self.evening, self.evening_covariance, [np.diag(t.walk**2)], wrong=1e-9)
+        far = TermJump('', np.eye(K)[self.jump_axis], 100.0 * ARCSEC, 0.0)
         out = {key: np.tile(self.evening, (self.count, 1)) for key in 'abcd'}
         for k in range(self.count):
             h, y = self.columns[k], self.linear(k)

@@ -41,7 +41,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
-from telescope_mount.observing.next_star import Slew, next_star, until
+from telescope_mount.observing.next_star import SlewTime, next_star, until
 
 GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0
 STEP = 10.0  # s, of the true path
@@ -65,7 +65,7 @@ def hold(seed, chosen, weights=None, hours=8.0, noise=ARCSEC):
     steps = int(3600.0 * hours / STEP)
     path = np.cumsum(rng.normal(size=(steps, K)) * truth.walk * np.sqrt(STEP / 3600.0), axis=0)
     targets = np.stack(sky(rng, int(3 * hours) + 1), axis=1)
-    candidates, slew = sky(np.random.default_rng(seed + 9), 300), Slew()
+    candidates, slew = sky(np.random.default_rng(seed + 9), 300), SlewTime()
     allowed = candidates[1] < 80 * DEG
     tracker, in_force = Tracker(night.model(), 0, rate_weights=weights), np.full(
         (steps, K), np.nan)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from .paper_reader import PaperReader
-from .readings import Readings
+from .readings import FrameReadings
 from .template_reader import TemplateReader
 
 _TURN = 2.0 * np.pi
@@ -72,12 +72,12 @@ class AxisReader:
 
         Parameters
         ----------
-        readings : Readings
+        readings : FrameReadings
             Of one head after the other.
 
         Returns
         -------
-        Readings
+        FrameReadings
             Angle of the axis, and the 1-sigma of it. Rejected where any head is: a single head
             would bring the eccentricity back.
         """
@@ -92,7 +92,7 @@ class AxisReader:
             angle = -angle % _TURN
         if self.lowest:
             angle = (angle - self.lowest) % _TURN + self.lowest
-        return Readings(angle, quality, sigma)
+        return FrameReadings(angle, quality, sigma)
 
 
 def read_frames(axes, frames):
@@ -106,7 +106,7 @@ def read_frames(axes, frames):
 
     Returns
     -------
-    Readings
+    FrameReadings
         All arrays of shape (n, len(axes)); the same to the last bit, whatever is read together.
 
     Raises
@@ -115,7 +115,7 @@ def read_frames(axes, frames):
         Frames with another number of pixels than the design has.
     """
     n = frames[0].shape[1]
-    out = Readings(np.empty((n, len(axes))), np.empty((n, len(axes)), dtype=np.int8),
+    out = FrameReadings(np.empty((n, len(axes))), np.empty((n, len(axes)), dtype=np.int8),
                    np.empty((n, len(axes))))
     for reader in {id(axis.reader): axis.reader for axis in axes}.values():
         mine = [i for i, axis in enumerate(axes) if axis.reader is reader]
@@ -136,7 +136,7 @@ def _columns(readings):
 
 
 def _part(readings, begin, end):
-    return Readings(*(column[begin:end] for column in _columns(readings)))
+    return FrameReadings(*(column[begin:end] for column in _columns(readings)))
 
 
 def _read_in_blocks(reader, rows):
@@ -154,4 +154,4 @@ def _read_in_blocks(reader, rows):
         parts.append(_columns(_part(reader.read(block), 0, n)))
     if not parts:
         return reader.read(rows)
-    return Readings(*map(np.concatenate, zip(*parts)))
+    return FrameReadings(*map(np.concatenate, zip(*parts)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from .disc import WINDOW
 from .optics import INVERSION
-from .readings import EXACT, REJECTED, Readings, checked_frames
+from .readings import EXACT, REJECTED, FrameReadings, checked_frames
 
 THRESHOLD = 150.0
 WIDTH_THRESHOLD = 3000.0
@@ -43,7 +43,7 @@ class _BarReader:
     #: frames to read at once, for that the last digit does not depend on their number
     BLOCK = 8
     _SMALLEST = 5
-    _READINGS = Readings
+    _READINGS = FrameReadings
     _COLUMNS = 1  # that `_place` returns: place in bars, not wrapped, and more
 
     def __init__(self, design, disc=None):
@@ -90,7 +90,7 @@ class _BarReader:
 
         Returns
         -------
-        Bars
+        PaperBars
         """
         n, pixels = grey.shape
         row_length = pixels + 2  # a dark pixel at either end keeps the rows apart
@@ -121,10 +121,10 @@ class _BarReader:
         rows = np.arange(n)[:, np.newaxis]
         narrow = total[rows, end[:, :WINDOW]] - total[rows, start[:, :WINDOW]] < WIDTH_THRESHOLD
         first = np.where(count >= WINDOW, self.disc.find(narrow), -1)
-        return Bars(first, count, start, end)
+        return PaperBars(first, count, start, end)
 
 
-class Bars:
+class PaperBars:
     """Whole bars of n frames.
 
     Attributes
@@ -140,7 +140,7 @@ class Bars:
         self.first, self.count, self.start, self.end = first, count, start, end
 
     def rows(self, rows):
-        return Bars(self.first[rows], self.count[rows], self.start[rows], self.end[rows])
+        return PaperBars(self.first[rows], self.count[rows], self.start[rows], self.end[rows])
 
     @property
     def centre(self):
@@ -149,7 +149,7 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class PaperReadings(Readings):
+class PaperReadings(FrameReadings):
     """What `PaperReader` says beside angle and quality; NaN where there was nothing to fit.
 
     Attributes

@@ -12,7 +12,7 @@ QUALITIES = ('exact', 'corrected', 'rejected')
 
 
 @dataclass(frozen=True)
-class Readings:
+class FrameReadings:
     """The readings of n frames.
 
     Attributes

@@ -17,7 +17,7 @@ from .bar_fit import BarLine, Bars
 from .bar_lattice import BarLattice
 from .bar_template import BarTemplate
 from .disc import windows_of
-from .readings import REJECTED, Readings, checked_frames
+from .readings import REJECTED, FrameReadings, checked_frames
 
 _CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
 _STRETCHES = 8192  # of bars at once, which stay in the cache
@@ -26,7 +26,7 @@ _LARGEST = 1e6  # grey levels in float frames
 
 
 @dataclass(frozen=True)
-class TemplateReadings(Readings):
+class TemplateReadings(FrameReadings):
     """What `TemplateReader` says of n frames beside angle and quality.
 
     Attributes

@@ -3,7 +3,7 @@
 import numpy as np
 
 from encoder_reading.axis_reader import AxisReader, read_frames
-from encoder_reading.readings import Readings
+from encoder_reading.readings import FrameReadings
 
 from .ccd import LinearCCD
 from .disturbance import stamp_delays
@@ -104,8 +104,8 @@ class AbsoluteEncoder:
 
         Returns
         -------
-        Readings
+        FrameReadings
             Angles in rad, NaN where rejected.
         """
         part = read_frames([self.reader], [self.frames(stamps, angles, rates, temperature)])
-        return Readings(part.angle[:, 0], part.quality[:, 0], part.sigma[:, 0])
+        return FrameReadings(part.angle[:, 0], part.quality[:, 0], part.sigma[:, 0])

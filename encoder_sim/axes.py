@@ -21,7 +21,7 @@ _MEMORY = 64
 
 
 @dataclass(frozen=True)
-class Move:
+class AxisMove:
     """A trapezoidal move: one acceleration, a cruise, the opposite acceleration, and rest.
 
     Position and rate count from the start of the move, in the frame of the target.
@@ -75,7 +75,7 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
 
     Returns
     -------
-    Move
+    AxisMove
 
     Raises
     ------
@@ -96,7 +96,7 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
     accelerating, braking = abs(peak - v) / a, peak / a
     rest = d - 0.5 * (peak + v) * accelerating - 0.5 * peak * braking
     cruising = max(rest, 0.0) / peak if peak > 0.0 else 0.0
-    return Move(distance, rate, sign * peak, a, accelerating, cruising, braking)
+    return AxisMove(distance, rate, sign * peak, a, accelerating, cruising, braking)
 
 
 class Trajectory:

@@ -22,7 +22,7 @@ _CHUNK = 64
 _PASS, _STEP = 600.0, 30.0
 
 
-class Exposures(NamedTuple):
+class ExposureTimes(NamedTuple):
     """What the camera measured in n exposures.
 
     Attributes
@@ -90,14 +90,14 @@ class Camera:
 
         Returns
         -------
-        Exposures
+        ExposureTimes
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         frames = np.asarray(frames, dtype=float).reshape(-1, 3, 3)
         n = len(stamps)
         miss, hip, mag = np.full((n, 2), np.nan), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
         if n == 0:
-            return Exposures(miss, hip, mag)
+            return ExposureTimes(miss, hip, mag)
         time = stamps * 1e-9 + self.clock_offset
         exposure, star = self._candidates(time, frames[:, FORWARD])
         if len(exposure):
@@ -109,7 +109,7 @@ class Camera:
             hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
             miss[seen] = self._measure(
                 stamps[seen], place[chosen], height[chosen], mag[seen])
-        return Exposures(miss, hip, mag)
+        return ExposureTimes(miss, hip, mag)
 
     def expose_satellite(self, stamps, frames):
         """Measure the satellite.
@@ -122,7 +122,7 @@ class Camera:
         Returns
         -------
         ndarray, shape (n, 2)
-            As `Exposures.miss`; NaN where there is none in the field.
+            As `ExposureTimes.miss`; NaN where there is none in the field.
         """
         stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         miss = np.full((len(stamps), 2), np.nan)

@@ -86,7 +86,7 @@ class Bump:
 
 
 @dataclass(frozen=True)
-class Mount:
+class MountErrors:
     """Geometry of the mount, in the signs of the field: encoder - catalogue.
 
     The terms are those of an alt-azimuth mount, in the frame of the axes: of another mount they
@@ -192,7 +192,7 @@ class Mount:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraErrors:
     """The star camera.
 
     Attributes
@@ -304,11 +304,11 @@ class Scenario:
 
     name: str = 'ideal'
     clock_offset: float = number(0.0, 'ms', -600000.0, 600000.0)
-    mount: Mount = section(Mount)
+    mount: MountErrors = section(MountErrors)
     axes: object = both_axes(AxisLimits)
     incremental: object = both_axes(Incremental)
     absolute: object = both_axes(Absolute)
-    camera: Camera = section(Camera)
+    camera: CameraErrors = section(CameraErrors)
     site: TrueSite | None = optional(TrueSite)
     weather: TrueWeather | None = optional(TrueWeather)
     housing: Housing = section(Housing)
@@ -320,7 +320,7 @@ class Scenario:
 
     def on_mount(self, kind):
         """The same instruments on a perfect mount of another kind, with the travel of such one."""
-        mount = Mount(kind=kind)
+        mount = MountErrors(kind=kind)
         travel = [tuple(end * DEG for end in ends) for ends in TRAVEL.get(
             mount.at().kind, ((-36000.0, 36000.0), (-1.0, 91.0)))]
         axes = {axis: replace(getattr(self.axes, axis), travel_min=low, travel_max=high)

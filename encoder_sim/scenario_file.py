@@ -13,7 +13,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.mounts import parse_mount
 
-from .scenario import Mount, Scenario
+from .scenario import MountErrors, Scenario
 from .scenario_fields import in_si
 
 _ALTAZ = KINDS[USUAL]
@@ -196,7 +196,7 @@ def _on_its_mount(scenario, mapping, file):
     told = mapping.get('mount') if isinstance(mapping, dict) else None
     if not isinstance(told, dict) or 'kind' not in told:
         return scenario
-    kind = _to_text(told['kind'], Mount.__dataclass_fields__['kind'],
+    kind = _to_text(told['kind'], MountErrors.__dataclass_fields__['kind'],
                     f'scenario {file}, mount.kind')
     mount = parse_mount(kind, 0.0)
     told['kind'] = kind = kind.strip().lower() if mount.kind == 'free' else mount.kind

@@ -9,7 +9,7 @@ import time
 from .asked_again import AGAIN, EARLIEST, PASSED
 
 
-class Refused(Exception):
+class CallRefused(Exception):
     """A step cannot be done; the text says why."""
 
 
@@ -19,7 +19,8 @@ class Steps:
     Parameters
     ----------
     ended : callable
-        Called with None when the work is finished, with the `Refused` or ValueError that ended it
+        Called with None when the work is finished, with the `CallRefused` or ValueError that ended
+        it
         otherwise. Other errors of the work pass.
     """
 
@@ -44,7 +45,7 @@ class Steps:
         self._work, self._wait = work, None
 
     def end(self, error):
-        """Give the work up: `ended` is called with `error`, a `Refused`."""
+        """Give the work up: `ended` is called with `error`, a `CallRefused`."""
         work, self._work = self._work, None
         if work is not None:
             work.close()
@@ -67,7 +68,7 @@ class Steps:
         except StopIteration:
             self._work = None
             self._ended(None)
-        except (Refused, ValueError) as err:
+        except (CallRefused, ValueError) as err:
             self._work = None
             self._ended(err)
         finally:
@@ -87,7 +88,7 @@ _LOOK = 0.25
 _TAKEN = 'questions_taken_for_the_last_until'
 
 
-class Question:
+class ServiceCall:
     """A question that is asked until it is answered.
 
     Parameters
@@ -186,7 +187,7 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, li
     wait : callable
         ``wait(condition, what)`` gives the steps that wait for something.
     effect, patient, wall
-        As of a `Question`.
+        As of a `ServiceCall`.
     limit : float
         s for which nobody may offer the service; 0: for ever.
 
@@ -197,7 +198,7 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, li
 
     Raises
     ------
-    Refused
+    CallRefused
         The answer is no, or nobody offers the service.
     """
     begin = wall()
@@ -205,14 +206,14 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, li
                     f'a server of {client.srv_name}')
     question = None
     if client.service_is_ready():
-        question = Question(client, wake, effect, patient, wall=wall)
+        question = ServiceCall(client, wake, effect, patient, wall=wall)
         yield from wait(lambda: question.over() or 0.0 < limit < question.away,
                         f'{client.srv_name} to answer')
     if question is None or not question.over():
-        raise Refused(f'{verb}: nobody has offered {client.srv_name} for {limit:g} s')
+        raise CallRefused(f'{verb}: nobody has offered {client.srv_name} for {limit:g} s')
     answer = question.answer
     if answer is None:
         return f'{verb}: done; its answer was lost on the way'
     if not answer.success:
-        raise Refused(f'{verb}: {answer.message}')
+        raise CallRefused(f'{verb}: {answer.message}')
     return f'{verb}: {answer.message}'

@@ -20,7 +20,7 @@ _ALONG_X, _ALONG_Y = (0.0, np.pi / 2.0, 0.0), (np.pi / 2.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Part:
+class MountPart:
     """A cylinder (radius, length, along z) or a box (x, y, z) of a link, metres.
 
     Parameters
@@ -46,24 +46,24 @@ def parts_of(mount):
 
     The pier is upright, in `ROOT`; the others are in the frames of their axes at rest.
     """
-    pier = Part(STANDS, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
+    pier = MountPart(STANDS, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
     if mount.two_sided:  # the tube on the left of one who looks to the meridian
         tube = 0.22
         return [
-            pier, Part(STANDS, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
-            Part(TURNS, (0.05, 0.3), (0.0, 0.0, 0.0), colour=DARK),
-            Part(TURNS, (0.03, 0.5), (0.0, -0.05, 0.0), _ALONG_Y),
-            Part(TURNS, (0.09, 0.08), (0.0, -0.3, 0.0), _ALONG_Y, DARK),
-            Part(TUBE, (0.07, 0.8), (0.05, tube, 0.0), _ALONG_X, WHITE),
-            Part(TUBE, (0.075, 0.06), (0.4, tube, 0.0), _ALONG_X, DARK)]
+            pier, MountPart(STANDS, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
+            MountPart(TURNS, (0.05, 0.3), (0.0, 0.0, 0.0), colour=DARK),
+            MountPart(TURNS, (0.03, 0.5), (0.0, -0.05, 0.0), _ALONG_Y),
+            MountPart(TURNS, (0.09, 0.08), (0.0, -0.3, 0.0), _ALONG_Y, DARK),
+            MountPart(TUBE, (0.07, 0.8), (0.05, tube, 0.0), _ALONG_X, WHITE),
+            MountPart(TUBE, (0.075, 0.06), (0.4, tube, 0.0), _ALONG_X, DARK)]
     return [
-        pier, Part(STANDS, (0.12, 0.06), (0.0, 0.0, -0.36), colour=DARK),
-        Part(TURNS, (0.2, 0.04), (0.0, 0.0, -0.28)),
-        Part(TURNS, (0.12, 0.03, 0.36), (0.0, 0.15, -0.1)),
-        Part(TURNS, (0.12, 0.03, 0.36), (0.0, -0.15, -0.1)),
-        Part(TUBE, (0.02, 0.3), (0.0, 0.0, 0.0), _ALONG_Y, DARK),
-        Part(TUBE, (0.09, 0.6), (0.12, 0.0, 0.0), _ALONG_X, WHITE),
-        Part(TUBE, (0.095, 0.05), (0.4, 0.0, 0.0), _ALONG_X, DARK)]
+        pier, MountPart(STANDS, (0.12, 0.06), (0.0, 0.0, -0.36), colour=DARK),
+        MountPart(TURNS, (0.2, 0.04), (0.0, 0.0, -0.28)),
+        MountPart(TURNS, (0.12, 0.03, 0.36), (0.0, 0.15, -0.1)),
+        MountPart(TURNS, (0.12, 0.03, 0.36), (0.0, -0.15, -0.1)),
+        MountPart(TUBE, (0.02, 0.3), (0.0, 0.0, 0.0), _ALONG_Y, DARK),
+        MountPart(TUBE, (0.09, 0.6), (0.12, 0.0, 0.0), _ALONG_X, WHITE),
+        MountPart(TUBE, (0.095, 0.05), (0.4, 0.0, 0.0), _ALONG_X, DARK)]
 
 
 def base_of(mount):

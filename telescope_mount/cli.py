@@ -67,14 +67,14 @@ def _say_no_more():
 def _run(args):
     """Check what can be checked before the work, do it, and give the exit code."""
     from .commands import options
-    from .commands.console import Progress
+    from .commands.console import ProgressLine
     from .parsing import module_of
     module = module_of(args.command.replace('-', '_'))
     if getattr(module, 'NEEDS_ROS', False) and not options.is_list(args):
         from .ros import check
         check(args.command)
     options.check_written(args)
-    with options.json_alone(args), Progress(first=args.command):
+    with options.json_alone(args), ProgressLine(first=args.command):
         code = module.run(args) or 0
     sys.stdout.flush()  # a full disk may refuse only here
     return code

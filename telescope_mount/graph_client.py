@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from msg_tools.executor import NodeExecutor
-from msg_tools.steps import Question
+from msg_tools.steps import ServiceCall
 
 from .dds import dds_environment
 from .interrupt import noted, raise_noted
@@ -92,7 +92,7 @@ class GraphClient:
         client = self.node.create_client(kind, name)
         if not self.spin(FOUND, client.service_is_ready):
             raise ValueError(f'no node offers {self._within}{name}{self.where_else()}')
-        question = Question(client, request=request)
+        question = ServiceCall(client, request=request)
         if not self.spin(ANSWERED, question.over):
             raise ValueError(f'{self._within}{name} did not answer within {ANSWERED:g} s')
         self.node.destroy_client(client)

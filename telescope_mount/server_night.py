@@ -26,7 +26,7 @@ INDI_FORK = {'first_travel_deg': '-88,178'}
 CHECKED = 4
 
 
-class Found(NamedTuple):
+class ServerMount(NamedTuple):
     """What is at a server.
 
     Attributes
@@ -89,7 +89,7 @@ def ask_server(text, sky=None, seen=False):
 
     Returns
     -------
-    Found
+    ServerMount
 
     Raises
     ------
@@ -110,7 +110,7 @@ def ask_server(text, sky=None, seen=False):
     if site is None or not np.any(site[:2]):  # as drivers begin that nobody has told
         site = DEFAULT_SITE.latitude, DEFAULT_SITE.longitude, DEFAULT_SITE.height
     there = {name: value / unit for (name, unit), value in zip(SITE, site)}
-    return Found(protocol, {'host': host, 'port': port} | server, kind, there | (sky or {}),
+    return ServerMount(protocol, {'host': host, 'port': port} | server, kind, there | (sky or {}),
                  simulated)
 
 
@@ -158,7 +158,7 @@ def nodes_of(found, *, plan, camera='', drivers=(), exposure=1.0, **graph):
 
     Parameters
     ----------
-    found : Found
+    found : ServerMount
     plan : str
     camera : str
         As of `parse_camera`; empty: none.

@@ -83,7 +83,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
             f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])} (a simulator '
             f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
             'which cannot be told apart; start the whole graph anew with it, in another folder')
-    check = _Check()
+    check = _Count()
     rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
@@ -105,7 +105,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
             'unchecked': check.unchecked, 'damaged': bool(log.problems)}
 
 
-class _Check:
+class _Count:
     """Counts what was compared, and keeps a line for what differs."""
 
     def __init__(self):

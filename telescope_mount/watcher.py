@@ -136,11 +136,11 @@ class Watcher:
         RuntimeError
             It did not answer or refused.
         """
-        from msg_tools.steps import Question
+        from msg_tools.steps import ServiceCall
         client = self.client(service)
         if not self.spin_until(client.service_is_ready, timeout):
             raise RuntimeError(f'no node offers the service {client.srv_name}')
-        question = Question(client)
+        question = ServiceCall(client)
         if not self.spin_until(question.over, timeout):
             raise RuntimeError(f'{client.srv_name} did not answer within {timeout:g} s')
         answer = question.answer

@@ -212,7 +212,7 @@ def _far(angle):
 # ---------------------------------------------------------------------------------------- frame
 
 @dataclass
-class _Fit:
+class _FrameFit:
     what: str
     misfit: float
     rms_arcsec: float
@@ -235,7 +235,7 @@ def _check_frame(run, solved):
     others = sorted((fit for fit in others if fit is not None), key=lambda fit: fit.misfit)
     lost = taken is None
     if lost:
-        taken = _Fit(solved.frame.text, 0.0, 1.0 / ARCSEC)
+        taken = _FrameFit(solved.frame.text, 0.0, 1.0 / ARCSEC)
     if not others:
         return
     best = others[0]
@@ -302,7 +302,7 @@ def _fit_of(run, solved, frame, hours=False):
         return None
     noise = [max(float(sigma_of(v[np.isfinite(v)])), _LEAST_NOISE)
              for v in (fitted.residual_x, fitted.residual_y)]
-    return _Fit('hours' if hours else frame.text, 0.5 * float(np.log(noise[0] * noise[1])),
+    return _FrameFit('hours' if hours else frame.text, 0.5 * float(np.log(noise[0] * noise[1])),
                 float(np.hypot(*noise)) / ARCSEC)
 
 

@@ -52,7 +52,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class PairedComparison:
     """Two models on rows that nothing has seen.
 
     Attributes
@@ -109,11 +109,11 @@ def judge(before, after, axes=('az', 'el')):
         Residuals on the sky, rad, rows in order of time: neighbours may resemble each other, and
         then count as fewer. Rows that are not finite in both are left out.
     axes : sequence of str
-        See `Judgement`.
+        See `PairedComparison`.
 
     Returns
     -------
-    Judgement
+    PairedComparison
 
     Raises
     ------
@@ -129,7 +129,7 @@ def judge(before, after, axes=('az', 'el')):
     limit = _CLIP * np.maximum(sigma_of(both, axis=2).min(axis=0), 1e-12)[:, None]
     cut = np.square(np.clip(both, -limit, limit))
     whole = np.square(both)
-    return Judgement(n, _compare(whole.sum(axis=1), cut.sum(axis=1)),
+    return PairedComparison(n, _compare(whole.sum(axis=1), cut.sum(axis=1)),
                      *(_compare(whole[:, axis], cut[:, axis]) for axis in (0, 1)), tuple(axes))
 
 

@@ -39,7 +39,7 @@ class FoundEffect:
         What it moves in each row, arcsec on the sky.
     driver : Driver, optional
     ranking : list of dict
-        What else could stand in its place, best first, as in `View`.
+        What else could stand in its place, best first, as in `DiagnosisView`.
     own : ndarray, shape (2, n), optional
         What of `fitted` no term and no other effect takes up, see `summary.its_own`.
     gradual, fades : bool
@@ -58,7 +58,7 @@ class FoundEffect:
 
 
 @dataclass
-class View:
+class DiagnosisView:
     """All that the page shows.
 
     Attributes
@@ -157,7 +157,7 @@ def view_of(diagnosis):
 
     Returns
     -------
-    View
+    DiagnosisView
     """
     obs = diagnosis.observations
     context = obs.context
@@ -165,7 +165,7 @@ def view_of(diagnosis):
     document = diagnosis.to_dict()
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
     names, matrix = correlations(diagnosis)
-    return View(
+    return DiagnosisView(
         document={**document, 'excluded': diagnosis.excluded},
         az=az, el=el,
         before=diagnosis.residual_before / ARCSEC,

@@ -23,7 +23,7 @@ from .mcap_records import (
     unpack_chunk,
     walk,
 )
-from .scan import Scan, indexes_at
+from .scan import LogScan, indexes_at
 from .writer import REPEATED_RECORD, STOPPED_RECORD
 
 #: a file that expands to more than this and `EXPANSION` times its size is a bomb
@@ -121,7 +121,7 @@ class BagFile:
                 self.say(f'the index is damaged ({short(error)}); the file was read through')
             if not self.complete:
                 self._forget()
-                Scan(self).run()
+                LogScan(self).run()
             self.stream = None
         own = {record.name: record.metadata for record in self.metadata}
         self.repeated = {topic: int(count) for topic, count in own.get(REPEATED_RECORD, {}).items()

@@ -12,7 +12,7 @@ from .metadata import is_truth, listed_files
 from .ros_schema import load_qos
 
 
-class Topic(NamedTuple):
+class LogTopic(NamedTuple):
     """A topic of a bag."""
 
     name: str

@@ -12,7 +12,7 @@ from pathlib import Path
 from ..output import beside
 from .chunk_rows import ChunkRows
 from .file import MIN_RECORDS, BagFile, attachment_data
-from .log import BagMessage, Reader, Topic
+from .log import BagMessage, LogTopic, Reader
 from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short
 from .metadata import Listed
 from .writer import plain_name
@@ -149,7 +149,7 @@ class BagReader(Reader):
                     channel.topic, channel.metadata.get('offered_qos_profiles', ''))
                 before = merged.get((channel.topic, type_name))
                 count = file.counts[id_] + (before.count if before else 0)
-                merged[channel.topic, type_name] = Topic(
+                merged[channel.topic, type_name] = LogTopic(
                     channel.topic, type_name, count, before.qos if before else qos,
                     channel.metadata.get('topic_type_hash', ''))
             unknown = sum(n for id_, n in file.counts.items() if id_ not in file.channels)

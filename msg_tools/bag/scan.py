@@ -45,7 +45,7 @@ def indexes_at(stream, place):
         place += 9 + length
 
 
-class Scan:
+class LogScan:
     """Read a file from its start; after damage go on at the next thing that is whole.
 
     Parameters

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mcap.records import Schema
 
-from .log import BagMessage, Reader, Topic
+from .log import BagMessage, LogTopic, Reader
 from .mcap_records import short
 from .reader import BagReader
 from .ros_schema import message_definition
@@ -80,7 +80,7 @@ class SqliteReader(Reader):
         merged = {}
         for rows in self._rows.values():
             for name, type_name, _, qos_text, hash_ in rows.values():
-                merged.setdefault((name, type_name), Topic(
+                merged.setdefault((name, type_name), LogTopic(
                     name, type_name, counts[name, type_name], self._qos_of(name, qos_text), hash_))
         self.topics = list(merged.values())
         self.start_time, self.end_time = min(spans, default=None), max(spans, default=None)

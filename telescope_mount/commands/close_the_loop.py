@@ -53,7 +53,7 @@ def run(args):
 
     from ..close_the_loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
-    from .console import Progress, end_of_night, new_console, print_lines
+    from .console import ProgressLine, end_of_night, new_console, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     options.check_target(args.json)
@@ -69,7 +69,7 @@ def run(args):
         'mount': args.mount or '',
         'domain_number': args.domain}
     console = new_console()
-    with Progress(console) as progress:
+    with ProgressLine(console) as progress:
         several = ALL if args.scenario == 'all' else args.scenario or ''
         if set(several) & set('*?['):
             report = close_all(args.out, names=several, progress=progress, **chosen)

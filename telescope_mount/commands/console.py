@@ -42,7 +42,7 @@ def new_console(stderr=False):
 _SHOWN = []
 
 
-class Progress:
+class ProgressLine:
     """A line on the standard error: how far the work is, the time left.
 
     It comes when the work has taken `PATIENCE` seconds, steps aside for what is printed, and

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import interrupt
 from . import options
-from .console import Progress, new_console, print_lines, write_outputs
+from .console import ProgressLine, new_console, print_lines, write_outputs
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -88,7 +88,7 @@ def _run(args):
                       if each else each for each in (runs, held))
     else:
         runs, held = _settled(runs, held, args, console)
-    with Progress(unit='folds', first='looking for effects', lines=True) as progress:
+    with ProgressLine(unit='folds', first='looking for effects', lines=True) as progress:
         def on(*what):
             interrupt.check()
             progress(*what)

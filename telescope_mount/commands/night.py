@@ -55,7 +55,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..night import is_server, run_night
-    from .console import Progress, end_of_night, new_console, print_calibration
+    from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
     options.check_target(args.json)
@@ -83,7 +83,7 @@ def run(args):
     def say(text):
         console.print(f'held up: {text}' if text else 'goes on', markup=False)
 
-    with Progress(console) as progress:
+    with ProgressLine(console) as progress:
         report = run_night(
             args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
             scenario=args.scenario, start_time=args.date, reference=args.reference,

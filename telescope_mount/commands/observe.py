@@ -46,7 +46,7 @@ def add(commands):
 def run(args):
     """Observe, print, write."""
     from ..real_night import run_real_night
-    from .console import Progress, end_of_night, new_console, print_calibration
+    from .console import ProgressLine, end_of_night, new_console, print_calibration
     options.check_target(args.json)
     options.check_params(args.params)
     console = new_console()
@@ -54,7 +54,7 @@ def run(args):
     def say(text):
         console.print(f'held up: {text}' if text else 'goes on')
 
-    with Progress(console, every=30.0) as progress:
+    with ProgressLine(console, every=30.0) as progress:
         report = run_real_night(
             args.out, plan=args.plan, stars=args.stars, drivers=args.driver, mount=args.mount,
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,

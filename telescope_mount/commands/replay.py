@@ -26,7 +26,7 @@ def run(args):
     """Replay, print, write."""
     from ..replay import replay_log
     from .console import (
-        Progress,
+        ProgressLine,
         new_console,
         print_calibration,
         print_files,
@@ -41,7 +41,7 @@ def run(args):
     args.harmonics = args.harmonics or 'none'
     harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if asked else None
     console = new_console()
-    with Progress(unit='rows') as progress:
+    with ProgressLine(unit='rows') as progress:
         report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.save,
                             domain_number=args.domain, harmonics=harmonics, progress=progress)
     print_calibration(console, report)

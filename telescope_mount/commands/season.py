@@ -38,7 +38,7 @@ def run(args):
     from pointing_model.runs.formats import NoObservations
 
     from ..runs import load_run
-    from .console import Progress, new_console, print_lines, write_outputs
+    from .console import ProgressLine, new_console, print_lines, write_outputs
     declared = []
     for text in args.since:
         date, _, what = text.partition('=')
@@ -55,7 +55,7 @@ def run(args):
             tonight = iso_seconds(name)
     console, runs, empty = new_console(), [], []
     files = list(_files(args.files))
-    with Progress(unit='runs', first='reading') as progress:
+    with ProgressLine(unit='runs', first='reading') as progress:
         for number, path in enumerate(files):
             progress('reading', number, len(files))
             try:

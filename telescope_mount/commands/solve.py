@@ -36,7 +36,7 @@ def run(args):
     from pointing_model.runs.plate_solves.solvers import find_solver
 
     from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
-    from .console import Progress, new_console, print_files, print_lines, write_outputs
+    from .console import ProgressLine, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')
@@ -51,7 +51,7 @@ def run(args):
     mapping = load_mapping(mount)
     solver = find_solver(args.solver, args.timeout, tuple(args.scale) if args.scale else None)
     console = new_console()
-    with Progress(unit='images', first='looking for images') as progress:
+    with ProgressLine(unit='images', first='looking for images') as progress:
         counts = solve_folder(args.folder, mapping, solver, out, again=args.again,
                               told=console.print, progress=progress)
     total = sum(counts.values())

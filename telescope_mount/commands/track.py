@@ -35,11 +35,11 @@ def run(args):
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
-    from .console import Progress, new_console, print_lines, write_outputs
+    from .console import ProgressLine, new_console, print_lines, write_outputs
     with naming_columns():
         run = load_run(args.file, azimuth_origin=args.azimuth_origin, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
-    with Progress(unit='rows', first='following the mount') as progress:
+    with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
     summary, console = tracked.summary(), new_console()
     missed = summary['missed_rms_arcsec']

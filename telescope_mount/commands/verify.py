@@ -22,9 +22,9 @@ def add(commands):
 def run(args):
     """Compute, compare, print; 1 if something differs."""
     from ..verify import verify_log
-    from .console import Progress, new_console, print_lines, write_outputs
+    from .console import ProgressLine, new_console, print_lines, write_outputs
     options.check_target(args.json)
-    with Progress(unit='rows', first='reading the log') as progress:
+    with ProgressLine(unit='rows', first='reading the log') as progress:
         report = verify_log(args.log, reference=args.reference, seed=args.seed, progress=progress)
     console = new_console()
     print_lines(console, 'note', report['unchecked'])

@@ -100,12 +100,12 @@ def listen(graph, source, namespace):
 
     Returns
     -------
-    Heard
+    LastMessages
     """
     from msg_tools import topics
 
-    from ..watching.state import HEARD, Heard
-    heard = Heard(source, namespace)
+    from ..watching.state import HEARD, LastMessages
+    heard = LastMessages(source, namespace)
     # of a thousand readings a second the last is enough, and a clock is as fast
     latest = topics.make_qos(1, reliable=False)
     for topic in HEARD:

@@ -7,7 +7,7 @@ from pointing_model.mounts import mount_text
 RENEW = 0.2
 
 
-class Asking:
+class GuardClient:
     """Publishes `request`.
 
     Parameters

@@ -14,10 +14,10 @@ from pointing_model.sky.places import Site
 from telescope_mount.observing.allowed_sky import AllowedSky
 
 from ..graph_client import GraphClient
-from .guard_request import Asking
+from .guard_request import GuardClient
 from .judgement import judge
 from .nudge import judge_nudge, went_elsewhere
-from .samples import OK, WRONG, Endpoint, Finding, Heard, Rest, Stream
+from .samples import OK, WRONG, DriverSamples, Endpoint, Finding, Rest, Stream
 from .star import bright_star, place_of, standing
 
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
@@ -99,7 +99,7 @@ class Listener:
     # --- the graph ----------------------------------------------------------------------------
 
     def heard(self, seconds):
-        """A `Heard` of what has come so far."""
+        """A `DriverSamples` of what has come so far."""
         node = self._node
         for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
             self._streams[topic.name].endpoints = [_endpoint(info) for info in
@@ -107,7 +107,7 @@ class Listener:
         tails = tuple('/' + name.rsplit('/', 1)[-1] for name in self._streams)
         ours = {node.resolve_topic_name(name) for name in self._streams}
         space = node.get_namespace().rstrip('/') + '/'
-        return Heard(
+        return DriverSamples(
             self._mount, seconds, *self._streams.values(),
             services={name.removeprefix(space)
                       for name, _ in node.get_service_names_and_types()},
@@ -121,7 +121,7 @@ class Listener:
                        if name.endswith(tails) and name not in ours])
 
     def listen(self, seconds):
-        """A `Heard` of so many seconds."""
+        """A `DriverSamples` of so many seconds."""
         self.spin(seconds)
         return self.heard(seconds)
 
@@ -154,7 +154,7 @@ class Listener:
 
         Returns
         -------
-        heard : Heard
+        heard : DriverSamples
             Readings less the motion of the star.
         rests : list of Rest
         told : list of Finding
@@ -165,7 +165,8 @@ class Listener:
         ValueError
             Somebody else commands the mount, or nobody tells where it is.
         """
-        self._asking = asking = Asking(self._node, self._graph.executor, self._mount, self.spin,
+        self._asking = asking = GuardClient(self._node, self._graph.executor, self._mount,
+                                               self.spin,
                                        self._guard)
         self._forget()
         if not self.spin(5.0, lambda: self._here() is not None):

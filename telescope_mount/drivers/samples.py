@@ -82,7 +82,7 @@ class Stream:
 
 
 @dataclass
-class Heard:
+class DriverSamples:
     """All that was heard of a graph.
 
     Parameters

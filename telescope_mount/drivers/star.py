@@ -8,7 +8,7 @@ from pointing_model.sky.star_catalogue import load_catalogue
 from pointing_model.sky.target import StarTarget
 from telescope_mount.observing.axis_demand import Pointing
 from telescope_mount.observing.bright_stars import has_neighbour
-from telescope_mount.observing.star_choice import Limits, axes_at
+from telescope_mount.observing.star_choice import AxisLimits, axes_at
 
 #: faintest of them, Hipparcos magnitude, and how high they stand, rad
 BRIGHT, LOW, HIGH = 3.0, 30.0 * DEG, 75.0 * DEG
@@ -35,7 +35,7 @@ def place_of(target, mount, site, here):
     callable
         ``place(times)``: angles (n, 2), rad, at times (n,), UTC s.
     """
-    pointing = Pointing(target, None, np.zeros(2), mount, Limits().meridian)
+    pointing = Pointing(target, None, np.zeros(2), mount, AxisLimits().meridian)
 
     def angles(times):
         first, second = pointing.place(np.asarray(times) * 1e9, site, DEFAULT_WEATHER)
@@ -67,7 +67,7 @@ def bright_star(mount, site, time, here, allowed=None):
     ValueError
         There is none.
     """
-    stars, limits = load_catalogue(mag_limit=BRIGHT + 2.0), Limits(allowed=allowed)
+    stars, limits = load_catalogue(mag_limit=BRIGHT + 2.0), AxisLimits(allowed=allowed)
     rows = np.flatnonzero(stars.mag <= BRIGHT)
     az, el = observed_place(stars.select(rows), time, site, DEFAULT_WEATHER)
     good = (el > LOW) & (el < HIGH) & ~has_neighbour(stars, rows) & limits.reached(

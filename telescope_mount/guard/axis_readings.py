@@ -17,7 +17,7 @@ _TURN = 2.0 * math.pi
 PERIODS = 5.0
 
 
-class Readings:
+class AxisReadings:
     """Where the axes are.
 
     Parameters

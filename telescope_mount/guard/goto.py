@@ -13,7 +13,7 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .keeper import KNOT, OK, Keeper
-from .motion import State
+from .motion import AxisState
 from .track import resting
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
@@ -38,7 +38,7 @@ class GotoKeeper(Keeper):
         self._low = self._high = None
 
     def _here(self, now):
-        return State(tuple(map(float, self.readings.here)), tuple(
+        return AxisState(tuple(map(float, self.readings.here)), tuple(
             float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
 
     def _to_via(self, now):

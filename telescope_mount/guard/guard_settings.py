@@ -5,7 +5,7 @@ from typing import NamedTuple
 from msg_tools.units import DEG
 
 
-class Settings(NamedTuple):
+class GuardSettings(NamedTuple):
     """How a `Keeper` sends.
 
     Attributes

@@ -17,9 +17,9 @@ import numpy as np
 from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
-from .axis_readings import Readings
+from .axis_readings import AxisReadings
 from .limits import safe_travel
-from .motion import State, moment, plan_move
+from .motion import AxisState, moment, plan_move
 from .rest import braked, ended
 from .track import resting
 from .track_judgement import Judge
@@ -72,7 +72,7 @@ class Keeper:
         self._limits, self._judge, self._sun = limits, Judge(limits), sun
         self._settings, self._wall = settings, wall
         self._pole = np.array([0.0, math.cos(sun.latitude), math.sin(sun.latitude)])
-        self.readings = Readings(limits, wall)
+        self.readings = AxisReadings(limits, wall)
         self.state, self.level, self.reason = 'idle', OK, 'no request'
         self.refused = (0, '')
         self._goal = self._path = None
@@ -220,7 +220,7 @@ class Keeper:
             if late < -LATER:
                 return self._told('waiting', OK, 'the track begins later')
         state = (self._here(now) if self.readings.here is not None
-                 else State(tuple(map(float, goal.angles[0]))))
+                 else AxisState(tuple(map(float, goal.angles[0]))))
         sun = self._sun_at(max(now, goal.start))
         found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
                                   self._pole, self._turns)
@@ -233,7 +233,7 @@ class Keeper:
                 self._brake(now)
                 return self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
                                   'stopping, to go around')
-            led = lead(self._judge, found.cubic, State(state.angles), sun, self._pole)
+            led = lead(self._judge, found.cubic, AxisState(state.angles), sun, self._pole)
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
@@ -269,8 +269,8 @@ class Keeper:
         """Of the axes now: where they were sent, while they follow, else their reading."""
         if self._path is not None and not self._settings.whole and not self._hung(now):
             points = [self._moment(now, i) for i in (0, 1)]
-            return State(*zip(*points))
-        return State(tuple(map(float, self.readings.here)), tuple(
+            return AxisState(*zip(*points))
+        return AxisState(tuple(map(float, self.readings.here)), tuple(
             float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
 
     def _hung(self, now):
@@ -465,12 +465,12 @@ class Keeper:
         state = self._here(now)
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there
-            state = State(tuple(self._out[-1].angles[-1].tolist()))
+            state = AxisState(tuple(self._out[-1].angles[-1].tolist()))
         there, sun = self._judge.limits.nearest_turn(place, state.angles[0]), self._sun_at(now)
         found, vias = self._judge.way(state.angles, there, sun, self._pole), []
         if not isinstance(found, Allowed):
             vias = found.cubic is not None and around(
-                self._judge, found.cubic, State(state.angles), sun, self._pole)
+                self._judge, found.cubic, AxisState(state.angles), sun, self._pole)
             if not vias:
                 raise ValueError(f'park: {found.reason}')
         self._goal, self._vias = None, [*vias, tuple(there.tolist())]

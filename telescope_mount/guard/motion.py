@@ -24,7 +24,7 @@ CLOSE, CREEP = 0.01 * DEG, 0.005 * DEG
 FAST = 0.05 * DEG
 
 
-class State(NamedTuple):
+class AxisState(NamedTuple):
     """Of both axes: angles, rad, and rates, rad/s."""
 
     angles: tuple
@@ -211,7 +211,7 @@ class Slew:
 
     Parameters
     ----------
-    state : State
+    state : AxisState
     cubic : Cubic
     axes : sequence of limits.Axis, length 2
     timing : float

@@ -24,7 +24,7 @@ from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .goto import GotoKeeper
-from .guard_settings import Settings
+from .guard_settings import GuardSettings
 from .keeper import ERROR, LATE, STILL, WARN, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
 
@@ -118,7 +118,7 @@ class MountGuard(ManagedNode):
                 'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
         keeper = GotoKeeper if value('goto') else Keeper
-        self._keeper = keeper(limits, Sun(_site(self)), Settings(
+        self._keeper = keeper(limits, Sun(_site(self)), GuardSettings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),

@@ -7,7 +7,7 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .motion import FAST, Slew, State
+from .motion import FAST, AxisState, Slew
 from .surroundings import Surroundings
 from .track import BENT, Cubic, resting
 from .verdicts import Allowed, Refused
@@ -55,7 +55,7 @@ class Judge:
             Of the knots, s from now; the first is not after it.
         angles, rates : array_like, shape (n, 2)
             rad, rad/s; cubic in between.
-        state : State
+        state : AxisState
             Of the axes now, the first on the turn that it is on.
         sun : ndarray, shape (3,), optional
             East, north, up of the Sun now; None: it is no matter.
@@ -89,7 +89,7 @@ class Judge:
 
         What is `quick` may refuse more.
         """
-        state = State(tuple(here))
+        state = AxisState(tuple(here))
         return self._way(cubic, state, self.sky.in_axes(sun, pole, state), quick=quick)
 
     def way(self, here, there, sun=None, pole=None, quick=False):
@@ -102,7 +102,7 @@ class Judge:
         Parameters
         ----------
         cubic : Cubic
-        state : State
+        state : AxisState
 
         Returns
         -------

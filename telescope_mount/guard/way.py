@@ -11,7 +11,7 @@ from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.sun import turned
 
 from .boxes import Boxes
-from .motion import State, plan_move
+from .motion import AxisState, plan_move
 from .track import resting
 from .track_judgement import Judge
 from .verdicts import Allowed
@@ -30,8 +30,9 @@ SETTLED = 2.0
 
 
 def stopped(judge, state):
-    """`State` at rest, where the axes of a `State` stand after they have braked as they can."""
-    return State(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration) for angle, rate, axis
+    """At rest, where the axes of an `AxisState` stand after they have braked as they can."""
+    return AxisState(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration)
+                           for angle, rate, axis
                        in zip(state.angles, state.rates, judge.limits.axes)))
 
 
@@ -68,7 +69,7 @@ def around(judge, cubic, state, sun=None, pole=None):
     judge : judging.Judge
     cubic : track.Cubic
         The track, on the turn that the mount takes.
-    state : motion.State
+    state : motion.AxisState
         At rest.
     sun, pole
         As of `judging.Judge.judge`.

@@ -97,7 +97,7 @@ class Pointing:
             site=conditions.site, mount=self.mount)
 
 
-class Standing:
+class AxesAtRest:
     """The mount stays where it stands.
 
     Parameters

@@ -8,7 +8,7 @@ from msg_tools.units import DEG
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.sky.target import StarTarget
 
-from .axis_demand import Standing
+from .axis_demand import AxesAtRest
 from .star_choice import axes_at, nearest_star
 
 #: how far beyond a star an axis is sent that shall come to it from the other side, deg: more than a
@@ -18,7 +18,7 @@ _HOUR = 3600e9  # ns
 
 
 @dataclass
-class Asking:
+class DiscriminationStep:
     """Takes the stars that are asked for until nothing is asked any more.
 
     Attributes
@@ -124,4 +124,4 @@ class Asking:
             place[1] = np.clip(place[1], value('min_elevation_deg') * DEG,
                                value('max_elevation_deg') * DEG)
         # where the guard refuses it the star is taken as it comes: its row tells how
-        yield from self.exposer.expose(Standing(place, mount))
+        yield from self.exposer.expose(AxesAtRest(place, mount))

@@ -14,7 +14,7 @@ from msg_tools.units import ARCSEC, DEG
 
 
 @dataclass(frozen=True)
-class Slew:
+class SlewTime:
     """How a mount slews: both axes at once, each at its rate, and then it settles.
 
     Attributes
@@ -57,7 +57,7 @@ class Slew:
 
 
 @dataclass(frozen=True)
-class Choice:
+class NextStar:
     """A star that was chosen.
 
     Attributes
@@ -104,13 +104,13 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
         1 sigma of each star in x and y, rad.
     exposure_s : float
         With readout and centring.
-    slew : Slew, optional
+    slew : SlewTime, optional
     allowed : ndarray of bool, shape (n,), optional
         Above the horizon, within limits, off Sun and Moon; all by default.
 
     Returns
     -------
-    Choice
+    NextStar
 
     Raises
     ------
@@ -130,7 +130,7 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
     fallen = np.einsum('ki,ij,kj->k', gains[best], inverse[best], gains[best])
     variance = np.diag(covariance)
     part = np.divide(fallen, variance, out=np.zeros_like(fallen), where=variance > 0.0)
-    return Choice(int(rows[best]), float(seconds[best]), float(np.sqrt(before)),
+    return NextStar(int(rows[best]), float(seconds[best]), float(np.sqrt(before)),
                   float(np.sqrt(max(before - less[best], 0.0))),
                   {tracker.states[k]: float(part[k]) for k in np.argsort(-part)})
 
@@ -204,7 +204,7 @@ def _candidates(tracker, az, el, here, sigma, exposure_s, slew, allowed):
     if not len(rows):
         raise ValueError('no star that may be looked at: all candidates are below the horizon, '
                          'beyond limits, or near Sun or Moon')
-    seconds = (slew or Slew()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
+    seconds = (slew or SlewTime()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
     return rows, seconds, np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
 
 

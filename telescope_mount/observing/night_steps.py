@@ -10,21 +10,21 @@ from functools import partial
 import numpy as np
 
 from msg_tools.status import Progress, Taken
-from msg_tools.steps import Refused, call
+from msg_tools.steps import CallRefused, call
 from msg_tools.units import DEG
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.sky.target import StarTarget, satellite_target
 from pointing_model.zero_exposures import MARK
 
 from . import clocks
-from .axis_demand import Standing
+from .axis_demand import AxesAtRest
 from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
-from .discrimination_step import Asking
+from .discrimination_step import DiscriminationStep
 from .exposure import Exposer
 from .instruments import MOUNT
 from .pace import seconds_a_star, weight_of_slews
 from .plan import POWER_CYCLES
-from .star_choice import Limits, choose_stars
+from .star_choice import AxisLimits, choose_stars
 from .tracking_step import Holding
 from .zero_choice import ZeroChoice
 
@@ -183,7 +183,7 @@ class NightSteps:
     def _do_tell_apart(self, step):
         """What the calibration asks for, to tell causes apart."""
         yield from self._need_home()
-        self.outcome = yield from Asking(
+        self.outcome = yield from DiscriminationStep(
             self._out, self.exposer, self._table, self._instruments, self._observe, self._until,
             partial(self._new_model, 'diagnose'), self._calibration_has_all, lambda: self.asked,
             self._tell, self._stars, self._limits, self._refused).steps(step)
@@ -199,7 +199,8 @@ class NightSteps:
         for _ in range(count):
             yield from self._observe(self._polaris)
         if len(self._table) == rows:  # a zero now would be that of an earlier power-on
-            raise Refused(f'none of {count} exposures shows Polaris: look at sky, site and time')
+            raise CallRefused(
+                f'none of {count} exposures shows Polaris: look at sky, site and time')
 
     def _do_zero_on_stars(self, count):
         yield from self._need_home()
@@ -209,7 +210,8 @@ class NightSteps:
         rows = len(self._table)
         yield from chosen.expose(partial(self._observe, for_zero=True), self._table)
         if len(self._table) == rows:
-            raise Refused(f'none of {count} exposures shows a star for the zero: look at sky, site '
+            raise CallRefused(f'none of {count} exposures shows a star for the zero: look at sky, '
+                              'site '
                           'and time')
 
     def _do_zero(self, count):
@@ -237,7 +239,7 @@ class NightSteps:
         yield from self._need_home()
         self.evening = self.exposer.earliest = self.evening + count * _HOUR
         self._refused.clear()  # the Sun is elsewhere then
-        yield from self.exposer.expose(Standing(self._instruments.here, self._out.mount()))
+        yield from self.exposer.expose(AxesAtRest(self._instruments.here, self._out.mount()))
 
     def _do_home(self, count=0):
         self.homes = True
@@ -327,7 +329,7 @@ class NightSteps:
         return True
 
     def _note_refusal(self, target):
-        """The guard refuses a target; `Refused` where it does so again and again."""
+        """The guard refuses a target; `CallRefused` where it does so again and again."""
         why = self.exposer.refusal
         self.refusal = f'{target.name}: {why}'
         self.progress.refused += 1
@@ -336,7 +338,7 @@ class NightSteps:
         self._refusals += 1
         if self._refusals == REFUSALS:
             self._refusals = 0
-            raise Refused(f'{REFUSALS} targets in a row were refused: {why}')
+            raise CallRefused(f'{REFUSALS} targets in a row were refused: {why}')
 
     def _fresh_stars(self, count, between=(0.0, 90.0), again=False):
         """Targets all over the sky that were not observed tonight, in observing order.
@@ -360,7 +362,7 @@ class NightSteps:
         return [StarTarget(self._catalogue.select([row])) for row in rows]
 
     def _limits(self):
-        return Limits(*(self._out.value(f'{name}_limit_deg') * DEG
+        return AxisLimits(*(self._out.value(f'{name}_limit_deg') * DEG
                         for name in ('meridian', 'hour_angle')), self._out.allowed())
 
     def _stars(self):
@@ -387,9 +389,9 @@ class NightSteps:
         time, mount = np.array([self.exposer.now() * 1e-9]), self._out.mount()
         place = self._polaris.place(time, *self._out.sky())
         highest = self._out.value('max_elevation_deg')
-        if not Limits().reached(mount, *place, highest * DEG, time[0], [POLARIS_HIP])[0]:
+        if not AxisLimits().reached(mount, *place, highest * DEG, time[0], [POLARIS_HIP])[0]:
             angle = abs(mount.axes_of(*place)[1][0])
-            raise Refused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
+            raise CallRefused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
                           f'beyond max_elevation_deg = {highest}, and tells no zero of the '
                           f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
 
@@ -398,7 +400,7 @@ class NightSteps:
         time = np.array([self.exposer.now() * 1e-9])
         el = target.place(time, *self._out.sky())[1][0]
         if el < lowest * DEG:
-            raise Refused(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
+            raise CallRefused(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
                           f'{lowest}: {remedy}')
 
     def _new_model(self, verb):

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.status import Progress, Taken
-from msg_tools.steps import Refused, Steps
+from msg_tools.steps import CallRefused, Steps
 from pointing_model.sky.earth import earth_orientation
 
 from .blind_checks import blind_summary
@@ -184,7 +184,7 @@ class Sequencer:
         verb = self._night.progress.step.split(' ')[0]
         changed, reason = self._watch.look(now, self.begun, waits, verb, len(self._table))
         if reason:
-            self._steps.end(Refused(reason))
+            self._steps.end(CallRefused(reason))
             self._watch.rest()
         self._tell()
         return changed
@@ -340,7 +340,7 @@ class Sequencer:
         self.begun = True
         steps = parse_plan(plan)
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
-            raise Refused('the plan has a step satellite: set the parameter satellite')
+            raise CallRefused('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
             self._night.check_polaris()  # now, not after a block of stars
         first, done = self._where_it_stood(plan, steps)

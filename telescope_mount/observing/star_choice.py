@@ -13,7 +13,7 @@ from .bright_stars import bright_stars, xyz
 from .order import observing_order
 
 
-class Limits(NamedTuple):
+class AxisLimits(NamedTuple):
     """How far axes turn, radians.
 
     Attributes
@@ -74,7 +74,7 @@ class Limits(NamedTuple):
         return allowed & (np.abs(second) <= most) & (free | (np.abs(first) <= self.hour_angle))
 
 
-ANYWHERE = Limits()
+ANYWHERE = AxisLimits()
 
 
 def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, seed=0,
@@ -107,7 +107,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     mount : Mount, optional
         Of another than an alt-azimuth one `max_el` is the largest angle from the equator of its
         axes: nearer to the pole the first axis is too fast.
-    limits : Limits
+    limits : AxisLimits
         Of its axes.
     slews : float
         As of `observing_order`.
@@ -233,7 +233,7 @@ def axes_at(mount, az, el, limits, numbers):
     mount : Mount
     az, el : ndarray, shape (n,)
         Radians.
-    limits : Limits
+    limits : AxisLimits
     numbers : ndarray of int, shape (n,)
         Of the stars.
 

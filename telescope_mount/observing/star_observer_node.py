@@ -34,7 +34,7 @@ from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile, NoFile
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
-from .table import Table
+from .table import NightTable
 
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',
@@ -87,7 +87,7 @@ class StarObserver(MountNode):
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
         self._mount = mount_of(self)
-        self._table = Table(self._mount, self.value(KEPT_POWER_ONS.name))
+        self._table = NightTable(self._mount, self.value(KEPT_POWER_ONS.name))
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._in_force = in_force_of(self, self._in_force_changed, self._mount)

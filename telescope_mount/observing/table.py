@@ -13,7 +13,7 @@ NEEDED = ('time', 'run', 'block', 'star')
 _FIRST, _MORE = 64, 0.25
 
 
-class Table:
+class NightTable:
     """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
 
     A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB. Rows are

@@ -8,7 +8,7 @@ import numpy as np
 from pointing_model.terms import design
 from pointing_model.tracked import KEY, walks_of
 
-from .next_star import Slew, next_star, until
+from .next_star import SlewTime, next_star, until
 
 #: no star is waited for longer, s: what jumps is only seen by a star
 LONGEST_WAIT = 1800.0
@@ -111,4 +111,4 @@ def choose_next(model, az, el, here, exposure, waited, rate):
     next_star.Choice
     """
     return next_star(model.later(waited), az, el, here, (az, el), sigma=model.noise,
-                     exposure_s=exposure, slew=Slew((rate, rate)))
+                     exposure_s=exposure, slew=SlewTime((rate, rate)))

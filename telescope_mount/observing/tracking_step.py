@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msg_tools.steps import Refused
+from msg_tools.steps import CallRefused
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.tracked import KEY
 
@@ -58,7 +58,7 @@ class Holding:
             try:
                 model = TrackedModel(self._model)
             except ValueError as err:
-                raise Refused(str(err)) from None
+                raise CallRefused(str(err)) from None
             stars = self.fresh_stars(CANDIDATES)
             places = self._places(stars)
             due = model.stamp + round(next_time(model, step.goal, *places) * 1e9)

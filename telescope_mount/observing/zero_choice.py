@@ -13,13 +13,13 @@ from pointing_model.sky.target import StarTarget
 from pointing_model.zero_exposures import BY_STARS, MARK
 
 from .star_choice import ANYWHERE, axes_at
-from .zero_stars import Before, Way, way_to_zero, zero_sigma, zero_stars
+from .zero_stars import Before, ZeroMethod, way_to_zero, zero_sigma, zero_stars
 
 #: without a model the stars are wanted again in the next power-on: they stay up so long, s
 _AGAIN = 1800.0
 
 
-class Exposures(NamedTuple):
+class ZeroExposures(NamedTuple):
     """What to expose for a zero.
 
     Attributes
@@ -101,7 +101,7 @@ class ZeroChoice:
     def way(self, n):
         """By Polaris or by stars, a `zero_stars.Way`; `n` exposures."""
         if not self._polaris_is_allowed():
-            return Way(False, 'the guard does not let the tube look at Polaris')
+            return ZeroMethod(False, 'the guard does not let the tube look at Polaris')
         for rows, why in ((self._now, 'as the exposures of this power-on so far'),
                           ([] if is_a_model(self._model) else self._earlier,
                            'as the power-on before, since which the change is wanted')):
@@ -109,7 +109,7 @@ class ZeroChoice:
                 continue
             polaris = not any(row.get(MARK) for row in rows)
             if not polaris or self._polaris_is_up(n):
-                return Way(polaris, why)
+                return ZeroMethod(polaris, why)
         heights, first, second = self._polaris(n)
         # without a model what is held cancels in the change, if it is the same then
         held = {'model': self._model, 'mount': self._mount, 'held': is_a_model(self._model)}
@@ -164,7 +164,7 @@ class ZeroChoice:
                 without and not self._earlier), start=self._here)
 
     def stars(self, n):
-        """Which stars to expose, `Exposures`.
+        """Which stars to expose, `ZeroExposures`.
 
         Parameters
         ----------
@@ -187,5 +187,6 @@ class ZeroChoice:
         first, second = chosen.sigma / ARCSEC
         names = ', '.join(f'{self._stars.hip[row]} x {count}'
                           for row, count in zip(chosen.rows, chosen.counts))
-        return Exposures(targets, by, f'zero by {by}: HIP {names}; {given}; sigma to be expected '
+        return ZeroExposures(targets, by, f'zero by {by}: HIP {names}; {given}; sigma to be '
+                             'expected '
                          f'{first:.2f}, {second:.2f} arcsec{again}')

@@ -40,7 +40,7 @@ _CHANGE_COUNTS = 16.0
 _UNKNOWN = 1.0 * DEG  # of a zero, before: wider than any
 
 
-class Chosen(NamedTuple):
+class ZeroStars(NamedTuple):
     """Stars for a zero.
 
     Attributes
@@ -209,7 +209,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
 
     Returns
     -------
-    Chosen
+    ZeroStars
 
     Raises
     ------
@@ -232,7 +232,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
             best = rows, counts, sigma
     rows, counts, sigma = best
     order = _short_way(az[rows], el[rows], mount if model is None else model.mount, start)
-    return Chosen(rows[order], counts[order], sigma)
+    return ZeroStars(rows[order], counts[order], sigma)
 
 
 def _exchanged(design, columns, n, count, keep):
@@ -328,7 +328,7 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
 
     Returns
     -------
-    Chosen
+    ZeroStars
         Its rows are those of `stars`. Polaris is none of them.
 
     Raises
@@ -355,7 +355,7 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     return found._replace(rows=rows[found.rows])
 
 
-class Way(NamedTuple):
+class ZeroMethod(NamedTuple):
     """By which way to set a zero, and why, in words."""
 
     polaris: bool
@@ -377,18 +377,19 @@ def way_to_zero(polaris, stars, *, lowest, highest):
 
     Returns
     -------
-    Way
+    ZeroMethod
     """
     heights, own = polaris
     low, high = heights.min(), heights.max()
     if low < lowest or high > highest:
-        return Way(False, f'Polaris stands at {(low if low < lowest else high) / DEG:.1f} deg, '
+        return ZeroMethod(False, f'Polaris stands at {(low if low < lowest else high) / DEG:.1f} '
+                          'deg, '
                    'outside the limits of elevation')
     if stars is None:
-        return Way(True, 'no star is within the limits')
+        return ZeroMethod(True, 'no star is within the limits')
     ratio = own / stars
     words = (f'sigma to be expected {own[0] / ARCSEC:.2f}, {own[1] / ARCSEC:.2f} arcsec, of stars '
              f'{stars[0] / ARCSEC:.2f}, {stars[1] / ARCSEC:.2f}')
     if np.all(ratio <= WELL_UP):
-        return Way(True, f'Polaris is well up: {words}')
-    return Way(False, f'Polaris is of little use here: {words}')
+        return ZeroMethod(True, f'Polaris is well up: {words}')
+    return ZeroMethod(False, f'Polaris is of little use here: {words}')

@@ -24,14 +24,20 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
-    from ..commands.console import Progress, new_console, print_files, print_lines, write_outputs
+    from ..commands.console import (
+        ProgressLine,
+        new_console,
+        print_files,
+        print_lines,
+        write_outputs,
+    )
     from . import encoder_test
     from .encoder_page import write_encoder_page
     options.check_target(args.json)
     console, page = new_console(), args.out / 'page.html'
     options.refuse_existing(page, args)
     args.out.mkdir(parents=True, exist_ok=True)
-    with Progress(first='turning the disc') as progress:
+    with ProgressLine(first='turning the disc') as progress:
         report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
     for table in encoder_test.tables(report):
         console.print(table)

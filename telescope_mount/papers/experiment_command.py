@@ -42,13 +42,13 @@ def run(args):
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.papers.table_1 import experiment_tables
 
-    from ..commands.console import Progress, end_of_night, new_console, print_lines
+    from ..commands.console import ProgressLine, end_of_night, new_console, print_lines
     from .experiment import run_experiment
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
     options.check_target(args.json)
     console = new_console()
-    with Progress(console) as progress:
+    with ProgressLine(console) as progress:
         report = run_experiment(
             args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
             satellite=args.satellite, nights=args.nights, scenario=args.scenario,

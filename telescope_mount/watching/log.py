@@ -4,7 +4,7 @@ from collections import deque
 
 from msg_tools import topics
 
-from .state import HEARD, STARS, Heard, full_name
+from .state import HEARD, STARS, LastMessages, full_name
 
 
 def of_log(bag, namespace, end=None):
@@ -20,7 +20,7 @@ def of_log(bag, namespace, end=None):
 
     Returns
     -------
-    Heard
+    LastMessages
 
     Raises
     ------
@@ -35,7 +35,7 @@ def of_log(bag, namespace, end=None):
     if not there & {name for name in names if name.startswith(f'{namespace}/')}:
         raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
                          'name another with --namespace; `telescope-mount info` lists its topics')
-    heard = Heard(str(bag.path), namespace)
+    heard = LastMessages(str(bag.path), namespace)
     # a log has a time of its own
     wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
     messages = bag.last_before(wanted, before)

@@ -37,7 +37,7 @@ _LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
 @dataclass
-class Stars:
+class StarRows:
     """The last stars, a list each.
 
     Attributes
@@ -103,7 +103,7 @@ class WatchState:
         Its state.
     left_by : str
         ``zero and model``, ``zero``, or '' where nothing is in force.
-    stars : Stars
+    stars : StarRows
     nodes : dict of str to dict
         By name ``level`` (ok, warning, error, silent) and ``said``.
     alarms : list of dict
@@ -130,7 +130,7 @@ class WatchState:
     said: dict = field(default_factory=dict)
     guard: str | None = None
     left_by: str = ''
-    stars: Stars = field(default_factory=Stars)
+    stars: StarRows = field(default_factory=StarRows)
     nodes: dict = field(default_factory=dict)
     alarms: list = field(default_factory=list)
 
@@ -139,7 +139,7 @@ class WatchState:
         return asdict(self)
 
 
-class Heard:
+class LastMessages:
     """Takes messages and tells the state.
 
     Parameters
@@ -327,7 +327,7 @@ class Heard:
                 model = model or PointingModel({}, mount=run.mount)
                 left[:, held] = model.residuals(run.select(held), zero=zero)
         difference = [wrap(run[f'{axis}_enc'] - run.get(f'{axis}_abs')) for axis in ('az', 'el')]
-        state.stars = Stars(
+        state.stars = StarRows(
             run['time'].tolist(), run.get('run', 0.0).tolist(), az.tolist(), el.tolist(),
             *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))
 

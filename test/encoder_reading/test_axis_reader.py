@@ -5,7 +5,7 @@ import pytest
 
 from encoder_reading.axis_reader import AxisReader, lowest_reading, read_frames
 from encoder_reading.design import Design
-from encoder_reading.readings import CORRECTED, EXACT, REJECTED, Readings
+from encoder_reading.readings import CORRECTED, EXACT, REJECTED, FrameReadings
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -19,7 +19,7 @@ def encoder(axis='azimuth', **params):
 
 
 def readings(angle, quality, sigma):
-    return Readings(np.array(angle), np.array(quality, dtype=np.int8), np.array(sigma))
+    return FrameReadings(np.array(angle), np.array(quality, dtype=np.int8), np.array(sigma))
 
 
 def test_two_heads_and_the_way_round():

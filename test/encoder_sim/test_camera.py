@@ -5,8 +5,8 @@ import pytest
 
 from encoder_sim.camera import Camera
 from encoder_sim.geometry import MountGeometry, direction
-from encoder_sim.scenario import Camera as Params
-from encoder_sim.scenario import Mount, Scenario, TrueWeather
+from encoder_sim.scenario import CameraErrors as Params
+from encoder_sim.scenario import MountErrors, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
@@ -15,7 +15,7 @@ from pointing_model.sky.target import satellite_target
 
 NIGHT = 1_768_482_000  # 2026-01-15 13:00 UTC
 STAMP = NIGHT * 10**9
-GEOMETRY = MountGeometry(Mount())
+GEOMETRY = MountGeometry(MountErrors())
 
 
 @pytest.fixture(scope='module')

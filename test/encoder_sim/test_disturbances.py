@@ -9,7 +9,7 @@ from encoder_sim.camera import Camera
 from encoder_sim.drives import Drives, ShaftCouplings
 from encoder_sim.geometry import FORWARD, MountGeometry, azimuth_elevation, bent, direction
 from encoder_sim.mount import RESTLESS_RATE, SimulatedMount
-from encoder_sim.scenario import AirLayers, Mount, Runout, Scenario, Seeing, Wind
+from encoder_sim.scenario import AirLayers, MountErrors, Runout, Scenario, Seeing, Wind
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from encoder_sim.seeing import (
     WanderingRefraction,
@@ -180,7 +180,7 @@ def test_a_coupling_winds_up_against_the_motion_along_the_way():
 def test_run_out_does_not_repeat_after_a_turn_and_slips():
     part = Runout(per_turn=0.43, amplitude=4.0 * ARCSEC)
     az = np.linspace(0.0, 2.0 * np.pi, 50)
-    geometry = MountGeometry(Mount(runouts=(part,)), NIGHT)
+    geometry = MountGeometry(MountErrors(runouts=(part,)), NIGHT)
 
     def dip(turns, time=None, geometry=geometry):
         el = azimuth_elevation(geometry.boresight(az + 2.0 * np.pi * turns, 0.7, time=time))[1]
@@ -188,7 +188,8 @@ def test_run_out_does_not_repeat_after_a_turn_and_slips():
     for turns in (0, 1, -3):
         assert dip(turns) == pytest.approx(
             4.0 * np.cos(0.43 * (az + 2.0 * np.pi * turns)), abs=1e-3)
-    slipping = MountGeometry(Mount(runouts=(dataclasses.replace(part, slip=1.0),)), NIGHT, seed=2)
+    slipping = MountGeometry(MountErrors(runouts=(dataclasses.replace(part, slip=1.0),)), NIGHT,
+                             seed=2)
     assert np.abs(dip(0, NIGHT + 60.0, slipping) - dip(0, NIGHT, slipping)).max() < 1.0
     after = [dip(0, NIGHT + hours * 3600.0, slipping) for hours in range(6)]
     assert np.ptp(after, axis=0).max() > 3.0
@@ -201,7 +202,7 @@ def test_run_out_does_not_repeat_after_a_turn_and_slips():
 def test_the_wind_pushes_with_the_square_of_its_speed_across_the_tube():
     still = Wind(speed=10.0, origin=0.0, intensity=0.0, shelter=0.0, bending=3.0 * ARCSEC)
     az, el = np.array([0.0, 90.0, 90.0, 180.0]) * DEG, np.array([40.0, 0.0, 60.0, 40.0]) * DEG
-    frames = MountGeometry(Mount()).frames(az, el)
+    frames = MountGeometry(MountErrors()).frames(az, el)
 
     def moved(wind):
         load = WindLoad(wind, 1)
@@ -281,7 +282,7 @@ def sky():
     """Stars of the start of the night: azimuth, elevation, frames that point at them."""
     az, el = observed_place(load_catalogue(4.5), NIGHT)
     up = el > 20.0 * DEG
-    return az[up], el[up], MountGeometry(Mount()).frames(az[up], el[up])
+    return az[up], el[up], MountGeometry(MountErrors()).frames(az[up], el[up])
 
 
 def test_the_camera_has_the_noise_of_the_seeing(sky):

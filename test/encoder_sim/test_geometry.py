@@ -11,7 +11,7 @@ from encoder_sim.geometry import (
     azimuth_elevation,
     direction,
 )
-from encoder_sim.scenario import Mount, Wobble
+from encoder_sim.scenario import MountErrors, Wobble
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 
@@ -21,7 +21,7 @@ NORTH, EAST, SOUTH, WEST = 0.0, 90 * DEG, 180 * DEG, 270 * DEG
 def offset(az, el, **errors):
     """Axis angle minus true direction, on the sky, arcsec."""
     where = {k: errors.pop(k) for k in list(errors) if k.startswith('approach')}
-    mount = Mount(**{k: v * ARCSEC for k, v in errors.items()})
+    mount = MountErrors(**{k: v * ARCSEC for k, v in errors.items()})
     true_az, true_el = azimuth_elevation(MountGeometry(mount).boresight(az, el, **where))
     x = wrap(az - true_az) * np.cos(true_el)
     return np.array([x[0], el - true_el[0]]) / ARCSEC
@@ -29,7 +29,7 @@ def offset(az, el, **errors):
 
 def test_perfect_mount_points_where_its_axes_say():
     az, el = np.array([0.0, 1.0, 3.0, 6.0, 0.0]), np.array([0.0, 0.5, 1.2, 0.1, np.pi / 2])
-    frames = MountGeometry(Mount()).frames(az, el)
+    frames = MountGeometry(MountErrors()).frames(az, el)
     assert frames[:, FORWARD] == pytest.approx(direction(az, el), abs=1e-15)
     # right is towards rising azimuth, up towards rising elevation
     step = 1e-6
@@ -87,11 +87,11 @@ def test_signs_by_hand(errors, az, el, expected):
 
 def test_bearing_wobble():
     for az in (0.3, 2.0, 5.0):
-        forward = Mount(wobble=(Wobble(2, 'forward', 10 * ARCSEC, 0.4),))
+        forward = MountErrors(wobble=(Wobble(2, 'forward', 10 * ARCSEC, 0.4),))
         true_az, true_el = azimuth_elevation(MountGeometry(forward).boresight(az, 0.5))
         assert (0.5 - true_el[0]) / ARCSEC == pytest.approx(10 * np.cos(2 * az - 0.4), abs=0.002)
         assert true_az[0] == pytest.approx(az, abs=1e-8)
-        left = Mount(wobble=(Wobble(3, 'left', 10 * ARCSEC, 0.0),))
+        left = MountErrors(wobble=(Wobble(3, 'left', 10 * ARCSEC, 0.0),))
         true_az, true_el = azimuth_elevation(MountGeometry(left).boresight(az, 0.5))
         x = wrap(az - true_az[0]) * np.cos(0.5) / ARCSEC
         assert x == pytest.approx(10 * np.sin(0.5) * np.cos(3 * az), abs=0.002)
@@ -102,12 +102,13 @@ def test_lean_of_the_axis_is_the_constant_wobble():
     # leaning north by 30" is leaning forward by 30 cos A and left by 30 sin A
     parts = (Wobble(1, 'forward', 30 * ARCSEC, 0.0), Wobble(1, 'left', 30 * ARCSEC, 90 * DEG))
     az, el = np.linspace(0, 6, 20), np.linspace(0.1, 1.4, 20)
-    leaning = MountGeometry(Mount(an=30 * ARCSEC)).boresight(az, el)
-    assert MountGeometry(Mount(wobble=parts)).boresight(az, el) == pytest.approx(leaning, abs=1e-12)
+    leaning = MountGeometry(MountErrors(an=30 * ARCSEC)).boresight(az, el)
+    assert MountGeometry(MountErrors(wobble=parts)).boresight(az, el) == pytest.approx(
+        leaning, abs=1e-12)
 
 
 def test_drifts():
-    mount = Mount(an=10 * ARCSEC, an_rate=2 * ARCSEC, tf_slope=3 * ARCSEC)
+    mount = MountErrors(an=10 * ARCSEC, an_rate=2 * ARCSEC, tf_slope=3 * ARCSEC)
     geometry = MountGeometry(mount, start=100.0)
     _, el = azimuth_elevation(
         geometry.boresight([0.0, 0.0], 0.0, time=[100.0, 104.0], temperature=[10.0, 12.0])
@@ -127,7 +128,7 @@ def test_the_terms_of_the_field_are_recovered():
 
     # so small that first order holds: the signs and the shares of both axes
     values = {'ia': 3.0, 'ie': -2.0, 'ca': 1.5, 'npae': -1.2, 'an': 2.5, 'aw': -1.7, 'tf': 2.2}
-    mount = Mount(**{k: v * ARCSEC for k, v in values.items()})
+    mount = MountErrors(**{k: v * ARCSEC for k, v in values.items()})
     az, el = sky_grid()
     true_az, true_el = azimuth_elevation(MountGeometry(mount).boresight(az, el))
     x, y = wrap(az - true_az) * np.cos(true_el), el - true_el

@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.camera import Camera
 from encoder_sim.encoder_scale import disc_angle, tilted_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
-from encoder_sim.scenario import Camera as CameraParams
-from encoder_sim.scenario import Mount, Scenario, TrueWeather
+from encoder_sim.scenario import CameraErrors as CameraParams
+from encoder_sim.scenario import MountErrors, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
@@ -75,7 +74,7 @@ def test_the_first_order_error_falls_with_the_square_of_the_size():
     left = []
     for size in (10.0, 20.0):
         parts = load_scenario('loop_bearing_wobble').mount.wobble
-        mount = Mount(ca=size * 10 * ARCSEC, an=size * 5 * ARCSEC, wobble=tuple(
+        mount = MountErrors(ca=size * 10 * ARCSEC, an=size * 5 * ARCSEC, wobble=tuple(
             dataclasses.replace(p, amplitude=size * ARCSEC) for p in parts))
         bare = dataclasses.replace(mount, wobble=())
         column = only(size * np.cos(2 * AZ - 30 * DEG), size * SINE * np.cos(2 * AZ - 120 * DEG))
@@ -118,7 +117,7 @@ def test_a_faint_star_is_drawn_aside_more():
     az, el = observed_place(stars, NIGHT)
     up = np.flatnonzero(el > 30 * DEG)[:400]
     stamps = np.full(len(up), int(NIGHT) * 10**9)
-    frames = MountGeometry(Mount()).frames(az[up], el[up])
+    frames = MountGeometry(MountErrors()).frames(az[up], el[up])
     plain, drawn = (Camera(
         Scenario(camera=CameraParams(field_of_view=600 * ARCSEC, trail=trail)), 1).expose(
         stamps, frames) for trail in (0.0, 30.0 * ARCSEC))

@@ -7,7 +7,7 @@ import pytest
 
 from encoder_sim.camera import Camera
 from encoder_sim.geometry import MountGeometry, direction
-from encoder_sim.scenario import Mount, Scenario
+from encoder_sim.scenario import MountErrors, Scenario
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
@@ -75,11 +75,11 @@ def test_each_term_is_its_column_to_first_order(tmp_path, kind):
 def test_the_tube_turns_over_with_the_side_and_gravity_does_not():
     mount = parse_mount('german', LATITUDES[0])
     west, east = (mount.axes_of(1.0, 0.8, beyond) for beyond in (False, True))
-    made = MountGeometry(Mount(kind='german'), latitude=LATITUDES[0])
+    made = MountGeometry(MountErrors(kind='german'), latitude=LATITUDES[0])
     one, other = (made.frames(*axes)[0] for axes in (west, east))
     np.testing.assert_allclose(one[1], direction(1.0, 0.8), atol=1e-12)
     np.testing.assert_allclose(other, np.diag([-1.0, 1.0, -1.0]) @ one, atol=1e-12)
-    sagging = MountGeometry(Mount(kind='german', tf=20 * ARCSEC), latitude=LATITUDES[0])
+    sagging = MountGeometry(MountErrors(kind='german', tf=20 * ARCSEC), latitude=LATITUDES[0])
     for axes in (west, east):
         assert (np.arcsin(sagging.boresight(*axes)[0, 2]) - 0.8) / ARCSEC == pytest.approx(
             -20.0 * np.cos(0.8), abs=0.01)
@@ -93,7 +93,7 @@ def test_the_camera_measures_in_the_tube_on_both_sides(kind):
     az, el = observed_place(stars, NIGHT)
     up = (el > 20 * DEG) & (el < 80 * DEG)
     stars, az, el = stars.select(up), az[up], el[up]
-    made = MountGeometry(Mount(kind=kind), latitude=latitude)
+    made = MountGeometry(MountErrors(kind=kind), latitude=latitude)
     # readings too large: the star lies back, toward falling readings of both axes
     step = np.array([40.0, -25.0]) * ARCSEC
     for beyond in (False, True):
@@ -108,7 +108,7 @@ def test_the_camera_measures_in_the_tube_on_both_sides(kind):
 
 def test_the_pole_is_that_of_the_place_where_it_stands():
     """At another latitude than it was aligned for, an equatorial mount is another mount."""
-    mount = Mount(kind='fork')
+    mount = MountErrors(kind='fork')
     for latitude in LATITUDES:
         pole = MountGeometry(mount, latitude=latitude).boresight(1.3, 90 * DEG)[0]
         np.testing.assert_allclose(pole, [0.0, np.cos(latitude), np.sin(latitude)], atol=1e-12)
@@ -183,11 +183,11 @@ def test_on_another_mount_the_instruments_stay_and_its_errors_do_not(tmp_path):
     path.write_text('based_on: fork\nmount: {kind: german}\n'
                     'incremental: {hour_angle: {mark_angle_deg: 90}}\n')
     bare = load_scenario(path)
-    assert bare.mount == Mount(kind='german')
+    assert bare.mount == MountErrors(kind='german')
     assert bare.axes.elevation.travel_max == pytest.approx(270 * DEG)
     path.write_text('based_on: fork\nmount: {kind: alt-az, ia_arcsec: 2}\n')
     upright = load_scenario(path)
-    assert upright.mount == Mount(ia=2 * ARCSEC)
+    assert upright.mount == MountErrors(ia=2 * ARCSEC)
     assert upright.axes.elevation.travel_max == pytest.approx(91 * DEG)
     # the same kind again changes nothing
     path.write_text('based_on: fork\nmount: {kind: horseshoe, ih_arcsec: 1}\n')
@@ -209,7 +209,7 @@ def left(mount, latitude, first, second, kind='german', base=None, **parts):
     """Encoder - catalogue beyond what `base` has (x, y), arcsec, as the tube sees it."""
     both = []
     for more in (parts, {}):
-        made = replace(base or Mount(kind=kind), **{k: v * ARCSEC for k, v in more.items()})
+        made = replace(base or MountErrors(kind=kind), **{k: v * ARCSEC for k, v in more.items()})
         frames = MountGeometry(made, latitude=latitude).frames(first, second)
         seen = np.einsum('nij,nj->ni', frames, mount.direction(first, second).T)
         both.append(seen[:, [0, 2]].T / ARCSEC)
@@ -243,7 +243,7 @@ def test_bending_by_hand():
 
     def up(first, second, **sag):
         """By how much the boresight is higher than its axes say, and farther west, arcsec."""
-        made = Mount(kind='german', **{k: v * ARCSEC for k, v in sag.items()})
+        made = MountErrors(kind='german', **{k: v * ARCSEC for k, v in sag.items()})
         step = (MountGeometry(made, latitude=latitude).boresight(first, second)[0]
                 - mount.direction(first, second)) / ARCSEC
         return step[2], -step[0]
@@ -260,7 +260,7 @@ def test_bending_by_hand():
         10.0, abs=1e-3)
     # the axis upright: the pull is along it, and bends nothing
     mount = parse_mount('german', 0.0)
-    bent = MountGeometry(Mount(kind='german', declination_axis_sag=10 * ARCSEC), latitude=0.0)
+    bent = MountGeometry(MountErrors(kind='german', declination_axis_sag=10 * ARCSEC), latitude=0.0)
     apart = bent.boresight(90 * DEG, 30 * DEG)[0] - mount.direction(90 * DEG, 30 * DEG)
     assert np.linalg.norm(apart) < 1e-12
 
@@ -275,7 +275,7 @@ def test_the_counterweight_leans_the_axis_to_its_side(latitude, base, part, name
     amount = {'flip': side, 'bending': np.cos(first), 'play': np.sign(np.cos(first))}[by]
     # less than six hours from the meridian the pull is by the side of the pier
     assert np.array_equal(amount[np.abs(h) < 90 * DEG] > 0.0, side[np.abs(h) < 90 * DEG] > 0.0)
-    made = load_scenario(base).mount if base else Mount(kind='german')
+    made = load_scenario(base).mount if base else MountErrors(kind='german')
     found = left(mount, latitude, first, second, base=replace(made, counterweight_by=by),
                  **{f'counterweight_{part}': 20.0})
     # where the pull turns over, the index moves the place

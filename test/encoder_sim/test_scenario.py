@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from encoder_sim.scenario import Mount
+from encoder_sim.scenario import MountErrors
 from encoder_sim.scenario_file import load_scenario, scenario_files, scenario_names, undeclared
 from msg_tools.units import ARCSEC, DEG
 
@@ -17,7 +17,7 @@ def write(folder, text, name='mine.yaml'):
 def test_packaged_scenarios():
     assert {'default', 'ideal'} <= set(scenario_names())
     ideal, default = load_scenario('ideal'), load_scenario()
-    assert ideal.mount == Mount()
+    assert ideal.mount == MountErrors()
     assert ideal.camera.star_noise == ideal.incremental.azimuth.zero_drift == 0.0
     assert default.name == 'default'
     assert default.mount.ia > 100 * ARCSEC

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import pytest
 
 from msg_tools.asked_again import AGAIN, PASSED
-from msg_tools.steps import PATIENCE, Question, Refused, Steps, call
+from msg_tools.steps import PATIENCE, CallRefused, ServiceCall, Steps, call
 
 
 class Client:
@@ -71,7 +71,7 @@ def test_work_goes_on_as_far_as_its_conditions_allow(ends):
     assert ends == [None]
 
 
-@pytest.mark.parametrize('error', [Refused('no'), ValueError('bad')])
+@pytest.mark.parametrize('error', [CallRefused('no'), ValueError('bad')])
 def test_an_error_ends_the_work_and_other_work_can_begin(ends, error):
     def fails():
         yield lambda: True
@@ -135,7 +135,7 @@ def test_a_service_that_refuses(ends):
     steps.start(call('fit', client, steps.advance))
     steps.advance()
     client.say(False, 'too few stars')
-    assert str(ends[0]) == 'fit: too few stars' and isinstance(ends[0], Refused)
+    assert str(ends[0]) == 'fit: too few stars' and isinstance(ends[0], CallRefused)
 
 
 class Lossy(Client):
@@ -155,7 +155,7 @@ class Asking:
 
     def __init__(self, patient=False):
         self.client, self.now, self.done = Lossy(), 100.0, False
-        self.question = Question(self.client, lambda: None, lambda: self.done, patient,
+        self.question = ServiceCall(self.client, lambda: None, lambda: self.done, patient,
                                  wall=lambda: self.now)
 
     def after(self, seconds):
@@ -181,7 +181,7 @@ def test_after_a_long_work_a_question_waits_until_it_is_none_that_is_asked_again
     asking.after(took)
     asking.client.asked[0].say(True, 'done')
     assert asking.question.over()
-    asking.question = Question(asking.client, wall=lambda: asking.now)
+    asking.question = ServiceCall(asking.client, wall=lambda: asking.now)
     assert len(asking.client.asked) == 2 - waits
     assert not asking.after(PASSED + 0.1) and len(asking.client.asked) == 2
 

@@ -15,7 +15,7 @@ from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from telescope_mount.observing.sequencer import Sequencer
-from telescope_mount.observing.table import Table
+from telescope_mount.observing.table import NightTable
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
 SECOND = 10**9
@@ -72,7 +72,7 @@ class Bench:
         self.statuses, self.refused, self.pending = [], [], None
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
-        self.in_force, self.table = InForce(mount=kind), Table(kind, power_ons)
+        self.in_force, self.table = InForce(mount=kind), NightTable(kind, power_ons)
         self.plan = Sequencer(
             self, self.instruments, self.in_force, self.table, memory, looks=0.0)
         if homed:

@@ -11,7 +11,7 @@ from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
 from telescope_mount.bridges.indi.driver import MountDriver
 from telescope_mount.guard.goto import GotoKeeper
-from telescope_mount.guard.guard_settings import Settings
+from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing.axis_demand import Track
 
@@ -22,7 +22,7 @@ class Guarded:
     def __init__(self, port, mount, travel, site=DEFAULT_SITE, **options):
         limits = Limits(mount, tuple(Axis(low * DEG, high * DEG, 6.0 * DEG, 60.0 * DEG)
                                      for low, high in travel), Horizon(10.0 * DEG), timing=0.8)
-        self.keeper = GotoKeeper(limits, Sun(site), Settings(
+        self.keeper = GotoKeeper(limits, Sun(site), GuardSettings(
             whole=False, silence=3.0, commander=1.5), time.monotonic)
         self.driver = MountDriver('localhost', port, mount, site, period_ms=100, **options)
         self.asked, self.sent, self.here, self._due = None, 0, None, 0.0

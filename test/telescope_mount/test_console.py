@@ -8,7 +8,7 @@ from telescope_mount.commands import console
 def test_a_name_with_brackets_is_no_markup_in_the_line_of_progress(monkeypatch, capsys):
     monkeypatch.setattr('sys.stderr.isatty', lambda: True)
     monkeypatch.setattr(console, 'PATIENCE', 3600.0)
-    with console.Progress() as progress:
+    with console.ProgressLine() as progress:
         progress('a[/]b.csv', 1, 3)
         progress._begin()
     assert 'a[/]b' in capsys.readouterr().err
@@ -18,7 +18,7 @@ def test_without_a_terminal_long_work_leaves_a_line_now_and_then(monkeypatch, ca
     monkeypatch.setattr(console, 'FIRST_LINE', 0.0)
     monkeypatch.setattr(console, 'NEXT_LINE', 0.01)
     left = threading.Event()
-    with console.Progress(unit='folds', first='looking', lines=True) as progress:
+    with console.ProgressLine(unit='folds', first='looking', lines=True) as progress:
         leave, lines = progress._leave_line, []
 
         def counted():
@@ -34,7 +34,7 @@ def test_without_a_terminal_long_work_leaves_a_line_now_and_then(monkeypatch, ca
 
 
 def test_short_work_says_nothing_where_no_terminal_is(capsys):
-    with console.Progress(lines=True) as progress:
+    with console.ProgressLine(lines=True) as progress:
         progress('cross-validation', 3, 8)
     assert capsys.readouterr() == ('', '')
 
@@ -42,7 +42,7 @@ def test_short_work_says_nothing_where_no_terminal_is(capsys):
 def test_how_long_a_step_will_take_is_told_by_its_own_counts(monkeypatch, capsys):
     clock = iter([0.0, 100.0])  # what came before took long
     monkeypatch.setattr(console.time, 'monotonic', lambda: next(clock, 130.0))
-    progress = console.Progress(unit='folds', first='looking')
+    progress = console.ProgressLine(unit='folds', first='looking')
     progress._wait, progress._timer = lambda: None, True
     progress('cross-validation', 1, 9)
     progress._leave_line()

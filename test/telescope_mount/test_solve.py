@@ -143,15 +143,15 @@ def test_what_is_done_is_not_done_again(folder, ended):
 
 
 def test_what_was_solved_before_an_interruption_is_kept(folder, ended, monkeypatch):
-    from pointing_model.runs.plate_solves.solvers import Solver
+    from pointing_model.runs.plate_solves.solvers import PlateSolver
     where = folder('a', 'b', 'c')
-    whole = Solver.solve
+    whole = PlateSolver.solve
 
     def interrupted(self, image, boresight=None):
         if 'img_2' in image.name:
             raise KeyboardInterrupt
         return whole(self, image, boresight)
-    monkeypatch.setattr(Solver, 'solve', interrupted)
+    monkeypatch.setattr(PlateSolver, 'solve', interrupted)
     assert solve(ended, where)[0] == 130
     assert len((where / 'solved.csv').read_text().splitlines()) == 7
     monkeypatch.undo()

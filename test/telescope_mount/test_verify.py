@@ -25,7 +25,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero_message import zero_to_joints
 from telescope_mount.cli import main
-from telescope_mount.verify import _calibrate, _Check, _Rows, verify_log
+from telescope_mount.verify import _calibrate, _Count, _Rows, verify_log
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -272,7 +272,7 @@ def reported(rows, report):
 
 
 def differences(rows):
-    check = _Check()
+    check = _Count()
     _calibrate(rows, CalibrationSession(), {}, check)
     assert check.unchecked == []
     return check.differences
@@ -334,7 +334,7 @@ def test_stars_that_were_asked_for_are_asked_for_again():
     assert live.details()[0][1] == asked[-1]['says']
     logged = [texts[0], texts[1].replace('az_deg', 'ra_deg'), *texts[2:]]
     rows.said['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
-    check = _Check()
+    check = _Count()
     _calibrate(rows, CalibrationSession(), {}, check)
     assert check.checked['stars asked for'] == len(texts)
     assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']

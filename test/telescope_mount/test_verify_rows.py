@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.runs.messages import run_to_cloud
 from pointing_model.runs.run import PointingRun
 from telescope_mount.observing.pairing import RATE_OVER, Exposures, centred
-from telescope_mount.verify import _Check, _read
+from telescope_mount.verify import _Count, _read
 
 SECOND = 10**9
 START = 1_768_482_000 * SECOND
@@ -65,7 +65,7 @@ def night(tmp_path_factory):
                 bag.add_topic(f'/mount/{topic.name}', topic.type)
                 bag.write(f'/mount/{topic.name}', serialize_message(change(topic, message)),
                           START + i, START + i)
-        check = _Check()
+        check = _Count()
         _read(BagReader(folder / name), '/mount/', check)
         return check
 

@@ -20,7 +20,7 @@ from pointing_model.following import AxisFollowing, Following, harmonic_columns
 from ...estimation.group_columns import ByGroup
 from ...estimation.restricted_likelihood import restricted
 from ...estimation.step_scan import robust_fit, two_sided
-from .cross_check_night import SHORT, Found, Night
+from .cross_check_night import SHORT, CrossCheckNight, EncoderFinding
 from .cross_check_noise import colour_of, restricted_coloured
 from .cross_check_records import Budget
 from .encoder_jumps import jumps_of
@@ -275,7 +275,7 @@ def moved_inside(night, model, budget, notes):
 
     Parameters
     ----------
-    night : Night
+    night : CrossCheckNight
     model : PointingModel or None
     budget : Budget
     notes : list of str
@@ -316,7 +316,7 @@ def wander_of(night, axis, events, budget, also=()):
 
     Parameters
     ----------
-    night : Night
+    night : CrossCheckNight
     axis : {0, 1}
     events : list of Found
         Its steps and drifts.
@@ -345,7 +345,7 @@ def wander_of(night, axis, events, budget, also=()):
     column = np.zeros(len(night.run))
     column[rows] = np.interp(rows, some, walk.path)
     size = float(np.ptp(walk.path))
-    found = Found(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
+    found = EncoderFinding(night.tonight[-1], 'wander', float(night.rows['time'][rows].mean()),
                   column / size, size, 0.0, 2.0 * walk.probability, _ODDS)
     return found, walk
 
@@ -377,7 +377,7 @@ def followed(rows, budget=None):
     if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
         return Following()
     budget = budget or Budget()
-    night = Night(rows, None)
+    night = CrossCheckNight(rows, None)
     if not len(night.run):
         return Following()
     found = moved_inside(night, None, budget, [])

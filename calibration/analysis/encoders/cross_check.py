@@ -25,7 +25,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.zero_exposures import BY_POLARIS, BY_STARS
 
 from .count_drift import moved_inside, wander_line
-from .cross_check_night import AXES, SHORT, Night
+from .cross_check_night import AXES, SHORT, CrossCheckNight
 from .cross_check_records import USUAL, Witness
 from .cross_check_stars import StarsSeen, compared
 from .jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL, MOUNT
@@ -190,7 +190,7 @@ def _compare(out, rows, reference, model, budget, finished):
         if name not in rows:
             raise ValueError(f'witnesses: observations without column {name}')
     _hear_gaps(out, rows)
-    night = Night(rows, reference)
+    night = CrossCheckNight(rows, reference)
     found = moved_inside(night, model, budget, out.notes)
     out.events, sky = [jump.event for jump in found.jumps], found.sky
     out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))

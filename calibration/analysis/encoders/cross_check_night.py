@@ -74,7 +74,7 @@ class Memory(NamedTuple):
     seen: np.ndarray
 
 
-class Night:
+class CrossCheckNight:
     """Rows of the reference night (numbered below 0) and of tonight, in order of time."""
 
     def __init__(self, rows, reference):
@@ -153,7 +153,7 @@ class Night:
                        harmonic_columns(self.rows[SHORT[axis]]))
 
     def apart_events(self, axis, budget):
-        """Steps and drifts of incremental - absolute, a list of `Found`."""
+        """Steps and drifts of incremental - absolute, a list of `EncoderFinding`."""
         moves, base = self.moves(SEGMENT), self.apart_base(axis)
         found = []
         if not len(moves) or len(self.run) <= base.width + _MOST_EVENTS + 1:
@@ -164,7 +164,8 @@ class Night:
                              self.sequence)
             if best is None:
                 return found
-            found.append(Found(*moves.about[best.place], moves.column(best.place), best.amount,
+            found.append(EncoderFinding(*moves.about[best.place], moves.column(best.place),
+                                        best.amount,
                                best.sigma, best.probability * 2.0))
         return found
 
@@ -271,7 +272,7 @@ class Night:
     def witnesses(self, memory, model=None, finished=None):
         """A `Witness` for each power-on with Polaris, a `StarsSeen` for one with stars.
 
-        `memory` as of `Night.memory`, `finished` as of `witnesses.check_witnesses`.
+        `memory` as of `CrossCheckNight.memory`, `finished` as of `witnesses.check_witnesses`.
         """
         finished = Finished() if finished is None else finished
         out = []
@@ -400,7 +401,7 @@ class Night:
         return {ABSOLUTE: out[ABSOLUTE], MOUNT: out[MOUNT] + out['tilt']}, out['tilt']
 
 
-class Found(NamedTuple):
+class EncoderFinding(NamedTuple):
     """A step, drift or walk of incremental - absolute, its column shape (n,), before it is judged.
     """
 

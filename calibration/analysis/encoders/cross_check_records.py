@@ -77,7 +77,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Event:
+class EncoderEvent:
     """Something that moved inside a power-on.
 
     `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``wander`` (a

@@ -18,7 +18,7 @@ from scipy.special import ndtri
 from ...estimation.step_scan import Free, clipped, log_normal, probabilities, robust_fit
 from .cross_check_night import AXES, SEGMENT
 from .cross_check_noise import LEAST, colour_of, strongest
-from .cross_check_records import Event
+from .cross_check_records import EncoderEvent
 from .jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
 
 #: of twice the logarithm of the likelihood: moments of a step, within 3 sigma of the best
@@ -27,11 +27,11 @@ _NEAR = 9.0
 _MOST = 2
 
 
-class Jump(NamedTuple):
-    """An `Event`, its axis and its column of coordinate angles, shape (n,)."""
+class EncoderJump(NamedTuple):
+    """An `EncoderEvent`, its axis and its column of coordinate angles, shape (n,)."""
 
     axis: int
-    event: Event
+    event: EncoderEvent
     column: np.ndarray
 
 
@@ -77,7 +77,7 @@ def jumps_of(night, sky, events, budget):
             cause, trust, said, column = jump
             found[n] = axis, column
             said = replace(said, probability=event.probability)
-        out.append(Jump(axis, said, found[n][1]))
+        out.append(EncoderJump(axis, said, found[n][1]))
     if sky is not None:
         out += _against_sky(night, sky, found, budget)
     return out
@@ -116,7 +116,7 @@ def _retimed(night, sky, events, budget):
 
 
 def attributed(axis, found, night, sky):
-    """Which encoder made a drift or walk of incremental - absolute, an `Event`.
+    """Which encoder made a drift or walk of incremental - absolute, an `EncoderEvent`.
 
     One of both; also of a step where the stars are too few.
     """
@@ -133,7 +133,7 @@ def attributed(axis, found, night, sky):
         })[INCREMENTAL]
     moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
     sign = 1.0 if moved == INCREMENTAL else -1.0
-    return Event(AXES[axis], float(found.run), found.kind, float(found.time),
+    return EncoderEvent(AXES[axis], float(found.run), found.kind, float(found.time),
                  sign * found.amount, found.sigma, moved,
                  float(max(trust, 1.0 - trust)), found.probability)
 
@@ -153,7 +153,7 @@ def _against_sky(night, sky, found, budget):
             if best is None:
                 break
             run, kind, time = moves.about[best.place]
-            event = Event(AXES[axis], float(run), kind, float(time), best.amount, best.sigma,
+            event = EncoderEvent(AXES[axis], float(run), kind, float(time), best.amount, best.sigma,
                           ALIKE, 1.0 - best.probability, 2.0 * best.probability)
             column = moves.column(best.place)
             if kind == 'step':
@@ -162,12 +162,12 @@ def _against_sky(night, sky, found, budget):
                     _, _, event, column = jump
                     event = replace(event, probability=2.0 * best.probability)
             found = [*found, (axis, column)]
-            out.append(Jump(axis, event, column))
+            out.append(EncoderJump(axis, event, column))
     return out
 
 
 def _named(night, sky, axis, run, found, number, budget):
-    """Cause, its probability, `Event` and column of the step `number` of those `found`.
+    """Cause, its probability, `EncoderEvent` and column of the step `number` of those `found`.
 
     The others are kept where they are. None where no moment determines it.
     """
@@ -255,7 +255,8 @@ def _event(axis, run, time, cause, trust, shared, d, u):
     amount, sigma = {
         INCREMENTAL: d, ABSOLUTE: (-d[0], d[1]), ALIKE: u,
         BOTH: (second + d[0], np.hypot(u[1], (1.0 + shared) * d[1]))}[cause]
-    event = Event(AXES[axis], float(run), 'step', float(time), float(amount), float(sigma), cause,
+    event = EncoderEvent(AXES[axis], float(run), 'step', float(time), float(amount), float(sigma),
+                         cause,
                   float(trust), np.nan)
     return event if cause != BOTH else replace(
         event, second=float(second), second_sigma=float(second_sigma))

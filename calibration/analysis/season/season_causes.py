@@ -80,7 +80,7 @@ class Cause(NamedTuple):
         return out.reshape(k, -1)
 
 
-class Found(NamedTuple):
+class SeasonChoice(NamedTuple):
     """A cause that was found.
 
     Attributes
@@ -193,7 +193,7 @@ def choose_causes(told, asked, alpha=ALPHA):
             break
         _, more, told, wander, base = best
         for cause, p in more:
-            found.append(Found(cause, min(p, 1.0)))
+            found.append(SeasonChoice(cause, min(p, 1.0)))
             asked = [other for other in asked if other is not cause and not _alike(other, cause)]
     return found, find_wander(told, wander)[0]
 

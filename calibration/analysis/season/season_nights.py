@@ -23,7 +23,7 @@ _STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_ ](\d{2})[-:]?(\d{2})(?:[-:
 _DAY = 86400.0
 
 
-class Night(NamedTuple):
+class SeasonNight(NamedTuple):
     """What a night says of the terms.
 
     Attributes
@@ -145,7 +145,7 @@ def _parts(run):
 
 
 def _night(run, names, label, columns, seen):
-    """A `Night`, or why it is none."""
+    """A `SeasonNight`, or why it is none."""
     time = _time_of(run, label)
     if time is None:
         return 'no date: name the file YYYY-MM-DD or give the column time'
@@ -167,7 +167,7 @@ def _night(run, names, label, columns, seen):
             values = run[name][np.isfinite(run[name])]
             if len(values):
                 causes[name] = float(values.mean()), float(values.std())
-    return Night(label, time, int(used.sum()), fit.coefficients[:k], fit.covariance[:k, :k],
+    return SeasonNight(label, time, int(used.sum()), fit.coefficients[:k], fit.covariance[:k, :k],
                  rms(fit.residual_x[used], fit.residual_y[used]), causes, run)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.terms import design
 
-from .motion_causes import Settings
+from .motion_causes import TrackingSettings
 from .tracker import Tracker
 
 #: degrees of freedom of the noise of stars: wrong ones must not count
@@ -154,7 +154,7 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     ----------
     nights : sequence of (PointingModel, PointingRun)
         The model in force as a night began, and its stars in order, with ``time``.
-    settings : Settings, optional
+    settings : TrackingSettings, optional
     noise : float, optional
         1 sigma of a star, rad, where a run has no ``sigma_x``, ``sigma_y``.
     as_nights : float
@@ -171,7 +171,7 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     """
     if not nights:
         raise ValueError('no earlier night: the rates of the literature hold')
-    settings = replace(settings or Settings(), turn_h=1e9)
+    settings = replace(settings or TrackingSettings(), turn_h=1e9)
     chances, facts, likelihood = [], None, 0.0
     for model, run in nights:
         tracker = tracked(model, run, settings=settings, noise=noise)

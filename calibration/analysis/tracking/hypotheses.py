@@ -23,7 +23,7 @@ _NOTHING = -700.0
 
 
 @dataclass(frozen=True)
-class Event:
+class TermChange:
     """That something has happened before an observation.
 
     Attributes
@@ -31,7 +31,7 @@ class Event:
     number : int
         Of the star, from 0: before it, or at it.
     cause : int
-        Number of the `Jump`; -1: the star itself is a wrong one.
+        Number of the `TermJump`; -1: the star itself is a wrong one.
     """
 
     number: int
@@ -39,7 +39,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Jump:
+class TermJump:
     """Terms that may jump together.
 
     Attributes
@@ -60,7 +60,7 @@ class Jump:
     per_hour: float
 
 
-class Bank:
+class Hypotheses:
     """The stories and rates, from one observation to the next.
 
     Parameters
@@ -311,7 +311,7 @@ class Bank:
         for way, before in zip(*np.nonzero(each > _LEAST)):
             story, cause = self.stories[before], causes[way]
             if cause is not None:
-                event = Event(self.count, cause)
+                event = TermChange(self.count, cause)
                 story = story if event in story else (*story, event)
             recent = tuple(e for e in story if e.number > self.count - self._depth)
             groups.setdefault(recent, []).append((way, before, cause))
@@ -367,7 +367,7 @@ class Bank:
         self.log_weights = np.array(state['log_weights'], dtype=float)
         self.unseen = np.array(state['unseen'], dtype=float)
         self.count, self.evidence = int(state['count']), float(state['evidence'])
-        self.stories = [tuple(Event(*pair) for pair in story) for story in state['stories']]
+        self.stories = [tuple(TermChange(*pair) for pair in story) for story in state['stories']]
 
 
 def passed(walks, decay, hours):

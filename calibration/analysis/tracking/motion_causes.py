@@ -28,7 +28,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .hypotheses import Jump
+from .hypotheses import TermJump
 
 #: rad in the root of an hour, hypotheses for the zeros of both axes and the lean of the first
 ZEROS = tuple(ARCSEC * v for v in (0.5, 0.8, 1.3, 2.2, 3.6, 5.9, 9.7, 16.0))
@@ -48,7 +48,7 @@ WITNESSES = ('difference', 'inclinometer')
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrackingSettings:
     """How a mount is thought to behave; what is not said is as the module says.
 
     Attributes
@@ -154,7 +154,7 @@ def hypotheses(names, mount, witnesses, settings):
         Terms.
     mount : Mount
     witnesses : sequence of str
-    settings : Settings
+    settings : TrackingSettings
 
     Returns
     -------
@@ -193,7 +193,7 @@ def hypotheses(names, mount, witnesses, settings):
 
 
 def jumps_of(names, mount, witnesses, settings):
-    """What may jump, a `Jump` of each size: of each axis, and of who could be told apart."""
+    """What may jump, a `TermJump` of each size: of each axis, and of who could be told apart."""
     states = states_of(names, witnesses)
     out = []
     for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
@@ -203,13 +203,14 @@ def jumps_of(names, mount, witnesses, settings):
             shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
                       f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
         for name, shape in shapes.items():
-            out += [Jump(name, _shapes(states, [shape])[0], sigma, often)
+            out += [TermJump(name, _shapes(states, [shape])[0], sigma, often)
                     for sigma, often in settings.jumps]
     if 'inclinometer' in witnesses:
         for way, shape, shown in zip(('north', 'west'), lean_of_base(mount),
                                      ('lean_north', 'lean_west')):
             full = _shapes(states, [{**shape, shown: 1.0}])[0]
-            out += [Jump(f'{PIER}, north or south' if way == 'north' else f'{PIER}, east or west',
+            out += [TermJump(f'{PIER}, north or south' if way == 'north'
+                             else f'{PIER}, east or west',
                          full, sigma, often) for sigma, often in PIER_JUMPS]
     return out
 

@@ -20,13 +20,13 @@ from pointing_model.terms import design
 from . import tracker_state as kept
 from .filter_confidence import Confidence
 from .filter_start import complete, night_to_night, switched_on
-from .hypotheses import Bank, passed
+from .hypotheses import Hypotheses, passed
 from .measurements import Expected, Heard
 from .motion_causes import (
     ABSOLUTE,
     INCREMENTAL,
     WITNESSES,
-    Settings,
+    TrackingSettings,
     hypotheses,
     jumps_of,
     states_of,
@@ -54,7 +54,7 @@ class Tracker:
         The mount that is observed, to be compared with the model's.
     witnesses : sequence of str
         ``difference``: absolute - incremental encoder of each axis; ``inclinometer``.
-    settings : Settings, optional
+    settings : TrackingSettings, optional
     rate_weights : ndarray, shape (r,), optional
         How likely each of `facts` is, as `history.rates_of_nights` gives it.
 
@@ -78,7 +78,7 @@ class Tracker:
 
     def __init__(self, model, stamp, *, mount=None, witnesses=(), settings=None,
                  rate_weights=None):
-        settings = settings or Settings()
+        settings = settings or TrackingSettings()
         if mount is not None and not mount.agrees(model.mount):
             raise ValueError(f'a model of another mount ({told(model.mount)}) than the one that '
                              f'is observed ({told(mount)}); fit this mount')
@@ -104,7 +104,7 @@ class Tracker:
         whole[:k, :k] = covariance
         self.decay = np.array([1.0 / settings.memory_h.get(s, np.inf) for s in self.states])
         self.given_weights = None if rate_weights is None else [float(v) for v in rate_weights]
-        self.bank = Bank(
+        self.bank = Hypotheses(
             np.zeros(n), whole, self._walks, self.given_weights,
             jumps=jumps_of(self._names, self.mount, witnesses, settings), wrong=settings.wrong,
             wrong_sigma=settings.wrong_sigma, turn_h=settings.turn_h, most=settings.most,

@@ -9,7 +9,7 @@ from pointing_model.model_document import from_document
 from pointing_model.model_document import to_json as model_to_json
 
 from .filter_confidence import Confidence
-from .motion_causes import Settings
+from .motion_causes import TrackingSettings
 
 FORMAT, VERSION = 'telescope_mount/tracking', 1
 DAMAGED = 'state of a tracking filter is damaged'
@@ -65,7 +65,7 @@ def of_json(text, make, mount=None):
                          f'this program reads {VERSION}; begin anew')
     try:
         out = make(from_document(kept['model']), kept['stamp'], mount=mount,
-                   witnesses=kept['witnesses'], settings=Settings(**kept['settings']),
+                   witnesses=kept['witnesses'], settings=TrackingSettings(**kept['settings']),
                    rate_weights=kept['given_weights'])
         out.bank.home = np.array(kept['bank']['home'], dtype=float)
         out.bank.restore(kept['bank'])

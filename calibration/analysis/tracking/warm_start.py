@@ -14,7 +14,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 
 from .history import past_of_runs, rows_of
-from .hypotheses import Bank
+from .hypotheses import Hypotheses
 
 AS_IT_WAS, ZEROS, LEAN, REFIT = STORIES = (
     'all as it was', 'only the zeros moved', 'the lean too', 'more than that')
@@ -95,7 +95,7 @@ def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
     moved = as_it_was + np.diag(zeros**2)
     wide = [past.covariance * scale**2 + np.diag(still**2) for scale, _ in FARTHER]
     shares = [*chances[:3], *(chances[3] * share for _, share in FARTHER)]
-    bank = Bank(
+    bank = Hypotheses(
         [past.last] * 3 + [past.mean] * len(wide),
         [as_it_was, moved, moved + np.diag(leans**2), *wide],
         np.zeros((len(shares), len(names), len(names))), shares, wrong=wrong,

@@ -36,7 +36,7 @@ _GRID = np.concatenate(([0.0], np.geomspace(1e-12, 1.0, 4000)))
 _ROUNDING = 1e-9
 
 
-class Choice(NamedTuple):
+class CovariateChoice(NamedTuple):
     """What the zeros of each axis follow.
 
     Attributes
@@ -89,12 +89,12 @@ def choose(zeros, drivers, when, alpha=ALPHA, count=999, seed=1):
 
     Returns
     -------
-    Choice
+    CovariateChoice
     """
     n, m = len(zeros), len(drivers)
     nothing = ((), ())
     if m == 0 or n < fewest_nights(alpha):
-        return Choice(nothing, nothing, nothing, np.ones(2), np.ones(2))
+        return CovariateChoice(nothing, nothing, nothing, np.ones(2), np.ones(2))
     subsets = _subsets(m)
     fits = [_View(*_in_view(view, zeros, drivers, when)) for view in VIEWS]
     p_views = np.array([fit.p_values(subsets, count, seed) for fit in fits])  # view, subset, axis
@@ -109,7 +109,7 @@ def choose(zeros, drivers, when, alpha=ALPHA, count=999, seed=1):
         first = order[0]
         seems = p_views[0, first, axis] <= alpha and not chosen
         trend.append(subsets[first] if seems else ())
-    return Choice(tuple(causes), tuple(alike), tuple(trend), p_all.min(axis=0),
+    return CovariateChoice(tuple(causes), tuple(alike), tuple(trend), p_all.min(axis=0),
                   p_views[0].min(axis=0))
 
 

@@ -121,7 +121,7 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
     return solved.change(run, f'{solved.used[1]} exposures of {solved.ways[1]}, {reference_name}')
 
 
-class _Rows(NamedTuple):
+class _ZeroRows(NamedTuple):
     """Usable exposures of all groups, on the sky in seconds of arc."""
 
     az: np.ndarray
@@ -134,7 +134,7 @@ class _Rows(NamedTuple):
     mount: object
 
 
-class _Fit(NamedTuple):
+class _ZeroFit(NamedTuple):
     """Solution with some weights and noises."""
 
     value: np.ndarray  # (k,)
@@ -150,7 +150,7 @@ class _Solved(NamedTuple):
     covariance: np.ndarray
     noise: np.ndarray
     response: np.ndarray  # (2g, 2n): zeros by offsets, x of all rows and then y
-    rows: _Rows
+    rows: _ZeroRows
     weights: np.ndarray
     ways: list
     used: list
@@ -228,7 +228,7 @@ def _solve(groups, names, model, encoder):
 
 
 def _collected(groups, names, model, encoder):
-    """Usable exposures of all groups, `_Rows`."""
+    """Usable exposures of all groups, `_ZeroRows`."""
     parts, stars, contexts = [], 0, []
     mount = groups[0].mount
     effects = model is not None and model.effects
@@ -253,7 +253,7 @@ def _collected(groups, names, model, encoder):
     az, el, enc, sigmas, group, star = zip(*parts)
     given = all(s is not None for s in sigmas)
     context = Context.of_run(PointingRun.concatenate(contexts), encoder) if effects else None
-    return _Rows(np.concatenate(az), np.concatenate(el), np.concatenate(enc, axis=1),
+    return _ZeroRows(np.concatenate(az), np.concatenate(el), np.concatenate(enc, axis=1),
                  np.concatenate(sigmas, axis=1) / ARCSEC if given else None, context,
                  np.concatenate(group), np.concatenate(star), mount)
 
@@ -272,16 +272,16 @@ def _normal(columns, weights):
 
 
 def _once(columns, left, prior, weights):
-    """Least squares with the prior, a `_Fit`."""
+    """Least squares with the prior, a `_ZeroFit`."""
     weighted = columns * weights[:, :, None]
     inverse = np.linalg.inv(_normal(columns, weights) + np.diag(prior))
     value = inverse @ np.tensordot(weighted, left, ((0, 1), (0, 1)))
     used = np.einsum('cnk,kl,cnl->c', weighted, inverse, columns)
-    return _Fit(value, inverse, left - columns @ value, used)
+    return _ZeroFit(value, inverse, left - columns @ value, used)
 
 
 def _robust(columns, left, prior, rows):
-    """Weights of the rows (None: all alike), noise (2, n) and the `_Fit` with both."""
+    """Weights of the rows (None: all alike), noise (2, n) and the `_ZeroFit` with both."""
     n = left.shape[1]
     given = rows.sigmas
     sigma = np.ones((2, n)) if given is None else given

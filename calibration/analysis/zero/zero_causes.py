@@ -11,7 +11,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .covariate_choice import ALPHA, Choice, choose, fewest_nights
+from .covariate_choice import ALPHA, CovariateChoice, choose, fewest_nights
 from .polaris_zero import student_factor
 
 AXES = ('azimuth', 'elevation')
@@ -130,7 +130,7 @@ def _complete(season, names):
     return season.select(good)
 
 
-_NO_CHOICE = Choice(*[((), ())] * 3, np.ones(2), np.ones(2))
+_NO_CHOICE = CovariateChoice(*[((), ())] * 3, np.ones(2), np.ones(2))
 
 
 def _choice(season, names, alpha, seed):

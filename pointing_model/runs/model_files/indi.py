@@ -17,7 +17,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 
 from .columns import OF_TERM, on_sky
-from .program import Found, Program
+from .program import ModelFile, Program
 from .spk import SPK
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
@@ -114,7 +114,7 @@ def _read(path, text):
     if not left < _FAR:
         raise ValueError(f'{path}: its points are {left / DEG:.3g} degrees off any model of an '
                          'alt-azimuth mount; is it of an equatorial one?')
-    found = Found({name: float(sign * values[OF_TERM[name]]) for name, sign in list(
+    found = ModelFile({name: float(sign * values[OF_TERM[name]]) for name, sign in list(
         _TERMS.items())[:count]})
     if count < 6:
         found.notes.append(f'of {len(rows)} points INDI fits {count} terms')

@@ -13,7 +13,7 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .columns import column, summed
-from .program import Found, Program, number_of
+from .program import ModelFile, Program, number_of
 
 _A, _E = (lambda f, k=1: (f, 'A', k)), (lambda f, k=1: (f, 'E', k))
 #: name -> (column, sign, what katpoint says of it)
@@ -88,7 +88,7 @@ def _words(line):
 
 def _read(path, text):
     given = _ini(path, text) if '[params]' in text else _line(path, text)
-    found = Found({})
+    found = ModelFile({})
     unknown = [name for name in given if not re.fullmatch(r'P([1-9]|1\d|2[0-2])', name)]
     if unknown:
         raise ValueError(f'{path}: {", ".join(unknown)} is no parameter of katpoint\'s pointing '

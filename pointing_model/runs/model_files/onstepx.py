@@ -15,7 +15,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
 from .columns import OF_TERM, TERM_OF, column, summed
-from .program import Found, Program, number_of
+from .program import ModelFile, Program, number_of
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
 #: number of the command -> its name there
@@ -107,7 +107,7 @@ def _read(path, text):
                 key = column(_WAVES[wave][0], (f, _WAVES[wave][1], 1))
                 for name, share in _OWN[key]:
                     out[name] = out.get(name, 0.0) + share * value
-    return Found(out, {}, notes)
+    return ModelFile(out, {}, notes)
 
 
 def _for_mount(mount):

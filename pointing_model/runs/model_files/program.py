@@ -37,7 +37,7 @@ class Program:
     write : callable
         ``(Sheet)`` -> text of the file.
     read : callable
-        ``(path, text)`` -> `Found`.
+        ``(path, text)`` -> `ModelFile`.
     looks_like : callable
         Text -> whether it is such a file.
     geometry : {'rotation', 'first_order', None}
@@ -77,7 +77,7 @@ class Program:
 
 
 @dataclass
-class Found:
+class ModelFile:
     """What stands in a file.
 
     Attributes

@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
 from .columns import OF_TERM, column
-from .program import Found, Program, first_order, number_of
+from .program import ModelFile, Program, first_order, number_of
 
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),
@@ -143,7 +143,7 @@ def _angle(path, line, name, word):
 
 
 def _read(path, text, mount=ALTAZ):
-    found, head = Found({}), None
+    found, head = ModelFile({}), None
     line_of = _LINE if mount.vertical else _GEM
     for number, line in enumerate(text.splitlines(), 1):
         words = line.split()

@@ -15,7 +15,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ, is_beyond
 
 from .columns import OF_TERM
-from .program import Found, Program, number_of
+from .program import ModelFile, Program, number_of
 
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
 _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),
@@ -118,7 +118,7 @@ _ROW = re.compile(r'\s*pm(?:\.|->)(\w+)\s*=\s*([^;*\s]+)\s*(\*\s*AS2R)?\s*(\*[^;
 
 
 def _read(path, text):
-    found = Found({})
+    found = ModelFile({})
     for number, line in enumerate(text.splitlines(), 1):
         match = _ROW.fullmatch(line)
         if not match:

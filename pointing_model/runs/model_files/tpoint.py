@@ -23,7 +23,7 @@ from pointing_model.terms import terms_of
 
 from .columns import OF_TERM, column, summed
 from .program import (
-    Found,
+    ModelFile,
     Program,
     first_order_at_encoder,
     number_of,
@@ -168,7 +168,7 @@ def _read(path, text, of=columns_of, mount=ALTAZ):
     lines = [(i, line.rstrip()) for i, line in enumerate(text.splitlines(), 1)
              if line.strip() and not line.lstrip().startswith(('!', '#'))]
     framed = len(lines) >= 2 and _METHOD.fullmatch(lines[1][1].strip())
-    found, ended, fixed, names = Found({}), False, [], {}
+    found, ended, fixed, names = ModelFile({}), False, [], {}
     for number, line in lines[2:] if framed else lines:
         if line.strip().upper() == 'END':
             ended = True

@@ -16,7 +16,7 @@ _SAME_PIXEL = 0.1  # of two descriptions that a header may hold
 _TEXT = ('star', 'telescope', 'pier_side', 'block', 'run')
 
 
-class Solution(NamedTuple):
+class PlateSolution(NamedTuple):
     """Of an image.
 
     Attributes
@@ -103,7 +103,7 @@ def solution_of(header, boresight=None):
 
     Returns
     -------
-    Solution
+    PlateSolution
 
     Raises
     ------
@@ -134,7 +134,8 @@ def solution_of(header, boresight=None):
         away[0] *= np.cos(np.radians(place[1]))
         if not np.hypot(*away) <= _SAME_PIXEL * np.sqrt(abs(area)):
             raise NotThere(f'its WCS has {said}: which counts is not known')
-    return Solution(float(place[0]) % 360.0, float(place[1]), 3600.0 * float(np.sqrt(abs(area))),
+    return PlateSolution(float(place[0]) % 360.0, float(place[1]),
+                         3600.0 * float(np.sqrt(abs(area))),
                     int(np.sign(area)), frame)
 
 

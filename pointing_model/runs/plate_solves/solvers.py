@@ -45,7 +45,7 @@ class NotSolved(Exception):
 
 
 @dataclass(frozen=True)
-class Solver:
+class PlateSolver:
     """An installed solver.
 
     Attributes
@@ -163,11 +163,11 @@ def find_solver(name=None, timeout=120.0, scale=None):
     name : str, optional
         One of `PROGRAMS`, or the path of one of their programs.
     timeout, scale
-        As of `Solver`.
+        As of `PlateSolver`.
 
     Returns
     -------
-    Solver
+    PlateSolver
 
     Raises
     ------
@@ -180,7 +180,7 @@ def find_solver(name=None, timeout=120.0, scale=None):
             for program in programs:
                 path = shutil.which(program)
                 if path:
-                    return Solver(kind, path, timeout, scale)
+                    return PlateSolver(kind, path, timeout, scale)
     if name is not None and name not in PROGRAMS:
         kind = next((kind for kind, (programs, _) in PROGRAMS.items()
                      if Path(name).name.startswith((kind, *programs))), None)
@@ -190,7 +190,7 @@ def find_solver(name=None, timeout=120.0, scale=None):
         path = shutil.which(name)
         if path is None:
             raise NoSolver(f'{name} is no program that can be started')
-        return Solver(kind, path, timeout, scale)
+        return PlateSolver(kind, path, timeout, scale)
     wanted = PROGRAMS if name is None else {name: PROGRAMS[name]}
     raise NoSolver('no plate solver is installed; install ' + ', or '.join(
         where for _, where in wanted.values()))

@@ -11,7 +11,7 @@ from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS
 
 from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
 from .params import SERVER_PARAMS
-from .sources import TrueSky
+from .sources import AlpacaStars
 
 PARAMS = AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, *FIELD_PARAMS
 
@@ -25,7 +25,7 @@ class AlpacaSky(IndiSky):
     def make_source(self, field):
         """That of the parameters."""
         value = self.value
-        return TrueSky(value('host'), value('port'), value('number'), field, value('rate_hz'))
+        return AlpacaStars(value('host'), value('port'), value('number'), field, value('rate_hz'))
 
 
 def main(args=None):

@@ -4,7 +4,7 @@ from ..indi.sources import Source
 from .telescope import AlpacaTelescope
 
 
-class TrueSky(Source):
+class AlpacaStars(Source):
     """A simulator that tells where it truly looks, when it is asked.
 
     Parameters

@@ -11,7 +11,7 @@ import pytest
 from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render, write_report
 from calibration.report.diagnosis_sections import exclusions, next_observations, ranking
-from calibration.report.diagnosis_view import Driver, FoundEffect, View, driver_of, view_of
+from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
 from calibration.report.diagnosis_words import best_pair, verdict_sentences
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
 from calibration.report.effect_words import EffectTold, effects_told
@@ -222,7 +222,7 @@ def test_many_rows_stay_small():
            'holdout_rms_arcsec': None}
     el = rng.uniform(0.3, 1.5, n)
     driver = Driver('elevation', 'elevation [°]', el / DEG)
-    view = View({'observations': n, 'runs': 1, 'base_terms': ['IA'], 'verdict': 'unknown',
+    view = DiagnosisView({'observations': n, 'runs': 1, 'base_terms': ['IA'], 'verdict': 'unknown',
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
                 rng.uniform(0, 6.28, n), el, before, after, np.ones(n, bool),
                 ['a star'] * n, [driver],

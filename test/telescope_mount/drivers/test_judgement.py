@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, parse_mount
 from telescope_mount.drivers.judgement import judge
 from telescope_mount.drivers.nudge import judge_nudge, went_elsewhere
-from telescope_mount.drivers.samples import OK, WRONG, Endpoint, Heard, Rest, Stream
+from telescope_mount.drivers.samples import OK, WRONG, DriverSamples, Endpoint, Rest, Stream
 
 NOW = 1_795_000_000.0
 JOINTS = 'sensor_msgs/msg/JointState'
@@ -54,7 +54,7 @@ def heard(seconds=20.0, rate=20.0, *, seed=1, inc=lambda t, v, r: (v, r), absolu
         if keep('cam', t):
             streams[2].take(NOW + t + exposure, stamp('cam', t),
                             miss(number, rng.normal(20.0, 2.0, 2) * ARCSEC))
-    return Heard(mount, seconds, *streams, services={'home'}, homing=True,
+    return DriverSamples(mount, seconds, *streams, services={'home'}, homing=True,
                  followers=[Endpoint('/mount/driver', TRAJECTORY)])
 
 

@@ -12,7 +12,7 @@ from pointing_model.mounts import Mount
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
 from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
-from telescope_mount.guard.guard_settings import Settings
+from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.guard.track import Cubic
 
@@ -28,7 +28,7 @@ class Driver(Renewed):
         limits = Limits(GERMAN, (Axis(-10.0 * DEG, 190.0 * DEG, *rates),
                                  Axis(-90.0 * DEG, 270.0 * DEG, *rates)), Horizon(10.0 * DEG),
                         timing=timing)
-        self.keeper = GotoKeeper(limits, Sun(), Settings(**{'whole': False, **settings}),
+        self.keeper = GotoKeeper(limits, Sun(), GuardSettings(**{'whole': False, **settings}),
                                  lambda: self.time)
         self.way = way
         self.legs = []

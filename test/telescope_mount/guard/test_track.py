@@ -5,7 +5,7 @@ import pytest
 
 from msg_tools.units import DEG
 from telescope_mount.guard.limits import Axis
-from telescope_mount.guard.motion import Slew, State, moment, plan_move
+from telescope_mount.guard.motion import AxisState, Slew, moment, plan_move
 from telescope_mount.guard.track import Cubic, resting
 
 AXES = (Axis(-4.0, 4.0, 4.0 * DEG, 3.0 * DEG), Axis(-2.0, 2.0, 2.0 * DEG, 1.0 * DEG))
@@ -46,7 +46,7 @@ def test_ends_and_peaks_of_a_track_are_those_of_all_of_it(seed):
 def test_of_a_slew_each_stretch_holds_all_drives_going_and_braking(seed):
     rng = np.random.default_rng(seed)
     cubic = drawn(rng, 4, 1e-4) if seed % 2 else resting(rng.uniform(-1.5, 1.5, 2))
-    state = State(tuple(rng.uniform(-1.5, 1.5, 2).tolist()),
+    state = AxisState(tuple(rng.uniform(-1.5, 1.5, 2).tolist()),
                   tuple((rng.uniform(-0.5, 0.5, 2) * [a.rate for a in AXES]).tolist()))
     timing = rng.uniform(0.3, 1.0)
     slew = Slew(state, cubic, AXES, timing)

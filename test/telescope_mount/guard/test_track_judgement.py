@@ -8,7 +8,7 @@ from pointing_model.mounts import Mount
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.sun import Sun, sun_place, turned
 from telescope_mount.guard.limits import Axis, Limits, safe_travel, travel_of
-from telescope_mount.guard.motion import Slew, State
+from telescope_mount.guard.motion import AxisState, Slew
 from telescope_mount.guard.track import Cubic
 from telescope_mount.guard.track_judgement import Judge
 from telescope_mount.guard.verdicts import Allowed, Refused
@@ -24,7 +24,7 @@ def star(az, el, rate=(15.0 / 3600.0, 5.0 / 3600.0)):
 
 
 def at(first, second, *rates):
-    return State((first * DEG, second * DEG), tuple(r * DEG for r in rates) or (0.0, 0.0))
+    return AxisState((first * DEG, second * DEG), tuple(r * DEG for r in rates) or (0.0, 0.0))
 
 
 def toward(az, el):
@@ -164,9 +164,9 @@ def test_the_axes_of_a_polar_mount_in_the_south_go_through_the_other_pole():
     # as the observer writes them: -90 to 270 deg
     west, east = limits.on_travel(20.0 * DEG, -50.0 * DEG), (150.0 * DEG, 230.0 * DEG)
     judge = Judge(limits)
-    found = judge.judge(np.zeros(1), np.array([east]), np.zeros((1, 2)), State(west))
+    found = judge.judge(np.zeros(1), np.array([east]), np.zeros((1, 2)), AxisState(west))
     assert found.cubic.angles[0, 1] == pytest.approx(-130.0 * DEG)
-    assert isinstance(found, Allowed) or lead(judge, found.cubic, State(west))
+    assert isinstance(found, Allowed) or lead(judge, found.cubic, AxisState(west))
     low = Limits(Mount.equatorial(5.0 * DEG, 'german'), limits.axes, Horizon(10.0 * DEG))
     assert np.array(low.blocked_pole) / DEG == pytest.approx((-5.0, 10.0))
 

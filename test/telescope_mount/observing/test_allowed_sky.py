@@ -68,7 +68,7 @@ def test_polar_axes_stay_within_their_travel(kind, first, second, choose):
         return np.count_nonzero(~((np.array([first, second])[:, 0] <= angles.T)
                                   & (np.array([first, second])[:, 1] >= angles.T)).all(axis=1))
 
-    assert outside(star_choice.Limits(allowed=sky)) == 0 < outside(star_choice.Limits())
+    assert outside(star_choice.AxisLimits(allowed=sky)) == 0 < outside(star_choice.AxisLimits())
 
 
 @pytest.mark.parametrize('choose', [
@@ -83,8 +83,8 @@ def test_no_star_is_chosen_where_the_guard_lets_no_tube_look(choose):
         return [int(np.count_nonzero(~sky(t, *observed_place(chosen, t))))
                 for t in (DAY, DAY + 1200.0)]
 
-    assert outside(star_choice.Limits(allowed=sky)) == [0, 0]
-    assert min(outside(star_choice.Limits())) > 0
+    assert outside(star_choice.AxisLimits(allowed=sky)) == [0, 0]
+    assert min(outside(star_choice.AxisLimits())) > 0
 
 
 def refuses(bench, wrong, reason='below the horizon'):

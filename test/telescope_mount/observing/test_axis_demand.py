@@ -6,7 +6,7 @@ from pointing_model.in_force import InForce
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero
-from telescope_mount.observing.axis_demand import KNOT, Conditions, Pointing, Standing, track_to
+from telescope_mount.observing.axis_demand import KNOT, AxesAtRest, Conditions, Pointing, track_to
 
 START = 1_768_482_000_000_000_000
 SECOND = 10**9
@@ -66,7 +66,7 @@ def test_model_zero_and_aim_are_in_the_demand_once():
 
 
 def test_standing_is_a_track_too():
-    standing = Standing(np.array([3.0, 0.8]))
+    standing = AxesAtRest(np.array([3.0, 0.8]))
     track = track_to(standing, START, conditions(3.0, 0.8), 4.0)
     np.testing.assert_array_equal(track.angles, np.tile([3.0, 0.8], (7, 1)))
     np.testing.assert_allclose(track.rates, 0.0, atol=1e-15)

@@ -17,7 +17,7 @@ from msg_tools.units import ARCSEC, DEG
 from telescope_mount.cli import main
 from telescope_mount.watching.drawing import ALARMS, Dashboard
 from telescope_mount.watching.log import of_log
-from telescope_mount.watching.state import Heard
+from telescope_mount.watching.state import LastMessages
 
 
 @pytest.fixture(scope='module')
@@ -77,7 +77,7 @@ def test_a_log_at_an_earlier_time(at_end):
 
 
 def test_encoders_are_compared_at_one_time_and_a_zero_of_another_power_on_is_told():
-    heard = Heard('a graph')
+    heard = LastMessages('a graph')
     rate = 15.0 * ARCSEC
     heard.take(topics.INCREMENTAL.name, joints(100.0, (7.0, 0.5), (rate, 0.0), 'power_on_2@50.000'))
     heard.take(topics.ABSOLUTE.name, joints(
@@ -95,7 +95,7 @@ def test_encoders_are_compared_at_one_time_and_a_zero_of_another_power_on_is_tol
 
 
 def test_alarms_the_worst_first_and_nodes_that_fall_silent():
-    heard = Heard('a graph')
+    heard = LastMessages('a graph')
     heard.take(topics.DIAGNOSTICS.name, Message(status=[
         status(b'\1', '/mount/camera', 'no image', **{'gaps /mount/observation': 3}),
         status(b'\2', '/mount/driver', 'axis 1 stalled'),
@@ -158,7 +158,7 @@ def test_no_number_is_cut_and_no_line_too_long(at_end, width, encoding):
 
 
 def test_what_others_say_cannot_move_the_cursor():
-    heard = Heard('a graph')
+    heard = LastMessages('a graph')
     heard.take(topics.GUARD_STATUS.name, status(0, 'guard', 'a\x1b[2Jb\r\nc', state='idle'))
     text = drawn(heard.state(), 80)
     assert '\x1b' not in text and 'a [2Jb c' in text and 'no node reports' in text

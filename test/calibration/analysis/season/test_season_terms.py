@@ -20,7 +20,7 @@ from calibration.analysis.season.season_filter import (
     step_gains,
 )
 from calibration.analysis.season.season_judgement import judge_season
-from calibration.analysis.season.season_nights import Night, Nights, days, nights_of
+from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
 from calibration.report.season_page import render
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
@@ -43,7 +43,7 @@ def season(rng, count=24, walk=(1.0, 0.0, 0.0), scatter=(1.0, 3.0, 2.0), moved=N
         moved(values, warm)
     values += 0.5 * rng.standard_normal((count, k))
     return Nights(NAMES, ALTAZ, [
-        Night(f'night {i}', 1.7e9 + 86400.0 * d, 30, v * ARCSEC,
+        SeasonNight(f'night {i}', 1.7e9 + 86400.0 * d, 30, v * ARCSEC,
               np.eye(k) * (0.5 * ARCSEC)**2, ARCSEC, {'temperature': (float(t), 1.0)})
         for i, (d, v, t) in enumerate(zip(day, values, warm))], [])
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.tracking.hypotheses import Bank, Jump
+from calibration.analysis.tracking.hypotheses import Hypotheses, TermJump
 from calibration.analysis.tracking.measurements import Seen
-from calibration.analysis.tracking.motion_causes import Settings
+from calibration.analysis.tracking.motion_causes import TrackingSettings
 from calibration.analysis.tracking.smoother import hindsight
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import choose
@@ -53,7 +53,7 @@ def test_without_stories_it_is_the_posterior_of_all_observations_at_once(memory)
     hours, columns, values = observations(rng)
     root = rng.normal(size=(N, N))
     walk, first = root @ root.T, np.diag([1.0, 2.0, 3.0])
-    bank = Bank(np.zeros(N), first, [walk], memory_h=memory, wrong=1e-12)
+    bank = Hypotheses(np.zeros(N), first, [walk], memory_h=memory, wrong=1e-12)
     for hour, column, value in zip(hours, columns, values):
         bank.wait(hour)
         bank.observe(column, value, [0.7, 0.7])
@@ -65,8 +65,9 @@ def test_without_stories_it_is_the_posterior_of_all_observations_at_once(memory)
 def test_joined_stories_have_the_mean_and_covariance_that_they_had():
     rng = np.random.default_rng(2)
     hours, columns, values = observations(rng, 2)
-    jumps = [Jump('first', np.eye(N)[0], 5.0, 0.5), Jump('second', np.eye(N)[1], 5.0, 0.5)]
-    banks = [Bank(np.zeros(N), np.eye(N), [0.1 * np.eye(N), np.eye(N)], jumps=jumps, wrong=0.2,
+    jumps = [TermJump('first', np.eye(N)[0], 5.0, 0.5), TermJump('second', np.eye(N)[1], 5.0, 0.5)]
+    banks = [Hypotheses(np.zeros(N), np.eye(N), [0.1 * np.eye(N), np.eye(N)], jumps=jumps,
+                        wrong=0.2,
                   wrong_sigma=4.0, depth=depth, most=999) for depth in (1, 99)]
     for hour, column, value in zip(hours, columns, 3.0 * values):
         for bank in banks:
@@ -81,7 +82,8 @@ def test_joined_stories_have_the_mean_and_covariance_that_they_had():
 
 def test_rates_are_others_after_a_while():
     prior = np.array([0.7, 0.3])
-    bank = Bank(np.zeros(N), np.eye(N), [1e-4 * np.eye(N), 10.0 * np.eye(N)], prior, turn_h=5.0,
+    bank = Hypotheses(np.zeros(N), np.eye(N), [1e-4 * np.eye(N), 10.0 * np.eye(N)], prior,
+                      turn_h=5.0,
                 wrong_sigma=1e3)
     for _ in range(10):
         bank.wait(0.2)
@@ -95,7 +97,7 @@ def test_hindsight_is_the_posterior_of_the_whole_night():
     rng = np.random.default_rng(3)
     names = ('IA', 'IE', 'AN', 'AW')
     first = np.diag([4.0, 3.0, 2.0, 1.0]) * ARCSEC**2
-    settings = Settings(zeros=(3 * ARCSEC,), tilts=(1 * ARCSEC,), jumps=((ARCSEC, 1e-9),),
+    settings = TrackingSettings(zeros=(3 * ARCSEC,), tilts=(1 * ARCSEC,), jumps=((ARCSEC, 1e-9),),
                         wrong=1e-9)
     tracker = Tracker(PointingModel(dict.fromkeys(names, 0.0), first), 0, settings=settings)
     hours, az, el = rng.uniform(0.1, 0.5, (3, 10))
@@ -116,7 +118,7 @@ def test_terms_that_are_far_are_found_and_go_home_to_the_evening():
                             np.diag([0.1, 0.1, 900.0, 0.1, 900.0, 900.0]) ** 2 * ARCSEC**2)
     off = {'IA': 3100.0, 'IE': 900.0, 'CA': 1000.0, 'AN': 1500.0, 'AW': -900.0}
     true = PointingModel({**evening.terms, **{n: v * ARCSEC for n, v in off.items()}})
-    tracker = Tracker(evening, 0, settings=Settings(memory_h={'IA': 1.0}))
+    tracker = Tracker(evening, 0, settings=TrackingSettings(memory_h={'IA': 1.0}))
     assert tracker.power_on(1, sigma=3000.0 * ARCSEC).taken
     rng = np.random.default_rng(4)
     for k in range(1, 25):

@@ -5,7 +5,7 @@ from calibration.analysis.fit import fit_terms
 from calibration.analysis.tracking.filter_start import model_of_fit
 from calibration.analysis.tracking.history import past_of_runs, rates_of_nights, rows_of
 from calibration.analysis.tracking.measurements import Seen
-from calibration.analysis.tracking.motion_causes import Settings
+from calibration.analysis.tracking.motion_causes import TrackingSettings
 from calibration.analysis.tracking.smoother import hindsight
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import (
@@ -23,13 +23,13 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
-from telescope_mount.observing.next_star import Slew, error_over, next_star, telling_star, until
+from telescope_mount.observing.next_star import SlewTime, error_over, next_star, telling_star, until
 
 MINUTE = 60_000_000_000
 NAMES = ('IA', 'IE', 'CA', 'AN', 'AW', 'TF')
 SIGMA = np.array([30.0, 30.0, 4.0, 8.0, 8.0, 4.0]) * ARCSEC
 #: few hypotheses: fast
-SETTINGS = Settings(zeros=(1.0 * ARCSEC, 3.0 * ARCSEC, 9.0 * ARCSEC), tilts=(0.5 * ARCSEC,))
+SETTINGS = TrackingSettings(zeros=(1.0 * ARCSEC, 3.0 * ARCSEC, 9.0 * ARCSEC), tilts=(0.5 * ARCSEC,))
 MODEL = PointingModel(dict.fromkeys(NAMES, 0.0), np.eye(6) * (0.3 * ARCSEC) ** 2)
 
 
@@ -233,7 +233,7 @@ def test_the_next_star_is_worth_its_time():
 
 
 def test_slews_take_the_longer_of_two_axes():
-    slew = Slew(rates=(2 * DEG, 1 * DEG), acceleration=1 * DEG, settle_s=3.0)
+    slew = SlewTime(rates=(2 * DEG, 1 * DEG), acceleration=1 * DEG, settle_s=3.0)
     seconds = slew.seconds(ALTAZ, (350 * DEG, 40 * DEG), (
         np.array([350.0, 20.0, 351.0, 350.0]) * DEG, np.array([40.0, 40.0, 40.0, 60.0]) * DEG))
     np.testing.assert_allclose(seconds, [3.0, 3.0 + 15.0 + 2.0, 3.0 + 2.0, 3.0 + 20.0 + 1.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.tracking.filter_confidence import HONEST, OVER, UNDER, Confidence
-from calibration.analysis.tracking.motion_causes import Settings, lean_of_base
+from calibration.analysis.tracking.motion_causes import TrackingSettings, lean_of_base
 from calibration.analysis.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.harmonics import Harmonics
@@ -128,7 +128,7 @@ def test_from_its_state_it_goes_on_to_the_bit():
             out.append(sky.tell(tracker, 10 * k * MINUTE, off=(200.0, 0.0) if k == 5 else (0, 0)))
         return json.dumps([heard.document() for heard in out])
 
-    settings = Settings(memory_h={'TF': 3.0}, walks={'CA': 0.1 * ARCSEC})
+    settings = TrackingSettings(memory_h={'TF': 3.0}, walks={'CA': 0.1 * ARCSEC})
     whole, sky = Tracker(model(), 0, witnesses=['difference'], settings=settings), Sky(6)
     told(whole, sky, 0, 11)
     again = Tracker.of_state(whole.state(), ALTAZ)
@@ -192,11 +192,11 @@ def test_models_that_are_none_are_refused_or_widened():
     with pytest.raises(ValueError, match='witness'):
         Tracker(model(), 0, witnesses=['polaris'])
     with pytest.raises(ValueError, match='wrong'):
-        Settings(wrong=0.7)
+        TrackingSettings(wrong=0.7)
     with pytest.raises(ValueError, match='positive'):
-        Settings(zeros=(0.0,))
+        TrackingSettings(zeros=(0.0,))
     with pytest.raises(ValueError, match='no term TX'):
-        Tracker(PointingModel({'IA': 0.0}), 0, settings=Settings(walks={'TX': ARCSEC}))
+        Tracker(PointingModel({'IA': 0.0}), 0, settings=TrackingSettings(walks={'TX': ARCSEC}))
     tracker = Tracker(PointingModel({'IE': 0.0, 'TF': 10 * ARCSEC}), 0)
     assert 'singular' in tracker.notes[0] and 'IA' in tracker.notes[1]
     assert tracker.expected(1.0, 1.0).radial[0] > 100 * ARCSEC

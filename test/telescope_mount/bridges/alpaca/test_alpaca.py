@@ -15,7 +15,7 @@ from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
 from telescope_mount.bridges.alpaca.driver import AlpacaDriver
 from telescope_mount.bridges.alpaca.server import AlpacaServer
 from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
-from telescope_mount.bridges.alpaca.sources import TrueSky
+from telescope_mount.bridges.alpaca.sources import AlpacaStars
 from telescope_mount.bridges.alpaca.telescope import AlpacaError, AlpacaTelescope
 from telescope_mount.bridges.indi.dead_man import ALPACA, DeadMan
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
@@ -191,7 +191,7 @@ def test_a_simulated_altazimuth_telescope_tells_its_axes_and_where_it_looks():
         bench.until(lambda: bench.last)
         assert np.cos(bench.last[1][0]) == pytest.approx(1.0)
         assert bench.last[1][1] / DEG == pytest.approx(80.0, abs=0.02)
-        source = TrueSky('127.0.0.1', server.port, 0, Field(), 20.0)
+        source = AlpacaStars('127.0.0.1', server.port, 0, Field(), 20.0)
         source.start()
         bench.until(lambda: len(source.seen) > 1)
         stamp, (ra, dec, second) = source.seen[-1]
@@ -203,7 +203,7 @@ def test_a_simulated_altazimuth_telescope_tells_its_axes_and_where_it_looks():
 
 def test_a_real_telescope_does_not_know_where_it_looks():
     with Server() as server:
-        source = TrueSky('127.0.0.1', server.port, 0, Field())
+        source = AlpacaStars('127.0.0.1', server.port, 0, Field())
         source.start()
         end = time.monotonic() + 10.0
         while 'reports what it believes, not what is seen' not in source.why:

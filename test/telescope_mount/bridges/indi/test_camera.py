@@ -16,7 +16,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.formats import iso_utc
 from pointing_model.runs.plate_solves.frames import ICRS
-from pointing_model.runs.plate_solves.images import Solution
+from pointing_model.runs.plate_solves.images import PlateSolution
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, icrs_to_observed
 from pointing_model.sky.star_catalogue import load_catalogue
@@ -74,7 +74,7 @@ class Solver:
         assert path.read_bytes().startswith(b'SIMPLE')
         if not self.solves:
             raise NotSolved('no solution')
-        return Solution(*self.place, 60.0, -1, ICRS), 1.0
+        return PlateSolution(*self.place, 60.0, -1, ICRS), 1.0
 
 
 def a_star():
