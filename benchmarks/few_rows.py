@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
-from calibration.estimation import least_squares
+from calibration.estimation import gauss_newton
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -48,7 +48,7 @@ def figures(n, tails, wrong, axes, runs, before=False):
         run = run_of(np.random.default_rng([n, seed, tails, wrong]), n, tails, wrong, axes)
         try:
             if before:
-                with patch.object(least_squares, 'are_few', return_value=False):
+                with patch.object(gauss_newton, 'are_few', return_value=False):
                     fit = fit_terms(run)
             else:
                 fit = fit_terms(run)

@@ -2,7 +2,6 @@
 
 import functools
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +15,9 @@ from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from ..estimation.gauss_newton import Linear, gauss_newton
-from ..estimation.least_squares import need_rows, uncertainty_of, weighted_solve
-from ..estimation.run_columns import MANY, RunColumns
+from ..estimation.group_columns import GroupColumns
+from ..estimation.least_squares import weighted_solve
+from ..estimation.robust import LOSS
 from ..rows import UNREACHABLE, mild_sigmas, usable
 from .fit_result import make_result
 from .rotation_offsets import Rotating
@@ -32,16 +32,6 @@ RCOND = 1e-5
 RCOND_HARMONICS = 1e-4
 
 _LINEAR = ('IA', 'IE', 'TF')  # alone, of an alt-azimuth mount
-
-
-class LinearFit(NamedTuple):
-    """Result of `fit_first_order`; radians."""
-
-    coefficients: np.ndarray
-    covariance: np.ndarray
-    residual_x: np.ndarray
-    residual_y: np.ndarray
-    rank: int
 
 
 def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND,
@@ -68,28 +58,19 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
 
     Returns
     -------
-    LinearFit
+    Estimate
+        Radians.
 
     Raises
     ------
     ValueError
         Too few rows, an unknown term, or only one of `sx` and `sy`.
     """
-    n = len(az)
-    need_rows(n, len(names), sx is not None)
     if (sx is None) != (sy is None):
         raise ValueError('a sigma of one axis only; give sx and sy, or none')
-    rows = stacked_design(names, np.asarray(az), np.asarray(el), mount)
-    b = np.concatenate((x, y))
-    base = None
-    if sx is not None:
-        sigma = np.empty(2 * n)
-        sigma[:n], sigma[n:] = sx, sy
-        base = 1.0 / np.square(sigma)
-    solution = weighted_solve(rows, b, base, rcond)
-    covariance = uncertainty_of(solution, base, None, base is not None).covariance
-    r = solution.residual
-    return LinearFit(solution.p, covariance, r[:n], r[n:], solution.rank)
+    sigmas = None if sx is None else np.concatenate(np.broadcast_arrays(sx, sy))
+    design = stacked_design(names, np.asarray(az), np.asarray(el), mount)
+    return gauss_newton(Linear(np.concatenate((x, y)), design), sigmas, None, rcond)
 
 
 def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder='enc',
@@ -169,13 +150,13 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     if trig.side is not None:
         observed[:n] *= trig.side
     np.subtract(used.el_enc, el, out=observed[n:])
-    first_order = stacked_design(terms, used.az, el, mount, trig)
-    if len(names) > len(terms):
-        first_order = _with_zeros(first_order, run['run'][used.rows], runs, el)
-    found = gauss_newton(
-        Linear(observed, first_order) if linear
-        else Rotating(trig, terms, turned, observed, first_order, mount),
-        used.sigmas, robust, rcond, mild_sigmas(used), zeros_of_axes)
+    columns = stacked_design(terms, used.az, el, mount, trig)
+    first_order = columns if len(runs) < 2 else GroupColumns.of_runs(
+        columns, run['run'][used.rows], trig.cos_el)
+    problem = Linear(observed, first_order) if linear else Rotating(
+        trig, terms, turned, observed, columns, first_order, mount)
+    found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
+                         mild_sigmas(used), zeros_of_axes)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)
@@ -190,22 +171,6 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
 def _names_of_zeros(runs, mount):
     """How far the zero of each run but the first lies from its, as coefficients."""
     return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
-
-
-def _with_zeros(terms, labels, runs, el):
-    """Columns of the terms, shape (k, 2n), with those of the zeros: an ndarray or RunColumns."""
-    if len(runs) >= MANY:
-        return RunColumns.of(terms, labels, el)
-    return np.vstack((terms, _columns_of_zeros(labels, runs, el)))
-
-
-def _columns_of_zeros(labels, runs, el):
-    """Their columns, shape (2 * (len(runs) - 1), 2n)."""
-    member = labels == runs[1:, None]
-    nothing = np.zeros_like(member, float)
-    zeros = np.stack((np.hstack((member * np.cos(el), nothing)), np.hstack((nothing, member))),
-                     axis=1)
-    return zeros.reshape(-1, 2 * len(el))
 
 
 def _with_run_zeros(result, runs, first):
@@ -326,13 +291,17 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
     runs = np.unique(run['run'][used.rows]) if run_zeros else ()
     if len(runs) > 1:
-        rows = _with_zeros(rows, run['run'][used.rows], runs, el)
-    found = gauss_newton(Linear(observed, rows), used.sigmas, robust, rcond, mild_sigmas(used))
+        rows = GroupColumns.of_runs(rows, run['run'][used.rows], np.cos(el))
+    found = gauss_newton(Linear(observed, rows), used.sigmas, LOSS if robust else None, rcond,
+                         mild_sigmas(used))
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]
         if after is not None:
-            covariance = _without_taken(covariance, found, after, run, used)
+            weights = found.weights if used.sigmas is None else (
+                found.weights / np.square(used.sigmas.reshape(2, -1)))
+            covariance = _without_taken(covariance, np.asarray(rows), weights, rcond, after, run,
+                                        used)
         harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
         if held is None:
             return PointingModel({}, None, harmonics, facts, mount=run.mount)
@@ -350,18 +319,19 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     return result
 
 
-def _without_taken(covariance, found, after, run, used):
+def _without_taken(covariance, rows, weights, rcond, after, run, used):
     """Covariance of harmonics of what an earlier fit to the same rows has left.
 
     Residuals of that fit have no part along its columns T: of (H+ H+') sigma^2 the part
     H+ T cov(p_T) (H+ T)' is missing, and the harmonics are independent of its coefficients.
     """
     terms = tuple(name for name in after.names if '[' not in name)
-    labels = run['run'][used.rows] if len(after.names) > len(terms) else None
     taken = stacked_design(terms, used.az, used.el, run.mount)
-    if labels is not None:
-        taken = np.vstack((taken, _columns_of_zeros(labels, np.unique(labels), used.el)))
-    onto = found.response(taken.T)[:len(covariance)]
+    if len(after.names) > len(terms):
+        taken = np.asarray(GroupColumns.of_runs(taken, run['run'][used.rows], np.cos(used.el)))
+    weights = np.broadcast_to(weights, (2, len(used.rows))).ravel()
+    inverse = weighted_solve(rows, rows[0], weights, rcond).inverse
+    onto = (inverse @ (rows * weights) @ taken.T)[:len(covariance)]
     left = covariance - onto @ after.covariance @ onto.T
     # both noises are measured: along what was taken nothing is left, but for their difference
     values, vectors = np.linalg.eigh(0.5 * (left + left.T))

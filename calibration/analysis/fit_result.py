@@ -10,9 +10,7 @@ from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import Zeros
 
-from ..estimation.degeneracy import Undetermined
 from ..estimation.few_rows import FEW, interval_factor
-from ..estimation.least_squares import spectrum_of
 
 #: times what a direction moves at the stars, from where it moves more than they show
 _BEYOND = 10.0
@@ -168,21 +166,15 @@ class FitResult:
         return rms_arcsec(self.residual_x[keep], self.residual_y[keep])
 
 
-def _dropped(spectrum, rank, names, basis=None):
+def _dropped(left_open, names):
     """Directions that the data do not determine, in words."""
     out = []
-    for i in range(len(spectrum.s) - rank):
-        row = spectrum.vectors[:, i] / spectrum.scale
-        if basis is not None:
-            row = basis @ row
-        row = row / row[np.argmax(np.abs(row))]
-        main = [(name, float(v)) for name, v in zip(names, row) if abs(v) >= 0.1]
+    for direction, size in zip(left_open.directions, left_open.sizes.tolist()):
+        main = [(name, value) for name, value in zip(names, direction.tolist())
+                if abs(value) >= 0.1]
         main.sort(key=lambda pair: -abs(pair[1]))
-        out.append({
-            'text': ' '.join(f'{v:+.2f} {name}' for name, v in main),
-            'direction': dict(main),
-            'relative_singular_value': float(spectrum.s[i] / (spectrum.s[-1] or 1.0)),
-        })
+        out.append({'text': ' '.join(f'{value:+.2f} {name}' for name, value in main),
+                    'direction': dict(main), 'relative_singular_value': size})
     return out
 
 
@@ -202,33 +194,18 @@ def make_result(run, names, used, found, make_model, provenance, notes):
     notes : dict
         What the fit itself writes into the provenance.
     """
-    rows_used, sigmas, excluded = used.rows, used.sigmas, used.excluded
-    solution, basis, feasible = found.solution, found.basis, found.feasible
-    row_weights, r, n = found.row_weights, found.residual, len(rows_used)
-    covariance, scatter = found.covariance, found.scatter
-    if n == len(run):
-        residual_x, residual_y = r[:n], r[n:]  # nobody else has it
-        w = np.ones(n) if row_weights is None else row_weights
-    else:
-        residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
-        residual_x[rows_used], residual_y[rows_used] = r[:n], r[n:]
-        w[rows_used] = 1.0 if row_weights is None else row_weights
-    if not feasible.all():
-        lost = rows_used[~feasible]
-        residual_x[lost], residual_y[lost], w[lost] = np.nan, np.nan, 0.0
-        excluded = excluded + [
+    sigmas, excluded, scatter = used.sigmas, used.excluded, found.scatter
+    n, left_open = len(used.rows), found.undetermined
+    residual_x, residual_y, w = (np.full(len(run), v) for v in (np.nan, np.nan, 0.0))
+    residual_x[used.rows], residual_y[used.rows] = found.residual.reshape(2, n)
+    w[used.rows] = found.weights
+    lost = used.rows[~np.isfinite(found.residual[:n])]
+    if len(lost):
+        excluded = sorted([*excluded, *(
             {'row': int(i), 'reason': 'nearer to the zenith than the collimation lets the mount '
-                                      'look'} for i in lost]
-        excluded.sort(key=lambda e: e['row'])
+                                      'look'} for i in lost)], key=lambda one: one['row'])
     if sigmas is not None:
-        x_unit, y_unit = (rms(s) for s in (sigmas[:n], sigmas[n:]))
-        scatter = scatter[0] * x_unit, scatter[1] * y_unit
-    dropped, left_open = _dropped(found.spectrum, len(solution.p), names), found.undetermined
-    if solution.rank < len(solution.p):  # the robust weights took the stars that determine it
-        inner = spectrum_of(found.rows, found.all_weights, solution.normal)
-        dropped += _dropped(inner, solution.rank, names, basis)
-        if len(inner.s) == len(left_open.fitted):
-            left_open = left_open.more(Undetermined.of(inner, solution.rank))
+        scatter = tuple(of * rms(s) for of, s in zip(scatter, sigmas.reshape(2, n)))
     undetermined = tuple(names[i] for i in left_open.terms)
     fitted = rms_arcsec(residual_x, residual_y)
     covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
@@ -237,23 +214,19 @@ def make_result(run, names, used, found, make_model, provenance, notes):
         'source': run.meta.get('source'),
         'rows': fitted.n,
         'rows_excluded': len(excluded),
-        'robust': row_weights is not None,
+        'robust': found.robust,
         'covariance_from': covariance_from,
-        'rank': solution.rank,
+        'rank': found.rank,
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
         **(provenance or {}),
     }
-    model = make_model(found.coefficients, covariance, facts)
+    model = make_model(found.coefficients, found.covariance, facts)
     open_directions = left_open.directions
-    if not len(open_directions):  # of a series, of which no coefficient is held
-        spectrum, rank = found.spectrum, len(solution.p)
-        open_directions = Undetermined.of(spectrum, rank).directions
-        # the singular value tells by how much one moves the stars (root mean square): functions
-        # that are nearly alike among these are so between them too
-        seen = spectrum.s[:len(spectrum.s) - rank, None] * np.abs(open_directions).max(
-            axis=1, keepdims=True) / np.abs(spectrum.vectors[:, :len(spectrum.s) - rank]
-                                            / spectrum.scale[:, None]).max(axis=0)[:, None]
-        seen /= np.sqrt(2 * n if sigmas is None else np.sum(np.square(1.0 / sigmas)))
+    if not undetermined:
+        # of a series, of which no coefficient is held: functions that are nearly alike among the
+        # stars, by how much one moves these (root mean square), are so between them too
+        seen = left_open.moves[:, None] / np.sqrt(
+            2 * n if sigmas is None else np.sum(np.square(1.0 / sigmas)))
         open_directions = open_directions / np.maximum(1.0, _BEYOND * seen / OPEN)
     directions = [{name: value for name, value in zip(names, one.tolist())
                    if abs(value) > _NOTHING} for one in open_directions]
@@ -261,9 +234,9 @@ def make_result(run, names, used, found, make_model, provenance, notes):
         name for name in model.terms if name in {*model.undetermined, *undetermined}],
         sides=rows_by_side(run.mount, run['el'][w > 0.0]))
     return FitResult(
-        model=model, names=tuple(names),
-        coefficients=found.coefficients, covariance=covariance, covariance_from=covariance_from,
-        scatter=scatter, rank=solution.rank, singular_values=found.spectrum.s[::-1],
-        dropped=dropped, residual_x=residual_x, residual_y=residual_y, weights=w,
-        excluded=excluded, robust=row_weights is not None, iterations=found.iterations,
+        model=model, names=tuple(names), coefficients=found.coefficients,
+        covariance=found.covariance, covariance_from=covariance_from, scatter=scatter,
+        rank=found.rank, singular_values=found.singular_values,
+        dropped=_dropped(left_open, names), residual_x=residual_x, residual_y=residual_y,
+        weights=w, excluded=excluded, robust=found.robust, iterations=found.iterations,
         freedom=found.freedom, undetermined=undetermined, raised=used.raised)

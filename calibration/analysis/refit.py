@@ -64,7 +64,7 @@ def refitted(model, rows, effects, seen=None):
                of_series, *(e.effect.columns(context) for e in free), _of_runs(rows)]
     table = np.concatenate(columns)[:, :, use]
     fit = robust_fit(table.reshape(len(table), -1).T, left[:, use].ravel())
-    k, values = len(names), fit.value
+    k, values = len(names), fit.coefficients
     terms = model.terms | {name: model.terms[name] + change
                            for name, change in zip(names, values)}
     places = [list(terms).index(name) for name in names]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msg_tools.units import all_finite, wrap
+from msg_tools.units import wrap
 from pointing_model.geometry import linearised
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.rotations import values
@@ -24,14 +24,16 @@ class Rotating:
         Geometric terms that are held, radians; a fitted one is added.
     observed : ndarray, shape (2n,)
         Encoder - catalogue on the sky, x of all rows, then y, radians.
-    first_order : ndarray, shape (k, 2n), or RunColumns
-        Their columns; of the geometric terms they are replaced by those of `columns`.
+    columns : ndarray, shape (k, 2n)
+        Of the terms; those of the geometric ones are written over.
+    first_order : ndarray, or GroupColumns
+        The same array, or what stands on it.
     mount : Mount
     """
 
     linear = False
 
-    def __init__(self, trig, terms, turned, observed, first_order, mount):
+    def __init__(self, trig, terms, turned, observed, columns, first_order, mount):
         self.trig, self.mount = trig, mount
         self.observed, self.first_order = observed, first_order
         own = mount.names.terms
@@ -41,14 +43,14 @@ class Rotating:
         #: the zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay
         self._turning = {i: of for i, of in self._places.items()
                          if of[0] not in (('IA', 'IE', 'TF') if mount.vertical else ('IA', 'IE'))}
-        self._columns = {}
+        self._terms, self._columns = columns, {}
 
     def residual(self, p):
         """As of `gauss_newton.Linear`."""
         at = list(self._held)
         for i, (name, sign) in self._places.items():
             at[CANONICAL.index(name)] += sign * float(p[i])
-        trig, n = self.trig, len(self.observed) // 2
+        trig = self.trig
         x, y, self._columns = linearised(
             trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), at,
             [name for name, _ in self._turning.values()], trig.mount)
@@ -64,16 +66,12 @@ class Rotating:
         if len(close):  # by the axis, where azimuths differ by half a turn
             cos_el = trig.cos_el[close]
             residual[close] = wrap(residual[close] / cos_el) * cos_el
-        if all_finite(residual[:n]):
-            return residual, None
-        feasible = np.isfinite(residual[:n])
-        residual[np.concatenate((~feasible, ~feasible))] = 0.0
-        return residual, feasible
+        return residual
 
     def columns(self):
         """As of `gauss_newton.Linear`; of the geometric terms where `residual` last was."""
         n, side = len(self.observed) // 2, self.trig.side
         for i, (name, sign) in self._turning.items():
-            row, by = self.first_order[i], sign if side is None else sign * side
+            row, by = self._terms[i], sign if side is None else sign * side
             row[:n], row[n:] = (by * of for of in self._columns[name])
         return self.first_order

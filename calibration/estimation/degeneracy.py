@@ -33,14 +33,20 @@ class Undetermined(NamedTuple):
         that carry the rest of them.
     directions : ndarray, shape (m, k)
         Of the coefficients, in which the rows tell nothing; the largest number of each is 1.
+    sizes : ndarray, shape (m,)
+        Singular values of these directions, over the largest.
+    moves : ndarray, shape (m,)
+        By how much a direction moves the weighted rows: the root of the sum of squares.
     """
 
     terms: np.ndarray
     fitted: np.ndarray
     directions: np.ndarray
+    sizes: np.ndarray
+    moves: np.ndarray
 
     @classmethod
-    def of(cls, spectrum, rank, last=()):
+    def of(cls, spectrum, rank, last=None):
         """Of a design.
 
         Parameters
@@ -48,12 +54,17 @@ class Undetermined(NamedTuple):
         spectrum : least_squares.Spectrum
         rank : int
             Directions that are determined.
-        last : sequence of int
+        last : sequence of int, optional
             Coefficients that are held only where no others can be: the zeros of the axes, in which
-            all that is constant belongs.
+            all that is constant belongs. None: a series, of which none is held.
         """
         k = len(spectrum.s)
-        vectors = spectrum.vectors[:, :k - rank]
+        s, vectors = spectrum.s[:k - rank], spectrum.vectors[:, :k - rank]
+        directions = (vectors / spectrum.scale[:, None]).T
+        largest = directions[np.arange(len(s)), np.abs(directions).argmax(axis=1)]
+        facts = (directions / largest[:, None], s / (spectrum.s[-1] or 1.0), s / np.abs(largest))
+        if last is None:
+            return cls(np.arange(0), np.arange(k), *facts)
         # exactly zero columns are nobody's: they have the length 0, and the scale 1
         terms = np.flatnonzero(np.sum(np.square(vectors), axis=1) > SHARE**2)
         held, left = [], vectors.copy()
@@ -65,17 +76,23 @@ class Undetermined(NamedTuple):
             held.append(at)
             way = left[at] / lengths[at]
             left = left - np.outer(left @ way, way)
-        fitted = np.setdiff1d(np.arange(k), held)
-        directions = (vectors / spectrum.scale[:, None]).T
-        largest = np.max(np.abs(directions), axis=1, initial=0.0, keepdims=True)
-        return cls(terms, fitted, directions / np.where(largest > 0.0, largest, 1.0))
+        return cls(terms, np.setdiff1d(np.arange(k), held), *facts)
 
-    def more(self, inner):
-        """With what is undetermined of the coefficients that are not held, an `Undetermined`."""
-        directions = np.zeros((len(inner.directions), self.directions.shape[1]))
-        directions[:, self.fitted] = inner.directions
-        return Undetermined(np.union1d(self.terms, self.fitted[inner.terms]),
-                            self.fitted[inner.fitted], np.vstack((self.directions, directions)))
+    def more(self, inner, basis):
+        """With what is undetermined of the coefficients that are not held, an `Undetermined`.
+
+        Parameters
+        ----------
+        inner : Undetermined
+        basis : ndarray, shape (k, r)
+            Of the coefficients, those of `inner`.
+        """
+        directions = inner.directions @ basis.T
+        largest = np.abs(directions).max(axis=1)
+        return Undetermined(
+            np.union1d(self.terms, self.fitted[inner.terms]), self.fitted[inner.fitted],
+            np.vstack((self.directions, directions / largest[:, None])),
+            np.append(self.sizes, inner.sizes), np.append(self.moves, inner.moves / largest))
 
 
 def undetermined_lines(result):

@@ -12,17 +12,22 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class ByGroup:
-    """A design: of each group a column `own`, zero in other groups, then the columns of `rest`.
+class GroupColumns:
+    """A design: the columns of `rest`, then of each group a column `own`, zero in other groups.
+
+    To `least_squares` it is as an ndarray of shape (k + groups, n).
 
     Attributes
     ----------
     group : ndarray of int, shape (n,)
         0, 1, ...; none is empty.
     own : ndarray, shape (..., n)
-        Nonzero somewhere in each group. Leading dimensions: as many designs of the same groups.
+        Of a group in which it is zero there is no column. Leading dimensions: as many designs of
+        the same groups.
     rest : ndarray, shape (..., n, k)
     """
+
+    __array_ufunc__ = None  # so that an ndarray leaves products to this
 
     group: np.ndarray
     own: np.ndarray
@@ -36,15 +41,35 @@ class ByGroup:
                    np.ones(n) if own is None else own,
                    np.empty((n, 0)) if rest is None else rest)
 
+    @classmethod
+    def of_runs(cls, terms, run, cos_el):
+        """Of two axes: columns of terms, then how far the zeros of each run are from the first's.
+
+        Parameters
+        ----------
+        terms : ndarray, shape (k, 2n)
+            x of all rows, then y.
+        run : ndarray, shape (n,)
+            Numbers; at least two differ.
+        cos_el : ndarray, shape (n,)
+        """
+        place = np.unique(run, return_inverse=True)[1].reshape(len(run))
+        group = 2 * np.maximum(place - 1, 0)
+        return cls(np.concatenate((group, group + 1)),
+                   np.concatenate((cos_el, np.ones(len(run)))) * np.tile(place > 0, 2), terms.T)
+
     @cached_property
     def groups(self):
         """How many."""
         return int(self.group.max(initial=-1)) + 1
 
     @property
-    def width(self):
-        """Columns in all."""
-        return self.groups + self.rest.shape[1]
+    def shape(self):
+        """Of the ndarray in whose place it is."""
+        return self.rest.shape[-1] + self.groups, len(self.group)
+
+    def __len__(self):
+        return self.shape[0]
 
     def beside(self, *columns):
         """With further columns, shape (n,) or (n, j) each."""
@@ -64,21 +89,24 @@ class ByGroup:
         own = np.square(self.own)
         return self._sums((own if weights is None else weights * own)[..., None])[..., 0]
 
-    def off(self, values, weights=None):
-        """What the groups' columns leave of `values`, with those weights.
+    def share(self, values, weights=None):
+        """Coefficients of the groups' columns alone, with those weights, shape (..., groups, k).
 
         Parameters
         ----------
-        values : ndarray, shape (n,) or (..., n, k)
+        values : ndarray, shape (..., n, k)
             With leading dimensions where `own` has them: as many designs of the same groups.
         weights : ndarray, shape (n,), optional
         """
+        own = self.own if weights is None else weights * self.own
+        size = self.squares(weights)[..., None]
+        return self._sums(own[..., None] * values) / np.where(size > 0.0, size, 1.0)
+
+    def off(self, values, weights=None):
+        """What the groups' columns leave of `values`, shape (n,) or as of `share`."""
         if values.ndim == 1:
             return self.off(values[:, None], weights)[:, 0]
-        own = (self.own if weights is None else weights * self.own)[..., None]
-        size = self.squares(weights)[..., None]
-        share = self._sums(own * values) / size
-        return values - self.own[..., None] * share[..., self.group, :]
+        return values - self.own[..., None] * self.share(values, weights)[..., self.group, :]
 
     def _sums(self, values):
         """Sum over each group, shape (..., groups, k), of `values`, shape (..., n, k)."""
@@ -92,10 +120,27 @@ class ByGroup:
         return np.bincount(place.ravel(), values.ravel(), designs * self.groups * k).reshape(
             *leading, self.groups, k)
 
-    def dense(self):
-        """All columns, shape (n, width): those of the groups first."""
-        members = (self.group[:, None] == np.arange(self.groups)) * self.own[:, None]
-        return np.column_stack([members, self.rest])
+    def normal(self, weights):
+        """The normal matrix."""
+        across = self._sums((weights * self.own)[:, None] * self.rest)
+        return np.block([[(self.rest.T * weights) @ self.rest, across.T],
+                         [across, np.diag(self.squares(weights))]])
+
+    def __matmul__(self, values):
+        """With values of the rows, shape (n,)."""
+        sums = self._sums((self.own * values)[:, None])
+        return np.concatenate((self.rest.T @ values, sums[:, 0]))
+
+    def __rmatmul__(self, p):
+        """Coefficients as values of the rows; of a matrix of them, dense."""
+        if p.ndim > 1:
+            return p @ np.asarray(self)
+        k = self.rest.shape[1]
+        return self.rest @ p[:k] + self.own * p[k:][self.group]
+
+    def __array__(self, dtype=None, copy=None):
+        members = (self.group == np.arange(self.groups)[:, None]) * self.own
+        return np.concatenate((self.rest.T, members)).astype(dtype or float, copy=False)
 
 
 class Moves:

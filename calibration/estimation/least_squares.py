@@ -1,7 +1,7 @@
-"""Weighted least squares of two axes: the algebra behind `fit`; its iteration: `gauss_newton`.
+"""Weighted least squares of one or two axes, plain and robust: the algebra behind every fit.
 
-The design has a row a coefficient: x of all stars, then y of all stars. In the place of an ndarray
-it may be `run_columns.RunColumns`. A weight per value may be None: all equal.
+A design has a row a coefficient: x of all observations, then y. In the place of an ndarray it may
+be `group_columns.GroupColumns`.
 """
 
 import functools
@@ -9,13 +9,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
+
 from .few_rows import satterthwaite
-from .robust import BISQUARE_INFLATION, BISQUARE_VARIANCE
+from .group_columns import GroupColumns
+from .robust import LOSS, huber, reweighted, sigma_of
 
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
 _SAFE_CONDITION = 1e8  # up to here it may be inverted
 _FINE_CONDITION = 1e5  # and up to here rounding stays below 1e-11 of the coefficients
+#: of a column, what is left of it beside the groups' columns: less is rounding
+_EXPLAINED = 1e-7
+
+#: of residuals from one solution to the next, where weights have settled, and the least noise
+TOLERANCE = 1e-9 * ARCSEC
+#: solutions for the weights of each stage
+_MOST = 100
+#: of the noise, a change of the residuals that ends the search for it
+_NOISE_SETTLED = 1e-3
 
 
 class Spectrum(NamedTuple):
@@ -31,13 +43,11 @@ class Spectrum(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Of `weighted_solve`, in the units of the data."""
+    """Of a weighted least-squares problem, in the units of the data."""
 
     p: np.ndarray  # (k,), the coefficients
-    inverse: np.ndarray  # of the normal matrix, in the directions kept
-    normal: np.ndarray
-    x_normal: np.ndarray  # the part of the normal matrix that the x rows make
-    residual: np.ndarray  # (2n,), x of all stars, then y
+    inverse: np.ndarray  # (k, k), of the normal matrix, in the directions kept
+    residual: np.ndarray  # (n,), x of all rows, then y
     rank: int
 
 
@@ -55,69 +65,51 @@ def inverse_of(matrix):
     return _lapack().dgetri(factors, order)[0]
 
 
-def spectrum_of(rows, weights, normal):
+def normal_matrix(design, weights):
+    """With weights of values, None: all equal, shape (k, k)."""
+    if isinstance(design, GroupColumns):
+        return design.normal(np.ones(design.shape[1]) if weights is None else weights)
+    return (design if weights is None else design * weights) @ design.T
+
+
+def spectrum_of(design, weights):
     """Singular values of a design: from its normal matrix where those are accurate, else by QR.
 
     Parameters
     ----------
-    rows : ndarray, shape (k, 2n)
-    weights : ndarray, shape (2n,), or None
-    normal : ndarray, shape (k, k)
-        Of both, from `normal_matrices`.
+    design : ndarray, shape (k, n), or GroupColumns
+    weights : ndarray, shape (n,), or None
 
     Returns
     -------
     Spectrum
     """
-    found = None if isinstance(rows, np.ndarray) else rows.spectrum(normal)
-    if found is None:
-        scale = np.sqrt(normal.diagonal())
-        scale[scale <= 0.0] = 1.0
-        values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
-        if bad:
-            raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
-    else:
-        values, vectors, scale = found
+    normal = normal_matrix(design, weights)
+    scale = np.sqrt(normal.diagonal())
+    scale[scale <= 0.0] = 1.0
+    values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
+    if bad:
+        raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
     if values[0] > _GRAM_LIMIT * values[-1]:
         return Spectrum(np.sqrt(values), vectors, scale)
-    rows = np.asarray(rows)
-    design = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
-    _, s, v = np.linalg.svd(np.linalg.qr(design.T, mode='r'))
+    rows = np.asarray(design)
+    rows = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
+    _, s, v = np.linalg.svd(np.linalg.qr(rows.T, mode='r'))
+    s = np.append(s, np.zeros(len(v) - len(s)))  # of fewer rows than columns
     return Spectrum(s[::-1], v[::-1].T, scale)
 
 
-def normal_matrices(rows, weights=None):
-    """The x part of the normal matrix, and all of it.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (k, 2n)
-        The design.
-    weights : ndarray, shape (2n,), or None
-
-    Returns
-    -------
-    x_normal, normal : ndarray, shape (k, k)
-    """
-    if not isinstance(rows, np.ndarray):
-        return rows.normals(weights)
-    n = rows.shape[1] // 2
-    weighted = rows if weights is None else rows * weights
-    x_normal = weighted[:, :n] @ rows[:, :n].T
-    return x_normal, x_normal + weighted[:, n:] @ rows[:, n:].T
-
-
-def weighted_solve(rows, b, weights, rcond):
-    """Weighted least squares of b = p @ rows, with singular directions left out.
+def weighted_solve(design, b, weights, rcond):
+    """Weighted least squares of b = p @ design, with singular directions left out.
 
     The inverse normal matrix where that is accurate, with a step of iterative refinement (which
     makes it as good as QR) unless it needs none; else the SVD.
 
     Parameters
     ----------
-    rows : ndarray, shape (k, 2n)
-    b : ndarray, shape (2n,)
-    weights : ndarray, shape (2n,), or None
+    design : ndarray, shape (k, n), or GroupColumns
+    b : ndarray, shape (n,)
+    weights : ndarray, shape (n,), or None
     rcond : float
         Relative singular value below which a direction is left out.
 
@@ -125,10 +117,13 @@ def weighted_solve(rows, b, weights, rcond):
     -------
     Solution
     """
-    x_normal, normal = normal_matrices(rows, weights)
+    if isinstance(design, GroupColumns):
+        return _solve_beside_groups(design, b, weights, rcond)
+    if not len(design):
+        return Solution(np.empty(0), np.empty((0, 0)), b, 0)
+    normal = normal_matrix(design, weights)
     try:
-        inverse = (inverse_of(normal) if isinstance(rows, np.ndarray)
-                   else rows.inverse(normal))
+        inverse = inverse_of(normal)
         # trace x trace of the scaled matrix and its inverse: never below the condition number
         condition = len(normal) * float(normal.diagonal() @ inverse.diagonal())
     except np.linalg.LinAlgError:
@@ -137,18 +132,150 @@ def weighted_solve(rows, b, weights, rcond):
         rank = len(normal)
         refinements = 1 if condition > _FINE_CONDITION else 0
     else:
-        spectrum = spectrum_of(rows, weights, normal)
+        spectrum = spectrum_of(design, weights)
         rank = spectrum.rank(rcond)
         kept = slice(len(spectrum.s) - rank, None)  # none, where no row has a weight
         half = spectrum.vectors[:, kept] / (spectrum.scale[:, None] * spectrum.s[kept])
         inverse = half @ half.T
         refinements = 3
-    p = inverse @ (rows @ (b if weights is None else weights * b))
-    residual = b - p @ rows
+    p = inverse @ (design @ (b if weights is None else weights * b))
+    residual = b - p @ design
     for _ in range(refinements):
-        p = p + inverse @ (rows @ (residual if weights is None else weights * residual))
-        residual = b - p @ rows
-    return Solution(p, inverse, normal, x_normal, residual, rank)
+        p = p + inverse @ (design @ (residual if weights is None else weights * residual))
+        residual = b - p @ design
+    return Solution(p, inverse, residual, rank)
+
+
+def _solve_beside_groups(design, b, weights, rcond):
+    """`weighted_solve` of what the groups' columns leave; they have what is left of it."""
+    rest = design.off(design.rest, weights)
+    root = 1.0 if weights is None else np.sqrt(weights)[:, None]
+    before, after = (np.linalg.norm(of * root, axis=0) for of in (design.rest, rest))
+    rest[:, after <= _EXPLAINED * before] = 0.0
+    inner = weighted_solve(rest.T, design.off(b, weights), weights, rcond)
+    size = design.squares(weights)
+    there = size > 0.0
+    share = design.share(np.column_stack((design.rest, b)), weights)
+    onto = share[:, :-1] @ inner.inverse
+    own = onto @ share[:, :-1].T
+    own.flat[::len(own) + 1] += there / np.where(there, size, 1.0)
+    return Solution(np.concatenate((inner.p, share[:, -1] - share[:, :-1] @ inner.p)),
+                    np.block([[inner.inverse, -onto.T], [-onto, own]]), inner.residual,
+                    inner.rank + int(np.count_nonzero(there)))
+
+
+class System:
+    """Rows b = p @ design of one or two axes, solved with weights of values and of rows.
+
+    Parameters
+    ----------
+    design : ndarray, shape (k, axes * n), or GroupColumns
+    b : ndarray, shape (axes * n,)
+    weights : ndarray, shape (axes * n,), or None
+        Of values, by their sigmas: residuals are then judged in these.
+    rcond : float
+        Of `weighted_solve`.
+    axes : int
+    """
+
+    def __init__(self, design, b, weights, rcond, axes=2):
+        self.design, self.b, self.weights, self.rcond, self.axes = design, b, weights, rcond, axes
+        self._least = TOLERANCE if weights is None else 1e-9
+
+    def all_weights(self, row_weights):
+        """Of values, with those of rows, shape (n,); None: 1."""
+        return weights_together(self.weights, row_weights, self.axes)
+
+    def solve(self, row_weights=None):
+        """With weights of rows, shape (n,), too; a `Solution`."""
+        return weighted_solve(self.design, self.b, self.all_weights(row_weights), self.rcond)
+
+    def squares(self, residual):
+        """In sigmas where they were given, shape (axes, n)."""
+        squares = np.square(residual)
+        if self.weights is not None:
+            squares *= self.weights
+        return squares.reshape(self.axes, -1)
+
+    def distance(self, residual, scales):
+        """Of each row from the fit, of all axes, in standard deviations, shape (n,)."""
+        return np.sqrt(np.dot([1.0 / scale**2 for scale in scales], self.squares(residual)))
+
+    def least(self, scales):
+        """The smallest noise of a residual."""
+        return min(scales) if self.weights is None else (
+            min(scales) / float(self.weights.max()) ** 0.5)
+
+    def median_noise(self, residual, rank):
+        """Of each axis, from the median of the absolute residuals, shape (axes,)."""
+        return np.maximum(sigma_of(np.sqrt(self.squares(residual)), self._spread(rank), axis=1),
+                          self._least)
+
+    def _spread(self, rank):
+        return (len(self.b) / max(len(self.b) - rank, 1)) ** 0.5
+
+    def solve_huber(self, rank, change=_NOISE_SETTLED):
+        """With Huber's weights at the median noise.
+
+        Parameters
+        ----------
+        rank : int
+            Freedom that the fit takes.
+        change : float
+            Of the residuals, in the noise, at which it ends.
+
+        Returns
+        -------
+        solution : Solution
+        row_weights : ndarray, shape (n,)
+        """
+        def distance(residual, noise_of):
+            return self.distance(residual, self.median_noise(noise_of, rank))
+
+        def settled(fit, last):
+            return distance(fit.residual - last.residual, fit.residual).max() < change
+        return reweighted(self.solve, lambda fit: huber(distance(fit.residual, fit.residual)),
+                          self.solve(), _MOST, settled)
+
+    def noise(self, rank):
+        """The noise of each axis: by Huber's weights and medians, then what `LOSS` keeps.
+
+        Returns
+        -------
+        scales : list of float
+            Of x and y; of given sigmas.
+        residual : ndarray
+            With Huber's weights.
+        """
+        residual = self.solve_huber(rank)[0].residual
+        scales, squares = self.median_noise(residual, rank), self.squares(residual)
+        # the median is wasteful: take the own variance of what is kept
+        for _ in range(3):
+            kept = LOSS.weights(self.distance(residual, scales))
+            variance = squares @ kept / (max(kept.sum(), 1e-9) * LOSS.variance)
+            scales = np.maximum(self._spread(rank) * np.sqrt(variance), scales / 1.5)
+        return scales.tolist(), residual
+
+    def solve_robust(self, loss, scales, residual, tolerance=TOLERANCE):
+        """At the minimum of a loss at that noise, from those residuals on.
+
+        Returns
+        -------
+        solution : Solution
+        row_weights : ndarray, shape (n,)
+        """
+        return reweighted(
+            self.solve, lambda fit: loss.weights(self.distance(fit.residual, scales)),
+            Solution(None, None, residual, 0), _MOST,
+            lambda fit, last: np.abs(fit.residual - last.residual).max() < tolerance)
+
+
+def weights_together(weights, row_weights, axes=2):
+    """Weights of values, shape (axes * n,), and of rows, shape (n,); None: 1."""
+    if row_weights is None:
+        return weights
+    each = np.concatenate((row_weights,) * axes)
+    return each if weights is None else weights * each
 
 
 class Uncertainty(NamedTuple):
@@ -156,15 +283,15 @@ class Uncertainty(NamedTuple):
 
     covariance: np.ndarray  # (k, k), of the coefficients
     scatter: tuple  # standard deviation of x and y, in the unit of the residual, or in sigmas
-    freedom: np.ndarray  # (k,) or with a basis as many as it gives: of each standard error
+    freedom: np.ndarray  # (k,), or as many as the basis gives: of each standard error
 
 
-def uncertainty_of(solution, base, row_weights, given, basis=None, lost=0):
+def uncertainty_of(system, solution, row_weights, loss, given, basis):
     """Covariance of the coefficients, the scatter of each axis, and how well they are known.
 
     The inverse normal matrix if the sigmas were given; else sandwiched with the measured
-    variance of each axis, so that axes of different noise keep their own. The bisquare's loss
-    of efficiency is in it. `lost` rows have no weight in `base`.
+    variance of each axis, so that axes of different noise keep their own. The loss's loss of
+    efficiency is in it.
 
     Degrees of freedom have the standard errors that the scatter gives. Each axis has its own (the
     rows less what the coefficients took of them), and a coefficient that both determine one
@@ -172,68 +299,60 @@ def uncertainty_of(solution, base, row_weights, given, basis=None, lost=0):
 
     Parameters
     ----------
+    system : System
+        Of two axes; rows without any weight are none.
     solution : Solution
-    base, row_weights : ndarray, shapes (2n,) and (n,), or None
+        Of it, with the weights of rows.
+    row_weights : ndarray, shape (n,), or None
+    loss : robust.Loss, or None
     given : bool
         Whether the sigmas were.
-    basis : ndarray, shape (m, k), optional
+    basis : ndarray, shape (m, k)
         Of m coefficients in which the covariance and the freedom are to be.
-    lost : int
 
     Returns
     -------
     Uncertainty
     """
-    inverse, m = solution.inverse, len(solution.p if basis is None else basis)
-    inflation, variances, free = _noises(solution, base, row_weights, lost)
+    n, inverse = len(system.b) // 2, solution.inverse
+    weights = system.all_weights(row_weights)
+    x_weights = np.concatenate((np.ones(n) if weights is None else weights[:n], np.zeros(n)))
+    x_normal = normal_matrix(system.design, x_weights)
+    variances, free = _noises(system, solution, row_weights, loss, inverse @ x_normal)
     if given:
-        covariance, freedom = inverse, np.full(m, np.inf)
-        if basis is not None:
-            covariance = basis @ covariance @ basis.T
+        covariance, freedom = basis @ inverse @ basis.T, np.full(len(basis), np.inf)
     else:
         # H^-1 (vx Gx + vy Gy) H^-1 with Gy = H - Gx
-        by_x = inverse @ solution.x_normal @ inverse
-        by_y = inverse - by_x
-        by_x *= variances[0]
-        by_y *= variances[1]
-        if basis is not None:
-            by_x, by_y = basis @ by_x @ basis.T, basis @ by_y @ basis.T
-        covariance = by_x + by_y
-        if len(free) == 1:
-            freedom = np.full(m, free[0])
-        else:
-            by_axis = np.array((by_x.diagonal(), by_y.diagonal()))
-            np.maximum(by_axis, 0.0, out=by_axis)
-            freedom = satterthwaite(by_axis.T, free)
-    covariance = covariance * inflation
-    return Uncertainty(covariance, (variances[0] ** 0.5, variances[1] ** 0.5), freedom)
+        by_x = inverse @ x_normal @ inverse
+        by_axis = [variance * (basis @ of @ basis.T)
+                   for variance, of in zip(variances, (by_x, inverse - by_x))]
+        covariance = by_axis[0] + by_axis[1]
+        each = np.maximum([of.diagonal() for of in by_axis], 0.0)
+        freedom = (np.full(len(basis), free[0]) if len(free) == 1
+                   else satterthwaite(each.T, free))
+    inflation = 1.0 if row_weights is None else loss.inflation
+    return Uncertainty(covariance * inflation, tuple(np.sqrt(variances).tolist()), freedom)
 
 
-def _noises(solution, base, row_weights, lost):
-    """Inflation by robust weights, variance of each axis, its degrees of freedom; one: of both."""
-    inverse, rank = solution.inverse, solution.rank
-    r = solution.residual if base is None else solution.residual * np.sqrt(base)
-    n = len(r) // 2
-    rx, ry = r[:n], r[n:]
+def _noises(system, solution, row_weights, loss, hat):
+    """Variance of each axis, its degrees of freedom; one: of both."""
+    rank, squares = solution.rank, system.squares(solution.residual)
     if row_weights is None:
-        inflation, consistency, total = 1.0, 1.0, float(n - lost)
-        squares = float(rx @ rx), float(ry @ ry)
+        consistency, squares = 1.0, squares.sum(axis=1)
+        n = len(system.b) // 2
+        total = float(n if system.weights is None else np.count_nonzero(system.weights[:n]))
     else:
-        inflation, consistency = BISQUARE_INFLATION, BISQUARE_VARIANCE
-        total = float(row_weights.sum())
-        squares = [float(row_weights @ np.square(of)) for of in (rx, ry)]
-    hat = inverse @ solution.x_normal
+        consistency, squares, total = loss.variance, squares @ row_weights, float(row_weights.sum())
     used, squared = float(np.trace(hat)), float(np.vdot(hat.T, hat))  # traces of H and of H H
-    pooled = (squares[0] + squares[1]) / max(2 * total - rank, 1e-9)
+    pooled = squares.sum() / max(2 * total - rank, 1e-9)
     free = total - used, total - rank + used
     if min(free) <= 0.5:  # an axis that tells nothing of its noise has that of both
-        return inflation, [pooled / consistency] * 2, (max(2 * total - rank, 1.0),)
-    variances = [square / dof / consistency for square, dof in zip(squares, free)]
+        return [pooled / consistency] * 2, (max(2 * total - rank, 1.0),)
     # the squares of an axis are a sum of chi-squares with factors from 0 to 1, those of I - H:
     # it scatters as one with that many degrees of freedom (Satterthwaite 1946)
     factors = total - 2.0 * used + squared, total - rank + squared
-    return inflation, variances, [dof**2 / max(of, 1e-9) if of < dof else dof
-                                  for dof, of in zip(free, factors)]
+    return squares / free / consistency, [
+        dof**2 / max(of, 1e-9) if of < dof else dof for dof, of in zip(free, factors)]
 
 
 def need_rows(n, k, given):

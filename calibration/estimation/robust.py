@@ -1,10 +1,11 @@
-"""Robust least squares: the weights, the noise they rest on, and the iteration that all share.
+"""Robust losses, the noise of rows with outliers, and the iteration that all robust fits share.
 
-A distance is in standard deviations: of one residual, or of both axes of a row together (the
-radial distance, of which the Gaussian share beyond u is exp(-u^2 / 2)).
+A loss is what one does with a row by its distance from the fit, in standard deviations: of one
+residual, or of both axes of a row together (the radial distance, of which the Gaussian share beyond
+u is exp(-u^2 / 2)). A new one is a function of weights here, and `LOSS` if fits are to have it.
 """
 
-from math import exp
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,20 +29,6 @@ HAMPEL = (3.0, 12.0, 25.0)
 GROSS = BISQUARE
 
 
-def sigma_of(residual, dof_factor=1.0, axis=None):
-    """1-sigma noise from the median of the absolute residuals.
-
-    Parameters
-    ----------
-    residual : ndarray
-    dof_factor : float
-        For the freedom that a fit took: sqrt(n / (n - k)).
-    axis : int, optional
-        As for `numpy.median`.
-    """
-    return MAD * dof_factor * np.median(np.abs(residual), axis=axis)
-
-
 def huber(u):
     """Huber's weights of the distances `u`."""
     return HUBER / np.maximum(u, HUBER)
@@ -58,35 +45,51 @@ def bisquare(u):
     return np.square(np.maximum(1.0 - np.square(u / BISQUARE), 0.0))
 
 
-def _bisquare_constants(c):
-    """What the bisquare does to Gaussian noise on two axes.
+class Loss(NamedTuple):
+    """A robust loss of the radial distance.
 
-    With u^2 = (r_x/s_x)^2 + (r_y/s_y)^2 = 2t, t is exponential, and w = (1 - t/T)^2, T = c^2/2.
-
-    Returns
-    -------
+    Attributes
+    ----------
+    weights : callable
+        Of distances u; they fall faster than 1 / u^2, so that wild rows are no noise either.
     variance : float
-        E[w r^2] / E[w] for unit noise.
+        Of the weighted residuals of unit Gaussian noise: E[w r^2] / E[w].
     inflation : float
-        covariance of the estimate = inflation x inverse of the weighted normal matrix.
+        The covariance of the estimate over the inverse of the weighted normal matrix.
     """
-    top = c * c / 2.0
-    moments = [1.0 - exp(-top)]
-    for k in range(1, 6):
-        moments.append(k * moments[-1] - top**k * exp(-top))
 
-    def mean(*polynomial):  # of a polynomial in q = t / T, times t^0
-        return sum(a * moments[k] / top**k for k, a in enumerate(polynomial))
+    weights: object
+    variance: float
+    inflation: float
 
-    w = mean(1, -2, 1)
-    wt = top * mean(0, 1, -2, 1)
-    wwt = top * mean(0, 1, -4, 6, -4, 1)
-    slope = mean(1, -4, 3)  # w - 2 q (1 - q)
-    return wt / w, wwt / slope**2 * w
+    @classmethod
+    def of(cls, weights):
+        """Of weights, with what they do to Gaussian noise on two axes."""
+        u = np.arange(5e-4, 9.0, 1e-3)
+        w, chance = weights(u), u * np.exp(-0.5 * u**2) * 1e-3
+        square = 0.5 * u**2  # of one axis, on average
+        # E[w r^2] is the mean slope of w r too (Stein's identity)
+        total, slope = chance @ w, chance @ (w * square)
+        return cls(weights, float(slope / total),
+                   float(chance @ (w**2 * square) / slope**2 * total))
 
 
-#: of `bisquare` of the radial distance at Gaussian noise, see `_bisquare_constants`
-BISQUARE_VARIANCE, BISQUARE_INFLATION = _bisquare_constants(BISQUARE)
+#: that of fits
+LOSS = Loss.of(bisquare)
+
+
+def sigma_of(residual, dof_factor=1.0, axis=None):
+    """1-sigma noise from the median of the absolute residuals.
+
+    Parameters
+    ----------
+    residual : ndarray
+    dof_factor : float
+        For the freedom that a fit took: sqrt(n / (n - k)).
+    axis : int, optional
+        As for `numpy.median`.
+    """
+    return MAD * dof_factor * np.median(np.abs(residual), axis=axis)
 
 
 def reweighted(solve, weigh, fit, most, settled=None):

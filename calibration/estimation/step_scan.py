@@ -4,26 +4,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .group_columns import ByGroup, Moves
-from .robust import huber, reweighted, sigma_of
+from .gauss_newton import Estimate
+from .group_columns import GroupColumns, Moves
+from .least_squares import System
+from .robust import sigma_of
 
 #: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
 #: sigma: no step by chance up to 4, 0.7 % at 6, 1.3 % unclipped; clean nights and the power to see
 #: a step of 1.7 sigma (67 %) are the same from 2 on
 _CLIP = 3.0
-_ITERATIONS = 20
-_STILL = 1e-6  # change of the weights that ends it
+_STILL = 1e-6  # of the noise, change of the residuals that ends it
 _RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
-
-
-class RobustFit(NamedTuple):
-    """Coefficients (k,), their covariance (k, k), residual (n,), noise of a row, freedom."""
-
-    value: np.ndarray
-    covariance: np.ndarray
-    residual: np.ndarray
-    noise: float
-    dof: int
 
 
 class Scan(NamedTuple):
@@ -42,24 +33,26 @@ class Free(NamedTuple):
 
     Attributes
     ----------
-    groups : ByGroup or None
+    groups : GroupColumns or None
         Columns that are taken off first.
     basis : ndarray, shape (n, r)
         Orthonormal, of the others; those that depend on others left out.
     """
 
-    groups: ByGroup | None
+    groups: GroupColumns | None
     basis: np.ndarray
 
     @classmethod
     def of(cls, design):
-        """Of an ndarray, shape (n, k), or a ByGroup."""
-        columns, _, least = _columns(design)
-        groups = design if isinstance(design, ByGroup) else None
+        """Of an ndarray, shape (n, k), or a GroupColumns."""
+        groups = design if isinstance(design, GroupColumns) else None
+        columns = design if groups is None else design.rest
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         if groups is not None:
             columns = groups.off(columns)
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        return cls(groups, u[:, s > _RCOND * max(least, 0.0, *s[:1])] if len(s) else u)
+        largest = max(0.0 if groups is None else 1.0, *s[:1], 0.0)
+        return cls(groups, u[:, s > _RCOND * largest])
 
     @property
     def rank(self):
@@ -86,29 +79,18 @@ class Free(NamedTuple):
         return np.concatenate(sizes), np.concatenate(products)
 
 
-def _columns(design):
-    """Columns of unit length (of a ByGroup, its others), their lengths, the least singular value
-    that the largest of the whole design may have.
-    """
-    grouped = isinstance(design, ByGroup)
-    columns = design.rest if grouped else design
-    scale = np.linalg.norm(columns, axis=0)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    return columns / scale, scale, 1.0 if grouped else 0.0
-
-
 def robust_fit(design, y):
     """Least squares with Huber's weights.
 
     Parameters
     ----------
-    design : ndarray, shape (n, k), or ByGroup
-        Of the latter value and covariance are those of its other columns.
+    design : ndarray, shape (n, k), or GroupColumns
+        Of the latter coefficients and covariance are those of its other columns.
     y : ndarray, shape (n,)
 
     Returns
     -------
-    RobustFit
+    Estimate
         The shortest solution where columns depend on each other.
 
     Raises
@@ -116,48 +98,20 @@ def robust_fit(design, y):
     ValueError
         No more rows than columns.
     """
-    n = len(y)
-    columns, scale, least = _columns(design)
-    groups = design if isinstance(design, ByGroup) else None
-    plain = columns if groups is None else groups.off(columns)
-    _, s, vt = np.linalg.svd(plain, full_matrices=False)
-    keep = s > _RCOND * max(least, 0.0, *s[:1])
-    dof = n - int(keep.sum()) - (0 if groups is None else groups.groups)
+    groups = isinstance(design, GroupColumns)
+    k = (design.rest if groups else design).shape[1]
+    system = System(design if groups else design.T, y, None, _RCOND, axes=1)
+    plain = system.solve()
+    rank, dof = plain.rank, len(y) - plain.rank
     if dof <= 0:
-        width = design.shape[1] if groups is None else groups.width
-        raise ValueError(f'{n} rows do not determine {width} numbers; observe more')
-    inverse = (vt[keep].T / s[keep] ** 2) @ vt[keep]
-
-    both = None if groups is None else np.column_stack([columns, y])
-
-    def solve(weights):
-        root = np.sqrt(weights)
-        if groups is None:
-            value = np.linalg.pinv(columns * root[:, None], _RCOND) @ (root * y)
-            return value, y - columns @ value, weights
-        own, left = np.split(groups.off(both, weights), [-1], axis=1)
-        left = left[:, 0]
-        u, s, vt = np.linalg.svd(own * root[:, None], full_matrices=False)
-        kept = s > _RCOND * max(least, 0.0, *s[:1])
-        value = vt[kept].T @ ((u[:, kept].T @ (root * left)) / s[kept])
-        return value, left - own @ value, weights
-
-    def weights_of(residual):
-        noise = float(sigma_of(residual, np.sqrt(n / dof)))
-        return noise, huber(np.abs(residual) / max(noise, 1e-300))
-
-    def weigh(fit):
-        noise, weights = weights_of(fit[1])
-        still = noise == 0.0 or np.abs(weights - fit[2]).max() < _STILL
-        return None if still else weights
-
-    (value, residual, _), _ = reweighted(solve, weigh, solve(np.ones(n)), _ITERATIONS - 1)
-    noise, weights = weights_of(residual)
+        raise ValueError(f'{len(y)} rows do not determine {len(system.design)} numbers; '
+                         'observe more')
+    solution, weights = system.solve_huber(rank, _STILL)
     # Huber (1981), eq. 7.6.6: the mean square of the clipped residuals over the part not clipped
-    inside = np.mean(weights == 1.0) if noise > 0.0 else 1.0
-    variance = np.sum((weights * residual) ** 2) / dof / inside**2
-    return RobustFit(value / scale, variance * inverse / np.outer(scale, scale), residual,
-                     float(np.sqrt(variance)), dof)
+    variance = np.sum((weights * solution.residual) ** 2) / dof / np.mean(weights == 1.0) ** 2
+    return Estimate(solution.p[:k], variance * plain.inverse[:k, :k], np.full(k, dof),
+                    (float(system.median_noise(solution.residual, rank)[0]),),
+                    solution.residual, weights, rank, True)
 
 
 def clipped(design, y):
@@ -172,11 +126,11 @@ def scan(design, y, candidates, least=0.0):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k), or ByGroup
+    design : ndarray, shape (n, k), or GroupColumns
         What is there anyway.
     y : ndarray, shape (n,)
     candidates : ndarray, shape (n, m), or Moves
-        The latter beside a ByGroup.
+        The latter beside a GroupColumns.
     least : float
         Noise of a row, at least: the resolution, where rounding is all the noise there is.
 

@@ -298,7 +298,7 @@ class ReadingFits:
                                          mount=self._mount(reading))
         except (ValueError, np.linalg.LinAlgError):
             return -np.inf
-        sigma = [scatter(v, 1.0) for v in (fitted.residual_x, fitted.residual_y)]
+        sigma = [scatter(v, 1.0) for v in fitted.residual.reshape(2, -1)]
         if np.hypot(*sigma) > _HOPELESS:
             return np.inf
         if reading.offsets and not _explained(places, zero, sigma, 0.3 * _OFFSETS_LIKELIER):

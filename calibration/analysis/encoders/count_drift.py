@@ -17,7 +17,7 @@ from pointing_model.effects.base import effect
 from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.following import AxisFollowing, Following, harmonic_columns
 
-from ...estimation.group_columns import ByGroup
+from ...estimation.group_columns import GroupColumns
 from ...estimation.restricted_likelihood import restricted
 from ...estimation.step_scan import robust_fit, two_sided
 from .cross_check_night import SHORT, CrossCheckNight, EncoderFinding
@@ -167,7 +167,7 @@ def _tame(y, discs, run):
 
     One wild reading is no walk; where it stays, it is one.
     """
-    out = robust_fit(ByGroup.of(run, rest=discs), y).residual
+    out = robust_fit(GroupColumns.of(run, rest=discs), y).residual
     smooth = y - out
     for r in np.unique(run):
         at = np.flatnonzero(run == r)

@@ -14,7 +14,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
 from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
-from ...estimation.group_columns import ByGroup, Moves
+from ...estimation.group_columns import GroupColumns, Moves
 from ...estimation.step_scan import (
     clipped,
     evidence,
@@ -55,7 +55,7 @@ class Sky(NamedTuple):
     enc: np.ndarray  # (2n,): x of all rows, then y; no zero taken off
     abs: np.ndarray
     terms: np.ndarray  # (2n, 5)
-    fixed: ByGroup  # of 2n rows: the zeros of each power-on, the terms of each night, the discs
+    fixed: GroupColumns  # of 2n rows: zeros of each power-on, terms of each night, the discs
     noise: float
 
 
@@ -147,16 +147,16 @@ class CrossCheckNight:
 
         Returns
         -------
-        ByGroup
+        GroupColumns
         """
-        return ByGroup(self.sequence, np.ones(len(self.run)),
+        return GroupColumns(self.sequence, np.ones(len(self.run)),
                        harmonic_columns(self.rows[SHORT[axis]]))
 
     def apart_events(self, axis, budget):
         """Steps and drifts of incremental - absolute, a list of `EncoderFinding`."""
         moves, base = self.moves(SEGMENT), self.apart_base(axis)
         found = []
-        if not len(moves) or len(self.run) <= base.width + _MOST_EVENTS + 1:
+        if not len(moves) or len(self.run) <= len(base) + _MOST_EVENTS + 1:
             return found
         while len(found) < _MOST_EVENTS:
             full = base.beside(*(event.column for event in found))
@@ -189,10 +189,10 @@ class CrossCheckNight:
                 self.rows, encoder='abs'))
         terms = np.concatenate(design(self.mount.names.physical[_OTHERS], self.rows['az'],
                                       self.rows['el'], self.mount))
-        fixed = ByGroup(self.sequence_2, np.concatenate([self.cos_el, np.ones(len(self.run))]),
+        fixed = GroupColumns(self.sequence_2, np.concatenate([self.cos_el, np.ones(len(self.run))]),
                         np.column_stack([self._of_nights(terms), self._discs()]))
         moved = [self.on(axis, event.column) for axis, event in events]
-        noise = robust_fit(fixed.beside(*moved), enc).noise
+        noise = robust_fit(fixed.beside(*moved), enc).scatter[0]
         return Sky(enc, second, terms, fixed, noise)
 
     def _shared_effects(self, model):
@@ -207,8 +207,8 @@ class CrossCheckNight:
             if axis is not None:
                 column = fitted.offsets(Context.of_run(self.rows))[axis]
                 column = column / (self.cos_el if axis == 0 else 1.0)
-                fit = robust_fit(ByGroup.of(self.run, rest=column[:, None]), self.apart[axis])
-                if fit.value[-1] > 0.5:
+                fit = robust_fit(GroupColumns.of(self.run, rest=column[:, None]), self.apart[axis])
+                if fit.coefficients[-1] > 0.5:
                     continue
             shared.append(fitted)
         return shared
@@ -248,7 +248,7 @@ class CrossCheckNight:
         columns = [[jump.column for jump in jumps if jump.axis == axis] for axis in (0, 1)]
         bases = [self.apart_base(axis).beside(*columns[axis]) for axis in (0, 1)]
         apart = [colour_of(base, clipped(base, self.apart[axis]), self.sequence).most
-                 if len(self.run) > base.width + 2 else 0.0 for axis, base in enumerate(bases)]
+                 if len(self.run) > len(base) + 2 else 0.0 for axis, base in enumerate(bases)]
         seen = np.zeros((2, 2))
         if sky is not None:
             base = sky.fixed.beside(*(self.on(jump.axis, jump.column) for jump in jumps))
@@ -260,8 +260,8 @@ class CrossCheckNight:
             label = np.unique(np.stack([self.stretch[at], is_marked(self.rows)[at]
                                         * self.rows['star'][at]]), axis=1, return_inverse=True)[1]
             label = np.ravel(label).astype(float)
-            base = ByGroup.of(label)
-            if len(label) > base.width + 2:
+            base = GroupColumns.of(label)
+            if len(label) > len(base) + 2:
                 rows = self.rows.select(self.for_zero)
                 for axis, short in enumerate(SHORT):
                     for n, encoder in enumerate(('enc', 'abs')):
@@ -331,7 +331,7 @@ class CrossCheckNight:
         colour = Colour(np.where(np.arange(rows.sum()) > 0, rho, 0.0))
         fit = robust_fit(colour.white(np.column_stack(columns)),
                          colour.white(self.apart[axis][rows]))
-        return float(fit.value @ at), float(np.sqrt(at @ fit.covariance @ at))
+        return float(fit.coefficients @ at), float(np.sqrt(at @ fit.covariance @ at))
 
     def circle(self, before, now, model, budget):
         """How the offset differs between the places of two witnesses, and its variance, (2,) each.

@@ -13,7 +13,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from ...estimation.group_columns import ByGroup, Moves
+from ...estimation.group_columns import GroupColumns, Moves
 from ...estimation.restricted_likelihood import restricted
 from ...estimation.step_scan import clipped, robust_fit, scan
 
@@ -48,7 +48,7 @@ class Colour(NamedTuple):
         return Colour(self.rho[rows])
 
     def white(self, values):
-        """Values (n,) or (n, k), a ByGroup or Moves, whitened; white noise keeps its size.
+        """Values (n,) or (n, k), a GroupColumns or Moves, whitened; white noise keeps its size.
 
         Of many colours (..., n) or (..., n, k).
 
@@ -57,7 +57,7 @@ class Colour(NamedTuple):
         """
         if self.rho.ndim == 1 and not self.rho.any():
             return values
-        if isinstance(values, ByGroup | Moves):
+        if isinstance(values, GroupColumns | Moves):
             return values.white(self)
         rho = self.rho if values.ndim == 1 else self.rho[..., None]
         before = np.concatenate([np.zeros_like(values[:1]), values[:-1]])
@@ -80,7 +80,7 @@ def colour_of(design, y, sequence, series=None, most=1.0):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k), or ByGroup
+    design : ndarray, shape (n, k), or GroupColumns
         All that is fitted. Rows of a sequence are of one group.
     y : ndarray, shape (n,)
         Without outliers.
@@ -99,7 +99,7 @@ def colour_of(design, y, sequence, series=None, most=1.0):
     series = np.zeros(len(y), int) if series is None else series
     rho = np.zeros(len(y))
     allowed = _TRIED[:np.searchsorted(_TRIED, most + 1e-9)]
-    rest = design.rest if isinstance(design, ByGroup) else design
+    rest = design.rest if isinstance(design, GroupColumns) else design
     numbers = len(y) * (rest.shape[1] + 1)
     for number in np.unique(series):
         mine = follows & (series == number)
@@ -116,7 +116,7 @@ def colour_of(design, y, sequence, series=None, most=1.0):
 def restricted_coloured(design, y, rho, least=LEAST):
     """`restricted` of rows with that correlation to the row before, (..., n): its value, (...)."""
     colour, log_det = Colour(rho), np.log1p(-rho**2).sum(-1)
-    if not isinstance(design, ByGroup):
+    if not isinstance(design, GroupColumns):
         return restricted(colour.white(np.column_stack([design, y])), log_det, least)[0]
     white = colour.white(design.beside(y))
     size = np.sqrt(np.einsum('...ij,...ij->...j', white.rest[..., :-1], white.rest[..., :-1]))
@@ -149,7 +149,7 @@ def strongest(design, y, candidates, limit, sequence, series=None):
 
     Parameters
     ----------
-    design : ndarray, shape (n, k), or ByGroup
+    design : ndarray, shape (n, k), or GroupColumns
     y : ndarray, shape (n,)
     candidates : ndarray, shape (n, m), or Moves
     limit : float
@@ -171,7 +171,7 @@ def strongest(design, y, candidates, limit, sequence, series=None):
 
     def with_candidate(design, candidates, place):
         column = candidates.column(place) if moves else candidates[:, place]
-        if isinstance(design, ByGroup):
+        if isinstance(design, GroupColumns):
             return design.beside(column)
         return np.column_stack([design, column])
 
@@ -184,5 +184,5 @@ def strongest(design, y, candidates, limit, sequence, series=None):
     if p[best] >= limit:
         return None
     fit = robust_fit(with_candidate(*white, best), colour.white(y))
-    return Strongest(best, float(fit.value[-1]), float(np.sqrt(fit.covariance[-1, -1])),
+    return Strongest(best, float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1])),
                      float(p[best]))

@@ -108,9 +108,9 @@ def _retimed(night, sky, events, budget):
         y = clipped(base.beside(column, event.column), night.apart[axis])
         there, here = (robust_fit(base.beside(one), y) for one in (event.column, column))
         if here.residual @ here.residual - there.residual @ there.residual < (
-                _NEAR * there.noise**2):
+                _NEAR * there.scatter[0]**2):
             out[own[0]] = axis, event._replace(
-                run=run, kind='step', time=time, column=column, amount=float(here.value[-1]),
+                run=run, kind='step', time=time, column=column, amount=float(here.coefficients[-1]),
                 sigma=float(np.sqrt(here.covariance[-1, -1])))
     return out
 
@@ -125,7 +125,7 @@ def attributed(axis, found, night, sky):
         full = sky.fixed.beside(night.on(axis, found.column))
         colour = colour_of(full, clipped(full, sky.abs), night.sequence_2, night.halves)
         fit = robust_fit(colour.white(full), colour.white(sky.abs))
-        against, variance = fit.value[-1], fit.covariance[-1, -1]
+        against, variance = fit.coefficients[-1], fit.covariance[-1, -1]
         # the absolute encoder stood still, or it moved by as much the other way
         trust = probabilities({
             INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
@@ -182,11 +182,11 @@ def _named(night, sky, axis, run, found, number, budget):
     for _ in range(2):  # outliers and noise are those beside the step
         here = columns[:, at]
         apart_full, sky_full = apart_base.beside(here), sky_base.beside(on_sky[:, at])
-        if min(len(here) - apart_full.width, 2 * len(here) - sky_full.width) < 3:
+        if min(len(here) - len(apart_full), 2 * len(here) - len(sky_full)) < 3:
             return None
         y = clipped(apart_full, night.apart[axis])
         fit = robust_fit(apart_full, y)
-        own = fit.residual + here * fit.value[-1]
+        own = fit.residual + here * fit.coefficients[-1]
         second = clipped(sky_full, sky.abs)
         left = [fit.residual, robust_fit(sky_full, second).residual]
         shared = _shared(night.on(axis, left[0]), left[1])

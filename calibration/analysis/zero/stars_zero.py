@@ -21,14 +21,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
 from pointing_model.zero_exposures import is_marked, way_of
 
-from ...estimation.robust import (
-    BISQUARE_INFLATION,
-    BISQUARE_VARIANCE,
-    bisquare,
-    huber,
-    reweighted,
-    sigma_of,
-)
+from ...estimation.robust import LOSS, huber, reweighted, sigma_of
 from ...rows import UNREACHABLE, usable
 from .polaris_zero import (
     FEWEST_FOR_ROBUST,
@@ -209,7 +202,7 @@ def _solve(groups, names, model, encoder):
     robust = weights is not None
     weights = np.ones(n) if weights is None else weights
     misfit = _misfit(fit, weights, sigma, prior, rows, g)
-    inflation = BISQUARE_INFLATION if robust else 1.0
+    inflation = LOSS.inflation if robust else 1.0
     if rows.sigmas is None:
         inflation *= np.square([student_factor(max(free, 1.0)) for free in _freedom(
             fit, weights, rows)])[:, None]
@@ -322,7 +315,7 @@ def _robust(columns, left, prior, rows):
 
     fit, _ = reweighted(solve, weigh_at_its_noise, fit, 20, settled)
     for _ in range(5):
-        fit, weights = reweighted(solve, lambda fit: bisquare(distance(fit)), fit, 20, settled)
+        fit, weights = reweighted(solve, lambda fit: LOSS.weights(distance(fit)), fit, 20, settled)
         if weights.sum() < 1.0:
             return None, sigma, solve(ones)
         # the median is wasteful, but it knows of no outlier: not far below it
@@ -358,7 +351,7 @@ def _scatter(fit, weights, rows):
 
     About the mean of each star, where they are enough: what the model lacks at a place is no noise.
     """
-    variance = BISQUARE_VARIANCE if (weights != 1.0).any() else 1.0
+    variance = LOSS.variance if (weights != 1.0).any() else 1.0
     squares, free = _within(fit, weights, rows)
     if free < _ENOUGH:
         squares = np.square(fit.residual) @ weights

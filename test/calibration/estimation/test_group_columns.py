@@ -12,8 +12,14 @@ from calibration.analysis.encoders.cross_check_noise import (
     restricted_coloured,
     strongest,
 )
-from calibration.estimation.group_columns import ByGroup, Moves
+from calibration.analysis.fit import fit_harmonics, fit_terms
+from calibration.estimation import least_squares
+from calibration.estimation.group_columns import GroupColumns, Moves
+from calibration.estimation.least_squares import weighted_solve
 from calibration.estimation.step_scan import clipped, robust_fit, scan
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.runs.run import PointingRun
 
 RUNS, ROWS = 30, 8
 RUN = np.repeat(np.arange(RUNS), ROWS)
@@ -25,10 +31,15 @@ def simulated(seed=1):
     rng = np.random.default_rng(seed)
     rest = rng.normal(size=(N, 4))
     rest[:, 3] = 2.0 * rest[:, 0] + 3.0 * (RUN == 5)
-    design = ByGroup.of(RUN, rng.uniform(0.5, 1.0, N), rest)
-    y = design.dense() @ rng.normal(0.0, 5.0, design.width) + rng.normal(size=N)
+    design = GroupColumns.of(RUN, rng.uniform(0.5, 1.0, N), rest)
+    y = whole(design) @ rng.normal(0.0, 5.0, len(design)) + rng.normal(size=N)
     y[::31] += 100.0
     return design, y, 6.0 * (np.arange(N) >= 12 * ROWS + 4) * (RUN == 12)
+
+
+def whole(design):
+    """The columns themselves, shape (n, k)."""
+    return np.asarray(design).T
 
 
 def moves():
@@ -39,37 +50,37 @@ def moves():
 
 def test_robust_fits_are_those_of_all_columns():
     design, y, _ = simulated()
-    own, whole = (robust_fit(one, y) for one in (design, design.dense()))
-    assert own.residual == pytest.approx(whole.residual, abs=1e-8)
-    assert own.noise == pytest.approx(whole.noise, rel=1e-9) and own.dof == whole.dof
+    own, full = (robust_fit(one, y) for one in (design, whole(design)))
+    assert own.residual == pytest.approx(full.residual, abs=1e-5)
+    assert own.scatter == pytest.approx(full.scatter, rel=1e-6) and own.rank == full.rank
     # what the others determine; of those that depend on each other the sum alone is known
-    assert own.value[1:3] == pytest.approx(whole.value[-3:-1], rel=1e-8)
-    assert own.covariance[1:3, 1:3] == pytest.approx(whole.covariance[-3:-1, -3:-1], rel=1e-8)
-    assert clipped(design, y) == pytest.approx(clipped(design.dense(), y), abs=1e-8)
+    assert own.coefficients[1:3] == pytest.approx(full.coefficients[1:3], rel=1e-6)
+    assert own.covariance[1:3, 1:3] == pytest.approx(full.covariance[1:3, 1:3], rel=1e-6)
+    assert clipped(design, y) == pytest.approx(clipped(whole(design), y), abs=1e-8)
 
 
 def test_candidates_by_group_are_those_of_all_rows():
     design, y, step = simulated(2)
     for one, other in zip(scan(design, y + step, moves()),
-                          scan(design.dense(), y + step, moves().dense())):
+                          scan(whole(design), y + step, moves().dense())):
         assert one == pytest.approx(other, rel=1e-7, abs=1e-12)
 
 
 def test_what_moved_is_found_alike():
     design, y, step = simulated(3)
     y = clipped(design, y)
-    found, whole = (strongest(base, y + 3.0 * step, steps, 0.01, RUN) for base, steps in (
-        (design, moves()), (design.dense(), moves().dense())))
-    assert moves().about[found.place][0] == 12 and found.place == whole.place
-    assert found[1:] == pytest.approx(whole[1:], rel=1e-7)
+    found, other = (strongest(base, y + 3.0 * step, steps, 0.01, RUN) for base, steps in (
+        (design, moves()), (whole(design), moves().dense())))
+    assert moves().about[found.place][0] == 12 and found.place == other.place
+    assert found[1:] == pytest.approx(other[1:], rel=1e-5)
     assert moves().column(found.place) == pytest.approx(moves().dense()[:, found.place])
 
 
 def test_likelihoods_of_correlated_rows_are_those_of_all_columns():
     design, y, _ = simulated(4)
     rho = np.where(np.arange(N) % ROWS, 0.6, 0.0)
-    own, whole = (restricted_coloured(one, y, rho) for one in (design, design.dense()))
-    assert own == pytest.approx(whole, rel=1e-9)
+    own, full = (restricted_coloured(one, y, rho) for one in (design, whole(design)))
+    assert own == pytest.approx(full, rel=1e-9)
     white = moves().white(Colour(rho)).dense()
     assert white == pytest.approx(Colour(rho).white(moves().dense()), abs=1e-12)
 
@@ -78,7 +89,7 @@ def test_many_correlations_at_once_are_those_one_by_one(monkeypatch):
     design, y, _ = simulated(6)
     y[1:] += 0.5 * y[:-1]
     rho = np.array([[0.0], [0.3], [0.6]]) * (np.arange(N) % ROWS > 0)
-    for one in (design, design.dense()):
+    for one in (design, whole(design)):
         assert restricted_coloured(one, y, rho) == pytest.approx(
             [restricted_coloured(one, y, each) for each in rho], rel=1e-12)
         assert restricted_coloured(one, y, rho[:1]).shape == (1,)
@@ -101,3 +112,73 @@ def test_candidates_that_are_wanted():
     some = moves().only(lambda about: about[1] == 1)
     assert len(some) == RUNS and some.column(7) == pytest.approx(
         moves().column(moves().about.index((7, 1))))
+
+
+def test_products_and_solutions_are_those_of_the_columns():
+    rng = np.random.default_rng(5)
+    run, n = rng.permutation(np.repeat(np.arange(6), 5)), 30
+    columns = GroupColumns.of_runs(rng.normal(size=(3, 2 * n)), run, rng.uniform(0.3, 1.2, n))
+    dense, weights = np.asarray(columns), rng.uniform(0.1, 1.0, 2 * n)
+    values, p = rng.normal(size=2 * n), rng.normal(size=len(columns))
+    assert columns.shape == dense.shape == (13, 60)
+    assert columns @ values == pytest.approx(dense @ values)
+    assert p @ columns == pytest.approx(p @ dense)
+    both = rng.normal(size=(2, len(columns)))
+    assert both @ columns == pytest.approx(both @ dense)
+    assert columns.normal(weights) == pytest.approx((dense * weights) @ dense.T)
+    for one, other in zip(weighted_solve(columns, values, weights, 1e-7),
+                          weighted_solve(dense, values, weights, 1e-7)):
+        assert one == pytest.approx(other)
+
+
+def test_a_run_without_any_weight_has_no_zero():
+    columns = GroupColumns.of_runs(np.ones((1, 8)), np.array([0, 1, 2, 2]), np.ones(4))
+    weights = np.array([1.0, 0.0, 1.0, 1.0] * 2)
+    own = weighted_solve(columns, np.arange(8.0), weights, 1e-7)
+    full = weighted_solve(np.asarray(columns), np.arange(8.0), weights, 1e-7)
+    assert own.rank == full.rank == 3
+    assert own.p == pytest.approx(full.p)
+
+
+NIGHTS, STARS = 24, 9
+
+
+def nights(seed=1, sigmas=False):
+    rng = np.random.default_rng(seed)
+    run = np.repeat(np.arange(1.0, NIGHTS + 1), STARS)
+    az, el = rng.uniform(0.0, 360.0, len(run)) * DEG, rng.uniform(20.0, 75.0, len(run)) * DEG
+    model = PointingModel({'CA': 80.0 * ARCSEC, 'AN': -30.0 * ARCSEC, 'TF': 20.0 * ARCSEC})
+    az_enc, el_enc = model.sky_to_encoder(az, el)
+    zeros = rng.normal(0.0, 20.0, (2, NIGHTS)) * ARCSEC
+    night, noise = run.astype(int) - 1, rng.normal(0.0, 1.0, (2, len(run))) * ARCSEC
+    noise[:, ::50] *= 40.0
+    columns = {'az': az, 'el': el, 'run': run,
+               'az_enc': az_enc + zeros[0, night] + noise[0] / np.cos(el),
+               'el_enc': el_enc + zeros[1, night] + noise[1]}
+    if sigmas:
+        columns.update(sigma_x=rng.uniform(0.5, 2.0, len(run)) * ARCSEC,
+                       sigma_y=rng.uniform(0.5, 2.0, len(run)) * ARCSEC)
+    return PointingRun(columns)
+
+
+@pytest.mark.parametrize('make', [
+    lambda: fit_terms(nights(), run_zeros=True),
+    lambda: fit_terms(nights(2, sigmas=True), run_zeros=True, robust=False),
+    lambda: fit_terms(nights(3), run_zeros=True, geometry='first_order'),
+    lambda: fit_harmonics(nights(4), run_zeros=True),  # a direction is not determined
+])
+def test_fits_are_those_with_all_columns(make, monkeypatch):
+    own = make()
+    monkeypatch.setattr(least_squares, '_solve_beside_groups', lambda design, *of: weighted_solve(
+        np.asarray(design), *of))
+    full = make()
+    assert own.names == full.names and own.rank == full.rank
+    assert own.coefficients == pytest.approx(full.coefficients, abs=1e-5 * ARCSEC)
+    assert own.sigma == pytest.approx(full.sigma, rel=1e-6)
+    assert own.correlations == pytest.approx(full.correlations, abs=1e-6)
+    assert own.residual_x == pytest.approx(full.residual_x, abs=1e-5 * ARCSEC)
+    assert own.weights == pytest.approx(full.weights, abs=1e-7)
+    assert own.singular_values == pytest.approx(full.singular_values, rel=1e-6)
+    assert own.freedom == pytest.approx(full.freedom, rel=1e-6)
+    assert [zero.angles.tolist() for zero in own.run_zeros.values()] == [
+        pytest.approx(zero.angles, abs=1e-5 * ARCSEC) for zero in full.run_zeros.values()]

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.estimation import robust
-from calibration.estimation.robust import bisquare, hampel, huber, reweighted, sigma_of
+from calibration.estimation.robust import Loss, bisquare, hampel, huber, reweighted, sigma_of
 
 U = np.linspace(0.0, 12.0, 120_001)
 DENSITY = U * np.exp(-0.5 * U**2)  # of the radial distance at Gaussian noise
@@ -24,12 +23,13 @@ def test_efficiency_at_gaussian_noise_is_what_the_constants_promise(weights, exp
     assert efficiency(weights) == pytest.approx(expected, abs=0.0006)
 
 
-def test_the_constants_of_the_bisquare():
-    w = bisquare(U)
+@pytest.mark.parametrize('weights', [huber, hampel, bisquare])
+def test_the_constants_of_a_loss(weights):
+    w, loss = weights(U), Loss.of(weights)
     variance = np.sum(0.5 * w * U**2 * DENSITY) / np.sum(w * DENSITY)
-    assert pytest.approx(variance, rel=1e-4) == robust.BISQUARE_VARIANCE
+    assert loss.variance == pytest.approx(variance, rel=1e-4)
     mean_weight = np.sum(w * DENSITY) * (U[1] - U[0])
-    assert pytest.approx(mean_weight / efficiency(bisquare), rel=1e-3) == robust.BISQUARE_INFLATION
+    assert loss.inflation == pytest.approx(mean_weight / efficiency(weights), rel=1e-3)
 
 
 def test_weights_at_their_bends():

@@ -19,10 +19,10 @@ def test_robust_fit_tells_its_own_errors():
     rng = np.random.default_rng(4)
     design, true = line(), np.array([3.0, -2.0])
     fits = [robust_fit(design, design @ true + rng.normal(size=60)) for _ in range(400)]
-    pulls = np.array([(f.value - true) / np.sqrt(np.diag(f.covariance)) for f in fits])
+    pulls = np.array([(f.coefficients - true) / np.sqrt(np.diag(f.covariance)) for f in fits])
     assert np.abs(pulls.mean(axis=0)).max() < 0.2
     assert pulls.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.1)
-    assert np.mean([f.noise for f in fits]) == pytest.approx(1.0, abs=0.05)
+    assert np.mean([f.scatter for f in fits]) == pytest.approx(1.0, abs=0.05)
 
 
 def test_outliers_do_not_pull():
@@ -30,7 +30,7 @@ def test_outliers_do_not_pull():
     y = line() @ [3.0, -2.0] + rng.normal(size=60)
     y[::12] += 1000.0
     fit = robust_fit(line(), y)
-    assert fit.value == pytest.approx([3.0, -2.0], abs=1.0)
+    assert fit.coefficients == pytest.approx([3.0, -2.0], abs=1.0)
     assert np.abs(clipped(line(), y)).max() < 20.0
     assert clipped(line(), y)[1:12] == pytest.approx(y[1:12], abs=3.0)
 
@@ -38,7 +38,7 @@ def test_outliers_do_not_pull():
 def test_dependent_columns_share_and_too_few_rows_are_refused():
     twice = np.column_stack([np.ones(20), np.ones(20)])
     fit = robust_fit(twice, np.full(20, 4.0))
-    assert fit.value == pytest.approx([2.0, 2.0]) and fit.dof == 19
+    assert fit.coefficients == pytest.approx([2.0, 2.0]) and (fit.freedom == 19).all()
     with pytest.raises(ValueError, match='observe more'):
         robust_fit(np.eye(2), np.ones(2))
 
