@@ -39,7 +39,7 @@ def raced(part, size, wanted, ours, peers, rounds=5):
 
 
 def fits(full):
-    """Seven terms of a run, beside katpoint, bare normal equations, and scipy's robust fit."""
+    """Seven terms of a run, beside katpoint and scipy's robust fit."""
     rows = fit_vs_katpoint.rows([n for n in fit_vs_katpoint.SIZES if full or n < 1e6],
                                 names=(fit_vs_katpoint.DEFAULT,))
     from scipy.optimize import least_squares
