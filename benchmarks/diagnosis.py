@@ -41,9 +41,9 @@ from diagnosis_nights import (
 
 from calibration.analysis.diagnosis import Base, diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
-from calibration.analysis.diagnosis.problem import Choice
-from calibration.analysis.diagnosis.subspaces import orthonormal
-from calibration.analysis.diagnosis.working_run import Work
+from calibration.analysis.diagnosis.run_problem import RunProblem
+from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.linear_model import orthonormal
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun
@@ -220,14 +220,14 @@ def _radial(model, run):
 
 
 def _knew(train, test, name):
-    work = Work(observations(train), Base.parse('physical'), 0.01)
-    bank = work.problem.dictionary
-    gain = bank.score(work.problem.state([])).delta_bic
+    run = RunProblem(observations(train), Base.parse('physical'), 0.01)
+    bank = run.problem.dictionary
+    gain = bank.score(run.problem.fit([])).delta_bic
     # of the times of a step the best
-    chosen = [Choice(max((i for i, e in enumerate(bank.effects) if e.name == name),
-                         key=lambda i: gain[i]))]
-    fitted = work.fit(chosen, work.problem.state(chosen, final=True))
-    return _radial(work.model(fitted, chosen)[0], test)
+    chosen = [CandidateGroup(max((i for i, e in enumerate(bank.effects) if e.name == name),
+                                 key=lambda i: gain[i]))]
+    fitted = run.exact_fit(chosen, run.problem.fit(chosen, final=True).noise)
+    return _radial(run.model(fitted, chosen)[0], test)
 
 
 def outside(table, args, rng, size=10.0):
@@ -324,9 +324,8 @@ def speed(table, args, rng):
     for _ in range(5):
         start = time.process_time()
         obs = observations(run)
-        work = Work(obs, Base.parse('physical'), 0.01, curves=False)
-        state = work.problem.state([])
-        scores = work.problem.dictionary.score(state)
+        problem = RunProblem(obs, Base.parse('physical'), 0.01, curves=False).problem
+        scores = problem.dictionary.score(problem.fit([]))
         passes.append(time.process_time() - start)
         start = time.process_time()
         diagnose(run)

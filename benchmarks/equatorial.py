@@ -30,11 +30,11 @@ from scipy.spatial.transform import Rotation
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import Base, observations
-from calibration.analysis.diagnosis.folds import random_folds
-from calibration.analysis.diagnosis.prediction import choose_to_predict
+from calibration.analysis.diagnosis.prediction import predictive_model
+from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested
-from calibration.analysis.diagnosis.working_run import Work
 from calibration.analysis.fit import fit_terms
+from calibration.estimation.folds import random_folds
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import Mount, through_pole
@@ -124,7 +124,7 @@ def _horseshoe(table, args, run):
     table.row('5 m horseshoe: farthest from the six printed coefficients', f'{worst:.2f}"',
               '0.1"', ', '.join(f'{name} {v:+.1f}' for name, v in found.items()), worst <= 0.1)
     ways = args.ways
-    predicting = choose_to_predict(run, ways=ways)
+    predicting = predictive_model(run, ways=ways)
     _ways(table, '5 m horseshoe, seven terms and a choice to predict',
           [one.radial for one in predicting.after], 2.5,
           'TPOINT 1.65" with 14 terms in sample; greedy BIC elsewhere 2.33 to 2.8"')
@@ -140,7 +140,7 @@ def _robotic(table, args, run):
     table.row('German robotic mount, 260 rows, both sides: seven terms', f'{left.radial:.1f}"',
               '21"', 'owners: 5.4" and 6.1" in sample with 17 terms, a model for each side',
               left.radial <= 21.5)
-    predicting = choose_to_predict(run, ways=args.ways)
+    predicting = predictive_model(run, ways=args.ways)
     _ways(table, 'German robotic mount, seven terms and a choice to predict',
           [one.radial for one in predicting.after], 5.8, 'elsewhere 6.0" (first order), 5.65"')
 
@@ -170,8 +170,8 @@ def _ways(table, what, radial, target, peer):
 
 def _claimed(run, base, ways, alpha=0.01):
     """Radial RMS of all rows left out, with what would be claimed without them."""
-    work = Work(observations(run), Base.parse(base, (), run.mount), alpha)
-    problem, out = work.problem, []
+    problem = RunProblem(observations(run), Base.parse(base, (), run.mount), alpha).problem
+    out = []
     for way in ways:
         rng = np.random.default_rng(way)
         folds = random_folds(problem.sequence.group, 10, rng)

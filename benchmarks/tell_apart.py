@@ -17,7 +17,12 @@ import numpy as np
 from diagnosis_nights import _aberration, _terms_of, make_run, on_az, on_el, scaled
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.discrimination import CANNOT, MOST_STARS, ONE_CAUSE, Apart
+from calibration.analysis.diagnosis.discrimination import (
+    CANNOT,
+    MOST_STARS,
+    ONE_CAUSE,
+    Discrimination,
+)
 from msg_tools.units import ARCSEC, DEG, wrap
 
 START, EACH = 1.7e9 - 9.0 * 3600.0, 80.0  # s: night for hours
@@ -144,7 +149,7 @@ class Night:
 def asked_for(name, seed, size, args, diagnosis, least=None):
     """Stars that are asked for: last judgement, stars taken."""
     night = Night(name, seed, size)
-    apart = Apart(diagnosis, args.hours, LIMITS,
+    apart = Discrimination(diagnosis, args.hours, LIMITS,
                   **({} if least is None else {'least_chance': least}))
     while True:
         taken = len(night.run()) - FIRST
@@ -156,7 +161,7 @@ def asked_for(name, seed, size, args, diagnosis, least=None):
 
 def anywhere(name, seed, size, args, diagnosis):
     """Stars anywhere, as many."""
-    night, apart = Night(name, seed, size), Apart(diagnosis, args.hours)
+    night, apart = Night(name, seed, size), Discrimination(diagnosis, args.hours)
     taken, judged = 0, apart.judge(night.run(), ask=False)
     while taken < args.stars and judged.state != ONE_CAUSE:
         night.anywhere()
@@ -172,9 +177,9 @@ def is_right(name, judged, bank):
 
 def mechanisms(diagnosis):
     """Of each candidate its mechanism."""
-    from calibration.analysis.diagnosis.working_run import Work
-    work = Work(diagnosis.observations, diagnosis.base, 0.01, curves=False)
-    return {e.name: e.mechanism for e in work.problem.dictionary.effects}
+    from calibration.analysis.diagnosis.run_problem import RunProblem
+    run = RunProblem(diagnosis.observations, diagnosis.base, 0.01, curves=False)
+    return {e.name: e.mechanism for e in run.problem.dictionary.effects}
 
 
 def scenario(name, args):

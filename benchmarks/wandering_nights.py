@@ -17,7 +17,7 @@ from diagnosis import Table, _explained, _shown
 from diagnosis_nights import EFFECTS, OF_TIME, alike, make_run, scaled, sky
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.problem import Problem
+from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 
 #: kind of noise -> limit of false effects, % of nights
@@ -57,12 +57,12 @@ def night(kind, rng, n):
 
 
 def without_memory():
-    """The search with the wander taken to be none."""
-    state = Problem.state
+    """The search with noise taken to have no memory."""
+    fit = SelectionProblem.fit
 
-    def plain(self, chosen, weights=None, without=None, final=False, wander=None):
-        return state(self, chosen, weights, without, final, ())
-    return patch.object(Problem, 'state', plain)
+    def plain(self, chosen, weights=None, without=None, final=False, memory=None):
+        return fit(self, chosen, weights, without, final, ())
+    return patch.object(SelectionProblem, 'fit', plain)
 
 
 def false_effects(table, args, rng):

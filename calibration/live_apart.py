@@ -40,14 +40,14 @@ class LiveApart:
         str
             What is asked for, JSON: `pointing_model.apart`.
         """
-        from .analysis.diagnosis.discrimination import Apart
+        from .analysis.diagnosis.discrimination import Discrimination
         self._apart, self._diagnosed = None, until or session.last_stamp
         self._of = found.zeros, site, Following.of(found.model)
         self._forgotten = session.taken.forgotten
         verdict = found.document['verdict']
         if verdict == 'ambiguous' and len(session) <= MOST_ROWS:
             try:
-                self._apart = Apart(found.diagnosis, HOURS)
+                self._apart = Discrimination(found.diagnosis, HOURS)
                 return self._judged(session, until)
             except ValueError:
                 pass  # curves alone, or of changes: no set of causes

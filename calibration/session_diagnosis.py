@@ -17,7 +17,7 @@ from pointing_model.zero import NO_ZERO, Zeros
 from pointing_model.zero_exposures import is_for_zero
 
 from .analysis.diagnosis import Diagnosis, diagnose
-from .analysis.diagnosis.term_error import expected_of_terms
+from .analysis.diagnosis.expected_error import expected_error_of_terms
 from .analysis.encoders.count_drift import follow_line
 from .analysis.refit import going_on, held_within, is_drift, left_out, refitted
 from .estimation.comparison import FEWEST, judge
@@ -352,7 +352,7 @@ def expected_of_fit(rows, zeros, base='physical'):
         What was fitted, see `diagnosis.base.Base.parse`.
     """
     stars = rows.select(~is_for_zero(rows))
-    return expected_of_terms(_at_zero(stars, zeros, None), base) if len(stars) else None
+    return expected_error_of_terms(_at_zero(stars, zeros, None), base) if len(stars) else None
 
 
 def with_zero(expected, zero, rows):

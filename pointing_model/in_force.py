@@ -54,7 +54,8 @@ def wander_sigma(model, stamp, el):
     Parameters
     ----------
     model : PointingModel or None
-        What wanders stands in its provenance (`calibration.analysis.diagnosis.excess`).
+        What wanders stands in its provenance
+        (`calibration.analysis.diagnosis.residual_correlation`).
     stamp : int
         ns.
     el : float

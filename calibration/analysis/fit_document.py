@@ -25,7 +25,7 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
     encoder : {'enc', 'abs'}
     held_out : Rms, optional
         Of each half of the rows, by a fit to the other.
-    checked : diagnosis.input_check.Checked, optional
+    checked : diagnosis.input_check.ColumnCheck, optional
 
     Returns
     -------
@@ -128,7 +128,7 @@ def predicted_document(found):
 
     Parameters
     ----------
-    found : diagnosis.predicting.Predicting
+    found : diagnosis.prediction.PredictiveModel
 
     Returns
     -------

@@ -2,7 +2,7 @@
 
 import re
 
-from calibration.analysis.diagnosis.constants import SET_WIDTH
+from calibration.estimation.select import SET_WIDTH
 from pointing_model.effects.base import EFFORTS
 
 #: causes that are told; the others are counted

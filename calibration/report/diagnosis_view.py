@@ -6,9 +6,9 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.analysis.diagnosis.constants import SET_WIDTH
 from calibration.analysis.diagnosis.page_figures import correlations, effect_offsets, its_own
 from calibration.analysis.diagnosis.row_counts import row_word
+from calibration.estimation.select import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word

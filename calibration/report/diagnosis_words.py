@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from calibration.analysis.diagnosis.excess import MOSTLY, drift_words
 from calibration.analysis.diagnosis.raw_errors import as_read_sentence
+from calibration.analysis.diagnosis.residual_correlation import MOSTLY, drift_words
 from calibration.analysis.diagnosis.row_counts import outlier_sentence
 from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
 from calibration.analysis.term_notes import said_of_term

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.analysis.diagnosis.constants import SET_WIDTH
 from calibration.analysis.diagnosis.readings import MIRRORED, Reading, doubt_sentences
+from calibration.estimation.select import SET_WIDTH
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import KINDS, USUAL, kind_of
 

@@ -197,7 +197,7 @@ def predicting_tables(found, mount):
 
     Parameters
     ----------
-    found : calibration.analysis.diagnosis.prediction.Predicting
+    found : calibration.analysis.diagnosis.prediction.PredictiveModel
     mount : Mount
 
     Returns

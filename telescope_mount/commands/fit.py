@@ -102,10 +102,10 @@ def _run(args):
 
 def _to_predict(observed, args, console):
     """Choose a model that predicts, print it and its error on rows left out; both."""
-    from calibration.analysis.diagnosis.prediction import choose_to_predict
+    from calibration.analysis.diagnosis.prediction import predictive_model
     from calibration.analysis.fit_document import predicted_document
     from calibration.report.tables import predicting_tables
-    found = choose_to_predict(observed, '+'.join(args.terms), encoder=args.encoder)
+    found = predictive_model(observed, '+'.join(args.terms), encoder=args.encoder)
     for table in predicting_tables(found, observed.mount):
         console.print(table)
     return found.model, predicted_document(found)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from calibration.analysis.diagnosis.correlated_noise import Sequence
-from calibration.analysis.diagnosis.linear_model import Columns
-from calibration.analysis.diagnosis.problem import Problem
-from calibration.analysis.diagnosis.scores import Bank
+from calibration.analysis.diagnosis.diagnosis_base import sequence_of
+from calibration.analysis.diagnosis.run_problem import effect_bank
+from calibration.estimation.linear_model import Columns
+from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.context import Context
@@ -69,6 +69,7 @@ def make_problem(seed, n=60, signal=None, curves=False, noise=None):
     if signal is not None:
         b = b + signal(context)
     effects = dictionary(context)[0] + steps(context)
-    return Problem(Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
-                   Bank(effects, context), Bank(smooths(context) if curves else [], context),
-                   Sequence.of(context, np.zeros(n, int)))
+    return SelectionProblem(
+        Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
+        effect_bank(effects, context), effect_bank(smooths(context) if curves else [], context),
+        sequence_of(context, np.zeros(n, int)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sides import NAMES, a_run
 
-from calibration.analysis.diagnosis.prediction import choose_to_predict
+from calibration.analysis.diagnosis.prediction import predictive_model
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount
@@ -33,7 +33,7 @@ def german_csv(tmp_path_factory):
 
 
 def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypatch):
-    monkeypatch.setitem(choose_to_predict.__kwdefaults__, 'folds', 3)
+    monkeypatch.setitem(predictive_model.__kwdefaults__, 'folds', 3)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Chosen to predict', 'HHSH2',

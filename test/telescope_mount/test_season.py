@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis import Checked
+from calibration.analysis.diagnosis import ColumnCheck
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.formats import read_run, write_csv
@@ -54,7 +54,7 @@ def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, mo
     out = 'azimuth of catalogue and encoders in hours'
 
     def checked(run):
-        return Checked([out], ['the clock of one night'])
+        return ColumnCheck([out], ['the clock of one night'])
     monkeypatch.setattr('calibration.analysis.season.season_nights.check_columns', checked)
     said = ' '.join(ended('season', folder)[1].split())
     assert said.count(f'make sure that they are not: {out}') == 1

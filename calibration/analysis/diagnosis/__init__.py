@@ -4,7 +4,7 @@ from importlib import import_module
 
 _PLACES = {'Base': 'diagnosis_base', 'DiagnosedEffect': 'diagnosis_result',
            'Diagnosis': 'diagnosis_result',
-           'MistakenColumns': 'input_check', 'Checked': 'input_check',
+           'MistakenColumns': 'input_check', 'ColumnCheck': 'input_check',
            'check_columns': 'input_check', 'diagnose': 'diagnosis', 'naming_columns': 'input_check'}
 __all__ = list(_PLACES)
 

@@ -8,11 +8,11 @@ score passes what chance gives to the best of all candidates.
 
 import numpy as np
 
+from calibration.estimation.chance import ChanceTest, normal_score
+from calibration.estimation.linear_model import LIVE
+from calibration.estimation.select import DICTIONARY_SHARE
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
-
-from .chance import ChanceTest, normal_score
-from .constants import DICTIONARY_SHARE, LIVE
 
 #: how often an effect of the size that is told would have been found
 POWER = 0.9
@@ -51,7 +51,7 @@ def detectable(problem, chance, alpha):
 
     Parameters
     ----------
-    problem : Problem
+    problem : SelectionProblem
         Nothing is chosen: the base alone is fitted.
     chance : Chance
     alpha : float
@@ -64,16 +64,16 @@ def detectable(problem, chance, alpha):
         hour's) and ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base
         or another driver of the run hides are not in it.
     """
-    state = problem.plain.state([])
+    fit = problem.plain.fit([])
     bank = problem.dictionary
-    scores = bank.score(state)
+    scores = bank.score(fit)
     if not np.isfinite(scores.delta_bic).any():
         return []
     best = int(np.argmax(scores.delta_bic))
-    flipped = ChanceTest(state, scores, best).flipped_max(chance.signs)
+    flipped = ChanceTest(fit, scores, best).flipped_max(chance.signs)
     limit = float(np.quantile(flipped, 1.0 - alpha * DICTIONARY_SHARE))
-    live = max(np.count_nonzero(state.weights > LIVE), 2)
-    free = max(live - len(state.basis) / 2, 4)  # each axis has noise of its own
+    live = max(np.count_nonzero(fit.weights > LIVE), 2)
+    free = max(live - len(fit.basis) / 2, 4)  # each axis has noise of its own
     names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}
     out = []
     for name, what, factor, unit in _TOLD:
@@ -81,7 +81,7 @@ def detectable(problem, chance, alpha):
         if g is None or scores.dof[g] < len(bank.of(g)):
             continue
         dof = int(scores.dof[g])
-        white = state.white(bank.of(g))
+        white = fit.noise.whiten(bank.of(g))
         # signal beyond the base in units of the noise, of each phase at unit amplitude
         phases = _PHASES if dof == 2 else np.ones((1, 1))
         unit_lambda = np.sqrt(np.square(phases @ (white @ scores.basis(g).T)).sum(axis=1))

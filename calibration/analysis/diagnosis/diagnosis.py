@@ -2,36 +2,36 @@
 
 import numpy as np
 
+from calibration.estimation.chance import FLIPS, Chance
+from calibration.estimation.folds import radial_arcsec
 from calibration.estimation.robust import BISQUARE
-from pointing_model.effects import effect
+from calibration.estimation.select import SET_WIDTH, choose, settled
 from pointing_model.effects.base import readable, the
-from pointing_model.effects.drifts import places_of_steps
 
-from .alternative_choice import choose_with_rivals, with_rivals
-from .alternatives import contenders
-from .cause_models import by_any_cause, fit_causes
-from .chance import Chance
-from .choice_rules import choose, settled
-from .constants import FLIPS, FOLDS, MOST_ROWS, SET_WIDTH
+from .alternatives import (
+    alternatives,
+    cause_counts,
+    choose_model,
+    compare_alternatives,
+    fit_causes,
+)
 from .detection_limits import detectable
-from .diagnosis_base import Base, mount_of, observations
+from .diagnosis_base import Base, determined_base, mount_of, observations, with_held_terms
 from .diagnosis_result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
-from .excess import ahead, along_the_sky, unexplained, wander_entry
-from .expected_error import expected_error
-from .folds import radial_arcsec
+from .expected_error import ahead, expected_error
 from .implausible_terms import unphysical
 from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import by_size
-from .repeats import repeats_sentence
+from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
 from .row_counts import claimed, row_word
-from .scores import Bank
+from .row_facts import repeats_sentence
+from .run_problem import RunProblem
 from .sessions import arrange, split
-from .undetermined_terms import determined, said
-from .untestable import judge_undecided
-from .validation import cross_validated, judge_on, partitions_of
-from .working_run import Work
+from .validation import FOLDS, cross_validated, hold_out, mark_undecided, partitions_of
 
+#: rows that are looked at, where there are more: time and memory grow with them
+MOST_ROWS = 5000
 #: what changes little by little, where a step says "at once"
 _GRADUAL = ('time', 'order', 'run_hours', 'temperature')
 _MOST_CURVES = 2
@@ -103,14 +103,14 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     obs = observations(runs, encoder)
     if obs.context.left_out():
         obs.notes.append(not_taken(obs.context))
-    base, left_open = determined(obs, base)
+    base, left_open = determined_base(obs, base)
     rng = np.random.default_rng(seed)
     if len(obs) > most_rows:
         obs = obs.thinned(most_rows, rng)
     result = _diagnosis(obs, base, alpha, rng, flips, folds if cross_validation else 0, partitions,
                         progress or _silent, jobs)
     if left_open is not None:
-        result = said(result, left_open)
+        result = with_held_terms(result, left_open)
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
@@ -123,7 +123,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result.unphysical = unphysical(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
-        judge_on(holdout, result, own_terms or obs.run.mount.names.index, encoder)
+        hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)
     return result
 
 
@@ -153,98 +153,104 @@ def not_taken(context):
 
 def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     progress('looking for effects', 0, None)
-    work = Work(obs, base, alpha)
-    problem = work.problem
+    run = RunProblem(obs, base, alpha)
+    problem = run.problem
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
-    chosen = choose_with_rivals(problem, alpha, chance, partitions)
-    found = chosen.found
-    left = unexplained(problem, found, alpha)
-    # a wander along the sky is not told from what the direction does: terms do not rest on it
+    choice = choose_model(problem, alpha, chance, partitions)
+    left = residual_correlation(problem, choice, alpha)
+    # noise that goes along the sky is not told from what the direction does: terms do not rest on
+    # its memory
     mixed = along_the_sky(obs.context, problem.sequence) is None
-    errors = cross_validated(work, found.chosen, left is not None and mixed, folds, alpha, chance,
-                             rng, ways, progress,
-                             choose_with_rivals if chosen.replaced else choose,
+    errors = cross_validated(run, choice.chosen, left is not None and mixed, folds, alpha, chance,
+                             rng, ways, progress, choose_model if choice.replaced else choose,
                              jobs) if folds else None
     if errors and errors.cut is not None:
-        found.not_repeated = found.chosen[errors.cut:]
-        del found.chosen[errors.cut:]
-        found.state = problem.plain.state(found.chosen)
-        chosen = with_rivals(problem, settled(problem, found, alpha, chance, partitions), alpha,
-                             chance, partitions, replacing=False)
-        left = unexplained(problem, found, alpha)
-    _refine_steps(work, found)
-    base_fit, fitted = _fits(work, found, left, mixed)
-    result = _assemble(work, found, chosen.stands, (base_fit, fitted), chance,
-                       lambda some: _fit_of(work, some, left, mixed)[0])
+        choice.not_repeated = choice.chosen[errors.cut:]
+        del choice.chosen[errors.cut:]
+        choice.fit = problem.plain.fit(choice.chosen)
+        settled(problem, choice, alpha, chance, partitions)
+        compare_alternatives(problem, choice, alpha, chance, partitions, replacing=False)
+        left = residual_correlation(problem, choice, alpha)
+    _refine_steps(run, choice)
+    base_fit, fitted = _fits(run, choice, left, mixed)
+    result = _assemble(run, choice, (base_fit, fitted), chance,
+                       lambda some: _fit_of(run, some, left, mixed)[0])
     twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
                              row_word(obs.run))
     result.notes += [twice] * bool(twice)
     if left is not None:
-        result.told_of_wander(wander_entry(left, problem, obs.context, found.chosen,
-                                           result.residual_after))
+        result.add_correlation(correlation_entry(left, problem, obs.context, choice.chosen,
+                                                 result.residual_after))
+    found = result.effects[len(run.slips):]
     if errors:
-        if not found.chosen:  # the model stays as it was
-            errors.before, errors.stretches = errors.after, {
-                key: errors.stretches[key.replace('before', 'after')] for key in errors.stretches}
-        for entry, gain in zip(result.effects[len(work.slips):], chosen.gains):
-            entry.cv_gain_arcsec = float(gain)
-        for entry, one in ((result.before, errors.before), (result.after, errors.after)):
-            entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
-                         cv_rms_y_arcsec=one['y'])
-        if errors.spread and found.chosen:
-            errors.spread |= by_any_cause(errors.chosen, result.effects[len(work.slips):])
-        result.after['cv_spread'] = errors.spread
-        result.cv_contiguous, result.caution = errors.stretches, errors.caution
-        result.expected = expected_error(
-            errors.left_out, found.state.weights > 0.0, problem.sequence.order, rng,
-            *ahead(problem, found.chosen, rng))
-        if not problem.sequence.timed:
-            result.expected['within'] = 'ten rows'
-        judge_undecided(result, [readable(c.effect(work.problem).name) for c in
-                                 found.dropped_by_cv + found.not_repeated],
-                        result.ranking[0]['delta_bic'] if result.ranking else 0.0)
+        _add_errors(result, found, run, choice, errors, rng)
     if result.verdict == 'none':
-        result.detectable = detectable(work.problem, chance, alpha)
+        result.detectable = detectable(problem, chance, alpha)
     if left is not None and mixed:
-        result.notes += _without_memory(work, found, fitted)
-    rivals = contenders(problem, chosen, errors.chosen if errors else [])
-    for entry, some in zip(result.effects[len(work.slips):], rivals):
+        result.notes += _without_memory(run, choice, fitted)
+    others = alternatives(problem, choice, errors.chosen if errors else [])
+    for entry, some in zip(found, others):
         entry.contenders = [one.entry for one in some]
-    if result.verdict == 'ambiguous' or any(one.entry['open'] for some in rivals for one in some):
+    if result.verdict == 'ambiguous' or any(one.entry['open'] for some in others for one in some):
         result.next_observations, result.no_star = propose(
-            problem, obs, base, found, chosen.stands,
-            [[one.group for one in some if one.entry['open']] for some in rivals])
+            problem, obs, base, choice,
+            [[one.group for one in some if one.entry['open']] for some in others])
     return result
 
 
-def _fits(work, found, left, mixed):
-    """The exact fits without and with what was found; `found.state` is of the latter.
+def _add_errors(result, found, run, choice, errors, rng):
+    """Put the figures of rows left out into a result."""
+    problem = run.problem
+    if not choice.chosen:  # the model stays as it was
+        errors.before, errors.stretches = errors.after, {
+            key: errors.stretches[key.replace('before', 'after')] for key in errors.stretches}
+    for entry, gain in zip(found, choice.gains):
+        entry.cv_gain_arcsec = float(gain)
+    for entry, one in ((result.before, errors.before), (result.after, errors.after)):
+        entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
+                     cv_rms_y_arcsec=one['y'])
+    if errors.spread and choice.chosen:
+        errors.spread |= cause_counts(errors.chosen, found)
+    result.after['cv_spread'] = errors.spread
+    result.cv_contiguous, result.caution = errors.stretches, errors.caution
+    result.expected = expected_error(errors.left_out, choice.fit.weights > 0.0,
+                                     problem.sequence.order, rng,
+                                     *ahead(problem, choice.chosen, rng))
+    if not problem.sequence.timed:
+        result.expected['within'] = 'ten rows'
+    mark_undecided(result, [readable(c.effect(problem).name) for c in
+                            choice.dropped_by_cv + choice.not_repeated],
+                   result.ranking[0]['delta_bic'] if result.ranking else 0.0)
 
-    What is not beyond chance is no reason for another fit. Without the effects what wanders is
-    mostly what they do: before them the rows are taken as `fit` takes them.
+
+def _fits(run, choice, left, mixed):
+    """The exact fits without and with what was found; `choice.fit` is of the latter.
+
+    What is not beyond chance is no reason for another fit. Without the effects noise with memory
+    is mostly what they do: before them the rows are taken as `fit` takes them.
     """
-    fitted, found.state = _fit_of(work, found.chosen, left, mixed)
-    if left is not None and not found.chosen:
+    fitted, choice.fit = _fit_of(run, choice.chosen, left, mixed)
+    if left is not None and not choice.chosen:
         return fitted, fitted
-    return work.fit([], work.problem.plain.state([], final=True)), fitted
+    return run.exact_fit([], run.problem.plain.fit([], final=True).noise), fitted
 
 
-def _fit_of(work, chosen, left, mixed):
-    """The exact fit of a choice, and the state by which it is made."""
-    problem = work.problem
+def _fit_of(run, chosen, left, mixed):
+    """The exact fit of a choice, and the weighted fit by which it is made."""
+    plain = run.problem.plain.fit(chosen, final=True)
     if left is None:
-        state = problem.plain.state(chosen, final=True)
-        return work.fit(chosen, state), state
-    state = problem.state(chosen, final=True)
-    return (work.fit(chosen, state) if mixed else work.fit(
-        chosen, problem.plain.state(chosen, final=True), state)), state
+        return run.exact_fit(chosen, plain.noise), plain
+    fit = run.problem.fit(chosen, final=True)
+    return (run.exact_fit(chosen, fit.noise) if mixed else
+            run.exact_fit(chosen, plain.noise, fit.noise)), fit
 
 
-def _without_memory(work, found, fitted):
+def _without_memory(run, choice, fitted):
     """A note where the same terms leave less if rows are taken to have no memory."""
-    keep = found.state.weights > 0.0
-    alone = work.fit(found.chosen, work.problem.plain.state(found.chosen, final=True)).residual
+    keep = choice.fit.weights > 0.0
+    plain = run.problem.plain.fit(choice.chosen, final=True)
+    alone = run.exact_fit(choice.chosen, plain.noise).residual
     alone, here = radial_arcsec(alone, keep), radial_arcsec(fitted.residual, keep)
     return [f'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes '
             f'each row for itself, leaves {alone:.2f} in place of {here:.2f} arcsec on these rows, '
@@ -252,36 +258,27 @@ def _without_memory(work, found, fitted):
             ] if here > _MORE * alone else []
 
 
-def _refine_steps(work, found):
+def _refine_steps(run, choice):
     """Put each step where it fits best: the search tries some of many times only."""
-    problem, context = work.problem, work.obs.context
-    bank = problem.dictionary
-    for i, choice in enumerate(found.chosen):
-        e = choice.effect(problem)
-        if e.form != 'step':
+    problem = run.problem
+    for i, one in enumerate(choice.chosen):
+        if one.effect(problem).form != 'step':
             continue
-        p = e.parameters
-        tried = sorted(f.parameters['at'] for f in bank.effects
-                       if f.form == 'step' and f.parameters['axis'] == p['axis'])
-        k = tried.index(p['at'])
-        between = places_of_steps(context, p['driver'])
-        between = between[(between >= tried[max(k - 1, 0)])
-                          & (between <= tried[min(k + 1, len(tried) - 1)])]
-        near = Bank([effect('step', **{**p, 'at': float(t)}) for t in between], context)
+        near = problem.finer(one.group)
         # with weights of its own: rows between the old place and the new look like outliers
-        scores = near.score(problem.plain.state(found.chosen, without=i))
+        scores = near.score(problem.plain.fit(choice.chosen, without=i))
         best = int(np.argmax(scores.delta_bic))
-        problem.replace(choice.group, near.effects[best], near.of(best))
+        problem.replace(one.group, near.effects[best], near.of(best))
 
 
-def _as_well_as_a_step(problem, found, i):
+def _as_well_as_a_step(problem, choice, i):
     """Curves of time or temperature that explain as much as a step, and their gains."""
-    choice = found.chosen[i]
-    if choice.effect(problem).form != 'step' or not len(problem.curves):
+    one = choice.chosen[i]
+    if one.effect(problem).form != 'step' or not len(problem.curves):
         return []
-    state = problem.plain.state(found.chosen, without=i)
-    own = problem.dictionary.score(state).delta_bic[choice.group]
-    scores = problem.curves.score(state, gains_only=True)
+    fit = problem.plain.fit(choice.chosen, without=i)
+    own = problem.dictionary.score(fit).delta_bic[one.group]
+    scores = problem.curves.score(fit, gains_only=True)
     out = {}
     for g in np.argsort(-scores.delta_bic):
         e = problem.curves.effects[g]
@@ -302,25 +299,25 @@ def _beside(found, rival, others, more=0, better=0.0):
     return text
 
 
-def _assemble(work, found, stands, fits, chance, fit):
-    problem, obs = work.problem, work.obs
+def _assemble(run, choice, fits, chance, fit):
+    problem, obs = run.problem, run.obs
     base_fit, fitted = fits
-    nothing = problem.plain.state([])
-    made = work.model(base_fit, []), work.model(fitted, found.chosen)
-    effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in work.slips]
+    nothing = problem.plain.fit([])
+    made = run.model(base_fit, []), run.model(fitted, choice.chosen)
+    effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in run.slips]
     beside = []
-    for i, (c, s, f) in enumerate(zip(found.chosen, stands, made[1][0].effects)):
-        bank, group = c.family(problem, found.chosen)
+    for i, (c, s, f) in enumerate(zip(choice.chosen, choice.significances, made[1][0].effects)):
+        bank, group = c.family(problem, choice.chosen)
         one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
-                        s.every, group, s.alternatives, s.same)
+                        s.every, group, s.equals, s.same)
         one.companions = {bank.effects[k].name: [c.effect(problem) for c in others]
-                          for k, others in s.companions.items()}
+                          for k, others in s.others.items()}
         larger = {bank.effects[k].name: told for k, told in s.larger.items()}
         for told in one.causes:
             told['more_effects'] = min(larger.get(name, (0,))[0] for name in told['effects'])
         if len(one.causes) > 1:
-            fit_causes(work, found, i, s, one.causes, fit)
-        gradual = _as_well_as_a_step(problem, found, i)
+            fit_causes(run, choice, i, one.causes, fit)
+        gradual = _as_well_as_a_step(problem, choice, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)
             one.rivals.append(e.name)
@@ -331,15 +328,15 @@ def _assemble(work, found, stands, fits, chance, fit):
                    for rival, others in one.companions.items()]
         effects.append(one)
     notes = list(obs.notes)
-    for why, dropped in (('no gain on rows left out', found.dropped_by_cv),
+    for why, dropped in (('no gain on rows left out', choice.dropped_by_cv),
                          ('runs or rows that are left out are predicted worse with it',
-                          found.not_repeated)):
+                          choice.not_repeated)):
         if dropped:
             notes.append(f'beyond chance, but {why}, so not added: '
                          + '; '.join(dict.fromkeys(readable(c.effect(problem).name)
                                                       for c in dropped)))
-    if work.infeasible.any():
-        notes.append(f'{int(work.infeasible.sum())} rows are nearer to the zenith than the mount '
+    if run.infeasible.any():
+        notes.append(f'{int(run.infeasible.sum())} rows are nearer to the zenith than the mount '
                      'can look')
     notes += beside
     notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
@@ -351,6 +348,6 @@ def _assemble(work, found, stands, fits, chance, fit):
     outlier = f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by ' \
               'whole lines of the encoder'
     return concluded(
-        obs, work.base, (base_fit, fitted), made, effects, found.state.weights,
-        len(found.state.basis), outlier, ranking,
-        work.untestable + hidden(candidates, scores.dof), notes)
+        obs, run.base, (base_fit, fitted), made, effects, choice.fit.weights,
+        len(choice.fit.basis), outlier, ranking,
+        run.untestable + hidden(candidates, scores.dof), notes)

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
+from calibration.estimation.correlated_noise import Sequence
+from calibration.estimation.degeneracy import undetermined_lines
+from calibration.estimation.linear_model import Columns
 from calibration.estimation.robust import GROSS
 from calibration.rows import usable
 from msg_tools.units import ARCSEC
@@ -18,11 +21,14 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import known_terms, stacked_design
 
-from .constants import OF_RUN
-from .linear_model import Columns
-
+#: rows that are looked at of each run at least, where there are more than are looked at
+OF_RUN = 30
 _FARTHEST = 30  # bars or lines that a slip goes, at most
 _DRAWS = 19999  # outliers anywhere, behind the chance of slips
+#: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
+_LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
+_SOON = 60.0  # s between two rows of one star, at most, where rows have no times
+_ROWS = 20000  # that show what all of many determine
 _SETS = ('physical', 'standard6', 'index')  # of `mounts.Names`
 
 
@@ -336,7 +342,7 @@ def after_rotation(obs, start):
     return left, feasible
 
 
-def decode_slips(obs, state, alpha):
+def decode_slips(obs, fit, alpha):
     """Gross outliers that are whole bars of the disc or lines of the grating off.
 
     Looked for where the graduation is declared and the encoder's own reading is known. A gross
@@ -347,7 +353,7 @@ def decode_slips(obs, state, alpha):
     Parameters
     ----------
     obs : Observations
-    state : State
+    fit : WeightedFit
         Of the base.
     alpha : float
         Chance of any slip among outliers that are none, over all graduations and axes.
@@ -361,9 +367,9 @@ def decode_slips(obs, state, alpha):
     tests = [(kind, axis, i) for kind in ('bars', 'grating') for i, axis in enumerate(AXES)
              if kind in graduation.get(axis, ()) and obs.context.get(f'reading_{axis}') is not None]
     n = len(obs)
-    raw = state.raw.reshape(2, n).copy()
+    raw = fit.raw.reshape(2, n).copy()
     given = np.ones((2, n)) if obs.inverse_sigma is None else obs.inverse_sigma.reshape(2, n)
-    noise = state.scale[:, None] / given
+    noise = fit.scale[:, None] / given
     gross = np.abs(raw / noise) > GROSS
     raw[0] /= obs.context.trig.cos_el
     noise[0] /= np.abs(obs.context.trig.cos_el)
@@ -405,3 +411,71 @@ def _chance_of_slips(off, noise, period):
     rng = np.random.default_rng(0)  # the same rows give the same chance
     anywhere = rng.uniform(0.0, 0.5 * period, (_DRAWS, len(off)))
     return (int(np.count_nonzero(ratio(anywhere) >= ratio(off))) + 1) / (_DRAWS + 1)
+
+
+def sequence_of(context, label):
+    """The `Sequence` of the rows of a context; `label`: number of the run of each, (n,)."""
+    time = context.get('time')
+    timed = time is not None and np.isfinite(time).all()
+    position = np.asarray(time if timed else np.arange(len(label)), float)
+    return Sequence(position, label, context.trig.cos_el, timed,
+                    star_groups(context, position, label, timed))
+
+
+def star_groups(context, position, run, timed):
+    """Number of the star of each row; the same again within minutes."""
+    order = np.lexsort((position, run))
+    place = context.direction()[:, order]
+    position, run = position[order], run[order]
+    first = np.arange(len(order))
+    for lag in range(1, min(_LAGS, len(order) - 1) + 1):
+        passed = position[lag:] - position[:-lag] if timed else np.full(len(order) - lag, _SOON)
+        apart = np.linalg.norm(place[:, lag:] - place[:, :-lag], axis=0)
+        same = (run[lag:] == run[:-lag]) & (passed < _MINUTES) & (
+            apart < _PLACE + _SIDEREAL * passed)
+        first[lag:] = np.where(same, np.minimum(first[lag:], first[:-lag]), first[lag:])
+    out = np.empty(len(order), int)
+    out[order] = first
+    return out
+
+
+def determined_base(obs, base):
+    """The base without the terms that the stars do not determine and that are held at zero.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+
+    Returns
+    -------
+    base : Base
+    fit : FitResult or None
+        That says so; None where nothing is undetermined.
+    """
+    if base.degree or not base.terms:
+        return base, None
+    run = obs.run.select(slice(None, None, len(obs) // _ROWS + 1))
+    try:
+        fit = fit_terms(run, base.terms, encoder=obs.encoder, run_zeros=bool(base.own))
+    except ValueError:  # whoever fits them says why
+        return base, None
+    if not fit.undetermined:
+        return base, None
+    held = fit.model.held
+    return replace(base, terms=tuple(t for t in base.terms if t not in held),
+                   own=tuple(t for t in base.own if t not in held)), fit
+
+
+def with_held_terms(result, fit):
+    """A `Diagnosis` whose models have the held terms, and know which are undetermined."""
+    for attribute in ('model', 'base_model'):
+        model = getattr(result, attribute)
+        terms = model.terms | {t: 0.0 for t in fit.model.terms if t not in model.terms}
+        covariance = np.zeros((len(terms),) * 2)
+        covariance[:len(model.terms), :len(model.terms)] = model.covariance
+        setattr(result, attribute, replace(
+            model, terms=terms, covariance=covariance, undetermined=fit.model.undetermined,
+            directions=fit.model.directions))
+    result.notes += undetermined_lines(fit)
+    return result

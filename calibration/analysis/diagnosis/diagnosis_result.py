@@ -5,14 +5,14 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.estimation.folds import radial_arcsec
+from calibration.estimation.select import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 
-from .constants import SET_WIDTH
 from .diagnosis_base import Base, Observations
-from .folds import radial_arcsec
 from .raw_errors import as_read, as_read_terms
 from .row_counts import RMS_KEYS, rows_told
 from .row_facts import unequal_scatter, worst_rows
@@ -44,7 +44,7 @@ class DiagnosedEffect:
     columns : ndarray, shape (k, 2, n)
     contenders : list of dict
         What lost its place to this effect, though it explains the rows as well alone: see
-        `contenders.Contender.entry`.
+        `alternatives.Alternative.entry`.
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
     """
@@ -116,16 +116,16 @@ class Diagnosis:
         A sentence where the gain does not hold on some kind of rows left out.
     wander : dict or None
         Rows resemble their neighbours in time though no effect explains it, see
-        `unexplained.wander_entry`.
+        `residual_correlation.correlation_entry`.
     expected : dict or None
-        Error on fresh stars of the same night, see `expected.expected_error`.
+        Error on fresh stars of the same night, see `expected_error`.
     held_out : list of dict
-        Runs held out, each for itself, see `facts.nights_held_out`.
+        Runs held out, each for itself, see `row_facts.nights_held_out`.
     no_star : list of list of str
         Effects, each with the rivals that no observation tells it from, see
         `next_observations.propose`.
     unphysical : list of dict
-        Terms that no mount should have so, see `unphysical.unphysical`.
+        Terms that no mount should have so, see `implausible_terms.unphysical`.
     whole : bool
         Whether the rows are what the encoders read, and nothing was taken off before.
     """
@@ -159,8 +159,8 @@ class Diagnosis:
     unphysical: list = field(default_factory=list)
     whole: bool = True
 
-    def told_of_wander(self, entry):
-        """Take `unexplained.wander_entry`."""
+    def add_correlation(self, entry):
+        """Take a `residual_correlation.correlation_entry`."""
         self.wander = entry
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
@@ -214,13 +214,13 @@ def verdict_of(effects):
 
 
 def concluded(obs, base, fits, made, effects, weights, taken, outlier, ranking, untestable, notes):
-    """`Diagnosis` from what either way of searching has found.
+    """`Diagnosis` from what was found.
 
     Parameters
     ----------
     obs : Observations
     base : Base
-    fits : tuple of Fitted
+    fits : tuple of ExactFit
         Without and with the effects.
     made : tuple
         Of each fit what `made_model` gives.

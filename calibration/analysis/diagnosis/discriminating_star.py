@@ -11,8 +11,16 @@ from scipy.special import ndtr
 from msg_tools.units import DEG
 from pointing_model.context import Context
 
-from .dark_hours import dark_hours, next_night
-from .next_observations import MIN_GAP, SHORT, forecast, place_of, places_under, views_of
+from .next_observations import (
+    MIN_GAP,
+    SHORT,
+    dark_hours,
+    forecast,
+    next_night,
+    place_of,
+    places_under,
+    views_of,
+)
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
 TOLD = 9.2
@@ -157,15 +165,15 @@ class Pair:
 
     Parameters
     ----------
-    problem, obs, base, state, pair, others
+    problem, obs, base, fit, pair, others
         As of `next_observations.views_of`.
     points : Points
     behind : float
         Of the rival, in 2 ln(likelihood ratio).
     """
 
-    def __init__(self, problem, obs, base, state, pair, others, points, behind):
-        self._views = views_of(problem, obs, base, state, [[e] for e in pair], others,
+    def __init__(self, problem, obs, base, fit, pair, others, points, behind):
+        self._views = views_of(problem, obs, base, fit, [[e] for e in pair], others,
                                points.context)
         self.behind, self._hours = behind, float(points.later.max())
         right = 1.0 / (1.0 + np.exp(-0.5 * behind))

@@ -10,29 +10,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.estimation.candidates import CandidateGroup
+from calibration.estimation.linear_model import DISTINCT, overlap, weighted_fit
+from calibration.estimation.memory_test import MemoryMask
+from calibration.estimation.select import SET_WIDTH
+from calibration.estimation.selection_problem import SelectionProblem
 from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
 from pointing_model.effects import smooths
 from pointing_model.effects.base import readable
 
-from .alternative_choice import less_likely
-from .constants import DISTINCT, SET_WIDTH, SLOW
+from .alternatives import likelihood_ratio
 from .diagnosis_base import observations
 from .discriminating_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
-from .linear_model import fit_state
-from .memory_test import follows, swollen
-from .problem import Choice, Problem
-from .scores import Bank
-from .subspaces import overlap
-from .working_run import Work
+from .run_problem import RunProblem, effect_bank
 
 #: stars that are asked for at most
 MOST_STARS = 15
-_RIVALS = 6  # that a star is chosen for
+_MOST_PAIRS = 6  # that a star is chosen for
 _NEWCOMERS = 4  # of no set, that may come in
 
 
 @dataclass
-class Question:
+class CauseSet:
     """One set: its best member, and how the others stand.
 
     Attributes
@@ -83,12 +82,12 @@ class Question:
 
 
 @dataclass
-class Judgement:
+class CauseStanding:
     """How the sets stand by the rows so far, and what to observe next.
 
     Attributes
     ----------
-    questions : list of Question
+    questions : list of CauseSet
     request : dict or None
         ``az_deg``, ``el_deg`` and so on as of `next_observations.propose`, and ``magnitude``
         (None: any), ``before`` (what to observe before it, a short move away, or None),
@@ -115,7 +114,7 @@ class Judgement:
                 'sets': [q.to_dict() for q in self.questions]}
 
 
-class Apart:
+class Discrimination:
     """Tells the members of the sets of a diagnosis apart.
 
     Parameters
@@ -163,17 +162,17 @@ class Apart:
 
         Returns
         -------
-        Judgement
+        CauseStanding
         """
         obs = observations(runs, self._encoder)
         stars = max(most - (len(obs) - self._seen), 0)
-        work = Work(obs, self._base, self._alpha, curves=False)
-        bank = Bank([*work.problem.dictionary.effects, *smooths(obs.context)], obs.context)
+        problem = RunProblem(obs, self._base, self._alpha, curves=False).problem
+        bank = effect_bank([*problem.dictionary.effects, *smooths(obs.context)], obs.context)
         effects, matches = list(self._effects), {}
         for _ in range(2 if len(effects) > 1 else 1):  # the second sees what the first has changed
             for i in self._sets:
                 others = [e for j, e in enumerate(effects) if j != i]
-                matches[i] = _Match(work.problem, obs, bank, others, self._sets[i],
+                matches[i] = _SetMatch(problem, obs, bank, others, self._sets[i],
                                     self._companions[i])
                 effects[i] = matches[i].best
         questions, asked = [], None
@@ -182,10 +181,10 @@ class Apart:
             questions.append(question)
             if points and asked is None:
                 asked = self._request(*points, obs)
-        return Judgement(questions, asked)
+        return CauseStanding(questions, asked)
 
     def _question(self, match, obs, stars, ask):
-        question = Question(match.best.name)
+        question = CauseSet(match.best.name)
         close = []
         for effect, behind in match.rivals:
             if behind >= TOLD:
@@ -198,7 +197,7 @@ class Apart:
         pairs = []
         points = Points(obs, drivers_of([match.best, *(e for e, _ in close)]), self._hours,
                         self._elevations)
-        for effect, behind in close[:_RIVALS]:
+        for effect, behind in close[:_MOST_PAIRS]:
             pair = match.pair(obs, self._base, effect, points, behind)
             if stars and pair.chance(stars) >= self._least:
                 pairs.append(pair)
@@ -207,8 +206,8 @@ class Apart:
                 question.stays[effect.name] = behind
                 if effect.mechanism and effect.mechanism == match.best.mechanism:
                     question.same.append(effect.name)
-        question.open.update((e.name, d) for e, d in close[_RIVALS:] if pairs)
-        question.stays.update((e.name, d) for e, d in close[_RIVALS:] if not pairs)
+        question.open.update((e.name, d) for e, d in close[_MOST_PAIRS:] if pairs)
+        question.stays.update((e.name, d) for e, d in close[_MOST_PAIRS:] if not pairs)
         if question.state == CANNOT:
             for effect, behind in [one for one in close if one[0].name not in question.same][:3]:
                 drivers = drivers_of([match.best, effect])
@@ -243,10 +242,10 @@ class Apart:
         return row
 
 
-class _Match:
+class _SetMatch:
     """The members of one set on all rows, with everything else in the model.
 
-    Those that have companions of their own are judged with these.
+    Those whose model has others beside them are judged with these.
 
     Attributes
     ----------
@@ -255,10 +254,10 @@ class _Match:
         The nearest first, and how far behind they are.
     """
 
-    def __init__(self, problem, obs, bank, others, members, companions):
+    def __init__(self, problem, obs, bank, others, members, beside):
         self._problem, self._others, self._obs = problem, others, obs
         n = problem.n
-        self._whole = Problem(
+        self._whole = SelectionProblem(
             problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others]),
             problem.b, problem.inverse_sigma, bank, problem.curves, problem.sequence)
         lines = [e.line for e in bank.effects]
@@ -268,24 +267,22 @@ class _Match:
         ours = [line for line in dict.fromkeys(ours) if line not in taken]
         plain = self._whole.plain
 
-        def of(state):
-            scores = bank.score(state)
+        def of(fit):
+            scores = bank.score(fit)
             tops = _tops(lines, scores.delta_bic)
             return scores, tops, max((tops[one] for one in ours),
                                      key=lambda g: round(scores.delta_bic[g], 6))
 
-        state = plain.state([])
+        fit = plain.fit([])
         for _ in range(2):  # weighted as with the best in the model: without it rows look wrong
-            weights = plain.state([Choice(of(state)[-1])]).weights
-            state = plain.state([], weights)
-        scores, tops, best = of(state)
-        self._state = plain.state([Choice(best)], weights)
-        if follows(problem.sequence, bank, best, state):
-            wandering = self._whole.state([], weights)
-            if wandering.wander and swollen(bank, state, wandering)[best] > SLOW:
-                wander = self._whole.state([Choice(best)], weights).wander
-                scores, tops, best = of(self._whole.state([], weights, wander=wander))
-                self._state = self._whole.state([Choice(best)], weights)
+            weights = plain.fit([CandidateGroup(of(fit)[-1])]).weights
+            fit = plain.fit([], weights)
+        scores, tops, best = of(fit)
+        self._fit = plain.fit([CandidateGroup(best)], weights)
+        if MemoryMask(self._whole, [], bank, fit, weights).covers(best):
+            memory = self._whole.fit([CandidateGroup(best)], weights).memory
+            scores, tops, best = of(self._whole.fit([], weights, memory=memory))
+            self._fit = self._whole.fit([CandidateGroup(best)], weights)
         gains = scores.delta_bic
         close = [g for line, g in tops.items()
                  if line not in ours and line not in taken
@@ -295,32 +292,32 @@ class _Match:
         rivals = [tops[line] for line in ours if tops[line] != best and gains[tops[line]] > -np.inf]
         # of so few rows n ln(ratio) is too much: the noise is known from those beyond the terms
         cost = (scores.dof + bank.scan_cost) * np.log(n)
-        free = 1.0 - len(self._state.basis) / (2.0 * n)
+        free = 1.0 - len(self._fit.basis) / (2.0 * n)
         behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
         self.best = bank.effects[best]
         stand = [(bank.effects[g], float(behind[g])) for g in (*rivals, *close)]
-        self._with_companions(stand, companions, free)
+        self._by_models(stand, beside, free)
         self.rivals = sorted(((e, max(value, 0.0)) for e, value in stand),
                              key=lambda one: one[1])
 
-    def _with_companions(self, stand, companions, free):
-        """Judge members with companions of their own by whole models; the best of these leads."""
+    def _by_models(self, stand, beside, free):
+        """Judge members with others of their own beside them by whole models; the best leads."""
         problem, n = self._problem, self._problem.n
 
         def model(effects):
             design = problem.base.added([e.columns(self._obs.context).reshape(-1, 2 * n)
                                          for e in effects])
-            return design, fit_state(design, problem.b, problem.inverse_sigma)
+            return design, weighted_fit(design, problem.b, problem.inverse_sigma)
 
         def scanned(effects):
             return sum(e.scanned for e in effects if e.scan is not None)
 
         first, lead = [*self._others, self.best], None
         for k, (e, value) in enumerate(stand):
-            if e.name in companions:
-                second = [*companions[e.name], e]
+            if e.name in beside:
+                second = [*beside[e.name], e]
                 models = model(first), model(second)
-                misfit, (size, other), _ = less_likely(problem.b, *zip(*models))
+                misfit, (size, other), _ = likelihood_ratio(problem.b, *zip(*models))
                 more = other + scanned(second) - size - scanned(first)
                 stand[k] = e, min(value, float(free * misfit + more * np.log(n)))
                 if stand[k][1] < min(0.0, 0.0 if lead is None else stand[lead][1]):
@@ -330,19 +327,19 @@ class _Match:
         e, ahead = stand[lead]
         stand[:] = [(other, value - ahead) for other, value in stand if other is not e]
         stand.append((self.best, -ahead))
-        self.best, self._others = e, companions[e.name]
-        self._state = model([*self._others, e])[1]
+        self.best, self._others = e, beside[e.name]
+        self._fit = model([*self._others, e])[1]
 
     def _in_its_place(self, bank, scores, best, other):
         """Whether a candidate of no set would stand in the place of the best, not beside it."""
         if overlap(scores.basis(best), scores.basis(other))[1] <= DISTINCT:
             return False
-        beside = bank.score(self._whole.plain.state([Choice(other)]), gains_only=True)
+        beside = bank.score(self._whole.plain.fit([CandidateGroup(other)]), gains_only=True)
         return beside.delta_bic[best] < SET_WIDTH
 
     def pair(self, obs, base, rival, points, behind):
         """`Pair` of the best and a rival."""
-        return Pair(self._problem, obs, base, self._state, (self.best, rival), self._others,
+        return Pair(self._problem, obs, base, self._fit, (self.best, rival), self._others,
                     points, behind)
 
 

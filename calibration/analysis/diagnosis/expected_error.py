@@ -3,7 +3,13 @@
 import numpy as np
 from scipy.special import fdtri
 
+from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.folds import cross_validate
+from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
+
+from .diagnosis_base import Base, linearised, observations, sequence_of
+from .validation import FOLDS, partitions_of
 
 #: the chance with which the interval holds the RMS of many fresh stars of the same night
 CONFIDENCE = 0.9
@@ -14,7 +20,42 @@ _FRESH = 100  # stars that it is the RMS of
 _NORMAL = 60.0  # rows that normal noise counts as, where its scatter is estimated
 #: largest growth or decay of the noise along a night (ln of its root), and values that are tried
 _GROWTH, _RATIOS = np.log(6.0), 20
-_STANDS = np.zeros(1000)  # draws of a night in which nothing wanders
+_SIMULATED = 1000  # nights
+_STANDS = np.zeros(_SIMULATED)  # draws of a night whose zero stays
+_AHEAD, _POINTS = 1800.0, 12  # s after the last row, and places in them
+_SOME = 100  # rows that stand for a run
+
+
+def expected_error_of_terms(run, base='physical', seed=0):
+    """As `Diagnosis.expected`, for a model without effects.
+
+    Parameters
+    ----------
+    run : PointingRun
+    base : str
+        See `Base.parse`.
+    seed : int
+
+    Returns
+    -------
+    dict or None
+        None where the rows do not determine the terms and a residual.
+    """
+    rng, base = np.random.default_rng(seed), Base.parse(base, (), run.mount)
+    try:
+        obs = observations(run)
+    except ValueError:  # too few rows, or what is in them
+        return None
+    columns = base.columns(obs.context, obs.label)
+    if 2 * len(obs) < len(columns) + 4:
+        return None
+    _, left, _ = linearised(obs, base)
+    none = CandidateBank.empty(len(obs))
+    problem = SelectionProblem(columns, left, obs.inverse_sigma, none, none,
+                               sequence_of(obs.context, obs.label))
+    keep = problem.plain.fit([], final=True).weights > 0.0
+    residual = cross_validate(problem.plain, [], partitions_of(problem, FOLDS, rng)[0])
+    return expected_error(residual, keep, problem.sequence.order, rng, *ahead(problem, [], rng))
 
 
 def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
@@ -35,7 +76,7 @@ def expected_error(residual, keep, order, rng, ahead=_STANDS, still=np.nan):
         Rows as they were observed.
     rng : numpy.random.Generator
     ahead, still : ndarray, shape (b,)
-        As of `unexplained.ahead`; by default nothing wanders.
+        As of `ahead`; by default nothing wanders.
 
     Returns
     -------
@@ -93,3 +134,56 @@ def _along(squares):
     prior = np.where(start == 1.0, 0.5, 0.25 / _RATIOS)
     chance = prior * np.exp(log_l - log_l.max())
     return level, chance / chance.sum()
+
+
+def ahead(problem, chosen, rng):
+    """What a wandering zero does to fresh stars in the half hour (or ten rows) after the last row.
+
+    Nights are simulated that have left these residuals (simple kriging; Cressie 1993, Statistics
+    for Spatial Data, section 3.2), each with a memory that is likely: where the zero is after the
+    last row is known in part.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    chosen : list of CandidateGroup
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    squares : ndarray, shape (b,)
+        Of each night: mean square of the zero then, of both axes on the sky, rad^2; zero where
+        nothing wanders.
+    still : ndarray, shape (b,)
+        Mean square of fresh stars without it, rad^2; NaN where nothing wanders.
+    """
+    plain = problem.plain.fit(chosen)
+    raw, root = (v.reshape(2, -1) for v in (plain.raw, plain.noise.root))
+    noise = np.repeat(np.square(plain.scale)[:, None], _SIMULATED, axis=1)
+    squares = np.zeros(_SIMULATED)
+    for axis, (every, chance) in enumerate(problem.likely_memories(chosen)):
+        which = rng.choice(len(every), _SIMULATED, p=chance)
+        for k in np.unique(which[which > 0]):
+            nights = np.flatnonzero(which == k)
+            squares[nights] += _after(problem.sequence, every[k], root[axis] * plain.scale[axis]
+                                      / every[k].scale, raw[axis], len(nights), rng)
+            noise[axis, nights] = every[k].scale**2
+    fitted = 1.0 + len(plain.basis) / (2.0 * problem.n)  # the error of the terms
+    return squares, np.where(squares > 0.0, fitted * noise.sum(axis=0), np.nan)
+
+
+def _after(sequence, one, root, raw, count, rng):
+    """Mean square of a process after the last row, shape (count,), by what it left in the rows."""
+    last = sequence.order[sequence.run[sequence.order] == sequence.run[sequence.order[-1]]]
+    rows = last[root[last] > 0.0][-_SOME:]
+    n = len(rows)
+    on_sky = sequence.factor[rows] if one.scaled else np.ones(n)
+    at = np.concatenate((sequence.position[rows], sequence.position[last[-1]] + np.linspace(
+        0.0, _AHEAD if sequence.timed else 10.0, _POINTS + 1)[1:]))
+    z = one.variance * np.exp(-np.abs(at[:, None] - at) / one.memory)
+    noise = np.diag(1.0 / np.square(root[rows] * on_sky))
+    known = np.linalg.solve(z[:n, :n] + noise, z[:n, n:]).T
+    values, vectors = np.linalg.eigh(z[n:, n:] - known @ z[:n, n:])
+    drawn = known @ (raw[rows] / on_sky) + rng.standard_normal((count, _POINTS)) @ (
+        vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return np.square(drawn).mean(axis=1) * np.mean(np.square(on_sky))

@@ -6,11 +6,9 @@ import numpy as np
 
 from calibration.analysis.harmonic_fit import rows_of_terms
 from calibration.analysis.term_notes import suspicious
+from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC
 
-from .cause_models import sound_with
-from .correlated_noise import White
-from .linear_model import solve
 from .page_figures import some_rows
 
 
@@ -26,7 +24,7 @@ def unphysical(result):
     list of dict
         As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
         value without the effects; of a negative TF `refraction_in_place` as ``refraction``, and
-        `by_cause.sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
+        `sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
         that a term has without the effects, and that they only leave in doubt, the value is the
         one without, and ``beside_effects_arcsec`` the other.
     """
@@ -82,18 +80,41 @@ def refraction_in_place(result):
     at = [t for t in base.terms if t not in base.own].index('TF')
     scale = [max(float(np.sqrt(np.mean(np.square(r[rows])))), 1e-15)
              for r in result.residual_before]
-    white = White(np.concatenate([np.sqrt(result.weights[rows]) / s for s in scale]))
+    noise = WhiteNoise(np.concatenate([np.sqrt(result.weights[rows]) / s for s in scale]))
     # what all other terms do lies in both models
     b = result.residual_before.reshape(-1)[both] + (
         result.base_model.terms['TF'] * with_tf.common[at])
-    left = [float(np.square(white(one.left_of(b, white))).sum()) for one in (with_tf, with_tx)]
-    return {'value_arcsec': _coefficient(with_tx, at, b, white),
+    left = [float(np.square(noise.whiten(one.left_of(b, noise))).sum())
+            for one in (with_tf, with_tx)]
+    return {'value_arcsec': _coefficient(with_tx, at, b, noise),
             'delta_bic': float(len(both) * np.log(max(left[0], 1e-300) / max(left[1], 1e-300))),
-            'beside_arcsec': _coefficient(with_tf.added([with_tx.common[at:at + 1]]), at, b, white)}
+            'beside_arcsec': _coefficient(with_tf.added([with_tx.common[at:at + 1]]), at, b, noise)}
 
 
-def _coefficient(columns, at, b, white):
+def _coefficient(columns, at, b, noise):
     """One of the common ones of a fit to `b`, arcsec."""
-    found = solve(columns.common, b, white) if columns.own is None \
-        else columns.solver(white)(b)[0]
-    return float(found[at]) / ARCSEC
+    return float(columns.solver(noise)(b)[0][at]) / ARCSEC
+
+
+def sound_with(effects, name):
+    """With which other causes a term is as mounts have it, and what it is beside them.
+
+    Parameters
+    ----------
+    effects : list of DiagnosedEffect
+    name : str
+
+    Returns
+    -------
+    list of dict
+        ``cause``, ``value_arcsec``, ``sigma_arcsec``.
+    """
+    out = []
+    for effect in effects:
+        for cause in effect.causes:
+            if not cause.get('fitted') or effect.fitted.effect.name in cause['effects']:
+                continue
+            one = cause['fitted']['terms'].get(name)
+            if one is not None and not suspicious([{'name': name, **one}]):
+                out.append({'cause': cause['cause'], **one})
+    return out

@@ -29,9 +29,9 @@ _FITS = (0.05, 600.0)
 #: bad night (1.7 times; the effects below do so too). With zenith distances in both pairs 67 of 70
 #: runs of three telescopes are told; the other three have 2, 15 and 46 rows.
 _BETTER, _LIKELIER = 1.25, 15.0
-#: the same where common effects are fitted too (`USUAL`)
+#: the same where common effects are fitted too (`usual` of the kind of mount)
 _WITH_EFFECTS = (1.15, 10.0)
-#: of `USUAL` the run as written may have so many in place of a mistake
+#: of these the run as written may have so many in place of a mistake
 _MOST_EFFECTS = 2
 #: times the best misfit, or log-likelihood, within which two readings cannot be told apart
 _ALIKE, _AS_LIKELY = 1.05, 3.0
@@ -63,7 +63,7 @@ class MistakenColumns(ValueError):
 
 
 @dataclass
-class Checked:
+class ColumnCheck:
     """What the check of a sound run says.
 
     Attributes
@@ -99,7 +99,7 @@ def check_columns(runs, encoder='enc'):
 
     Returns
     -------
-    Checked
+    ColumnCheck
 
     Raises
     ------
@@ -107,7 +107,8 @@ def check_columns(runs, encoder='enc'):
         The run as written does not fit, or another reading fits far better.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    return Checked.of([_Check(run, encoder).judged() for run in runs if f'az_{encoder}' in run])
+    return ColumnCheck.of([_RunCheck(run, encoder).judged() for run in runs
+                           if f'az_{encoder}' in run])
 
 
 @contextmanager
@@ -127,7 +128,7 @@ def naming_columns():
         raise
 
 
-class _Check:
+class _RunCheck:
     """Of one run."""
 
     def __init__(self, run, encoder):
@@ -136,21 +137,21 @@ class _Check:
         self.physical, self.effects = rows.mount.names.physical, rows.mount.names.usual
 
     def judged(self):
-        """`Checked`; raises MistakenColumns."""
+        """`ColumnCheck`; raises MistakenColumns."""
         if len(self.rows.label) < FEW or self._in_a_field():
-            return Checked()
+            return ColumnCheck()
         written = self.fits.fit(Reading(), centred=False)
         far = self.rows.misplaced > MOST_LEFT_OUT * self.rows.rows_read
         if written is None or written.rms_arcsec > ABSURD or far:
             self._explain(written, far)
-            return Checked()
+            return ColumnCheck()
         south = self.mount.vertical and abs(np.remainder(written.zeros[0], 2.0 * np.pi)
                                          - np.pi) < SOUTH
         others = self.fits.best([r for r in self._single() if r != MIRRORED], _NEAR)
         if south:
             self._refuse(written, [self.fits.fit(Reading())])
         # the mirror image of a mount is one, to the last digit: no fit is needed
-        out = Checked()
+        out = ColumnCheck()
         out.alike = [] if self.rows.held else [MIRRORED.text(names=self.mount.names)]
         for other in others:
             self._compare(other, written, others, out)

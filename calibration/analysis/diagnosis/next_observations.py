@@ -9,19 +9,24 @@ difference of the scores by which the members are one set, and what is expected 
 """
 
 from copy import copy
+from datetime import datetime, timezone
 
 import numpy as np
 
+from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.linear_model import Columns
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
+from pointing_model.sky.places import Site
 from pointing_model.sky.skyline import Horizon
+from pointing_model.sky.sun import sun_place
 
-from .dark_hours import dark_hours, next_night, utc_of
-from .linear_model import solve
-
+#: elevation of the Sun below which stars are observed: the end of civil twilight, rad
+DARK = -6.0 * DEG
+_ROWS, _STEP, _LONGEST = 9, 0.25, 48.0  # rows looked at; h
 _COUNT = 6  # for each ambiguous effect
-_RIVALS = 4
+_MOST_EQUALS = 4
 _WORTH = 0.5  # delta BIC: exact aliases do not come apart anywhere
 MIN_GAP = 3.0 * DEG
 _LATER = (0.25, 2.0, 6.0)  # hours
@@ -31,18 +36,17 @@ CLEAR = 3.0 * DEG  # a star is near the place, not at it
 SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
-def propose(problem, obs, base, found, stands, contenders=None):
+def propose(problem, obs, base, choice, alternatives=None):
     """Observations that separate the best effect from the strongest rival that they can separate.
 
     Parameters
     ----------
-    problem : Problem
+    problem : SelectionProblem
     obs : Observations
     base : Base
-    found : Found
-    stands : list of Standing
-    contenders : list of list of int, optional
-        Of each choice: groups that lost their place to it and leave its cause open all the same.
+    choice : ModelChoice
+    alternatives : list of list of int, optional
+        Of each chosen: groups that lost their place to it and leave its cause open all the same.
 
     Returns
     -------
@@ -59,42 +63,42 @@ def propose(problem, obs, base, found, stands, contenders=None):
         An effect and its strongest rivals, where no observation tells it from any.
     """
     out, none, grid = [], [], _grid(obs)
-    for i, (choice, stand) in enumerate(zip(found.chosen, stands)):
-        others = [c.effect(problem) for j, c in enumerate(found.chosen) if j != i]
-        bank, group = choice.family(problem, found.chosen)
+    for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
+        others = [c.effect(problem) for j, c in enumerate(choice.chosen) if j != i]
+        bank, group = one.family(problem, choice.chosen)
         own = bank.effects[group].cause_told
         look_at = bank.effects[group].look_at
         # what people are told as another cause, and look for elsewhere, comes first, what takes
         # more effects last
-        rivals = [] if choice.curve else sorted(
-            [*stand.alternatives, *(contenders[i] if contenders else ())],
+        rivals = [] if one.curve else sorted(
+            [*stand.equals, *(alternatives[i] if alternatives else ())],
             key=lambda k, bank=bank, own=own, look_at=look_at, more=stand.larger: (
                 bank.effects[k].cause_told == own, bank.effects[k].look_at == look_at, k in more))
-        for rival in rivals[:_RIVALS]:
-            *pair, shared = _members(problem, choice.effect(problem), others, bank.effects[rival],
-                                     stand.companions.get(rival))
-            proposals = _separate(problem, obs, base, found, pair, shared, grid,
+        for rival in rivals[:_MOST_EQUALS]:
+            *pair, shared = _members(problem, one.effect(problem), others, bank.effects[rival],
+                                     stand.others.get(rival))
+            proposals = _separate(problem, obs, base, choice.fit, pair, shared, grid,
                                   abs(stand.every[group] - stand.every[rival]))
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
                 break
         else:
-            tried = [bank.effects[k] for k in rivals[:_RIVALS]]
+            tried = [bank.effects[k] for k in rivals[:_MOST_EQUALS]]
             if tried and tried[0].cause_told != own:
-                none.append([choice.effect(problem).name, *dict.fromkeys(
+                none.append([one.effect(problem).name, *dict.fromkeys(
                     e.name for e in tried if e.cause_told != own)])
     return out, none
 
 
-def _members(problem, best, others, rival, companions):
+def _members(problem, best, others, rival, beside):
     """What the models of an effect and of its rival have alone, each itself first, and in common.
 
-    A rival may have companions of its own (see `rechosen`), a list of Choice, else None.
+    A rival may have others of its own beside it, a list of CandidateGroup, else None.
     """
-    if companions is None:
+    if beside is None:
         return [best], [rival], others
-    own = [choice.effect(problem) for choice in companions]
+    own = [choice.effect(problem) for choice in beside]
     both = {e.name for e in own} & {e.name for e in others}
     return ([best, *(e for e in others if e.name not in both)],
             [rival, *(e for e in own if e.name not in both)],
@@ -219,10 +223,10 @@ def forecast(time, temperature, then, n):
     return np.clip(guess, temperature[good].min() - 5.0, temperature[good].max() + 5.0)
 
 
-def _separate(problem, obs, base, found, pair, others, grid, before):
+def _separate(problem, obs, base, fit, pair, others, grid, before):
     context, later, short, tomorrow = grid
     m = len(context)
-    views = views_of(problem, obs, base, found.state, pair, others, context)
+    views = views_of(problem, obs, base, fit, pair, others, context)
     start = min(v.separation() for v in views)
     proposals, used = [], np.zeros(m, bool)
     for _ in range(_COUNT):
@@ -249,15 +253,15 @@ def _separate(problem, obs, base, found, pair, others, grid, before):
     return proposals
 
 
-def views_of(problem, obs, base, state, pair, others, context):
+def views_of(problem, obs, base, fit, pair, others, context):
     """Either member of a pair as the truth, and how far the other can follow it.
 
     Parameters
     ----------
-    problem : Problem
+    problem : SelectionProblem
     obs : Observations
     base : Base
-    state : State
+    fit : WeightedFit
         By which the rows are weighted.
     pair : sequence of sequence of Effect, length 2
         The members: an effect, and what its model alone has besides.
@@ -268,7 +272,7 @@ def views_of(problem, obs, base, state, pair, others, context):
 
     Returns
     -------
-    list of View
+    list of Prospect
         The first member true, the second true.
     """
     n, m = problem.n, len(context)
@@ -283,12 +287,12 @@ def views_of(problem, obs, base, state, pair, others, context):
         shared_grid.append(grid_base.own)
     rows = [np.vstack(rows), *(_stacked(member, obs.context) for member in pair),
             problem.b[None]]
-    shared_rows, *sides, b = (_beyond_other_runs(shared, state.white(r), state.white, last)
+    shared_rows, *sides, b = (_beyond_other_runs(shared, fit.noise.whiten(r), fit.noise, last)
                               for r in rows)
     sides = [(r, _stacked(member, context)) for r, member in zip(sides, pair)]
-    noise = _noise(state, problem, context)
+    noise = _noise(fit, problem, context)
     shared_grid = np.vstack(shared_grid)
-    return [View(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise) for k in (0, 1)]
+    return [Prospect(shared_rows, shared_grid, sides[k], sides[1 - k], b[0], noise) for k in (0, 1)]
 
 
 def _stacked(effects, context):
@@ -322,18 +326,18 @@ def _matters(gain, j, hours):
     return by_az, by_el, by_time or hours == 1, by_move  # one hour has nothing beside it
 
 
-def _beyond_other_runs(shared, rows, white, last):
+def _beyond_other_runs(shared, rows, noise, last):
     """Whitened rows without what the runs but the last can fit for themselves."""
     if shared.own is None:
         return rows
-    return shared.own_basis(white(shared.own), last).off(rows, in_place=True)
+    return shared.own_basis(noise.whiten(shared.own), last).off(rows, in_place=True)
 
 
-def _noise(state, problem, context):
-    """Noise of each axis of new observations, shape (2, m), radians; what wanders is a part."""
-    n, noise = problem.n, np.repeat(state.scale[:, None], len(context), axis=1)
-    for axis, one in enumerate(state.wander):
-        on_sky = context.trig.cos_el if one.angle else 1.0
+def _noise(fit, problem, context):
+    """Noise of each axis of new observations, shape (2, m), radians, with what it remembers."""
+    n, noise = problem.n, np.repeat(fit.scale[:, None], len(context), axis=1)
+    for axis, one in enumerate(fit.memory):
+        on_sky = context.trig.cos_el if one.scaled else 1.0
         noise[axis] = np.sqrt(one.scale**2 + one.variance * np.square(on_sky))
     if problem.inverse_sigma is None:
         return noise
@@ -341,11 +345,16 @@ def _noise(state, problem, context):
                              problem.inverse_sigma[n:].mean()])[:, None]
 
 
-class View:
+def _coefficients(rows, b):
+    """Least squares of `b` by rows that are white."""
+    return Columns(rows).solver(WhiteNoise(np.ones(len(b))))(b)[0]
+
+
+class Prospect:
     """One member of the pair is true; how well can the other follow it. Rows are whitened."""
 
     def __init__(self, shared, shared_grid, truth, rival, b, noise):
-        p = solve(np.vstack((shared, truth[0])), b, np.copy)
+        p = _coefficients(np.vstack((shared, truth[0])), b)
         coefficients = p[len(shared):]
         self._signal = coefficients @ truth[0]
         self._signal_grid = coefficients @ truth[1]
@@ -354,7 +363,7 @@ class View:
         self._noise, self._m = noise, truth[1].shape[1] // 2
 
     def _fit(self):
-        return solve(self._rows, self._signal, np.copy)
+        return _coefficients(self._rows, self._signal)
 
     def separation(self):
         left = self._signal - self._fit() @ self._rows
@@ -377,3 +386,66 @@ class View:
     def copy(self):
         """The same, to add to."""
         return copy(self)
+
+
+def dark_hours(context, hours):
+    """Those of some hours after the last row at which it is dark.
+
+    Parameters
+    ----------
+    context : Context
+        Of the rows.
+    hours : sequence of float
+
+    Returns
+    -------
+    list of float
+        All of `hours` where site or time are not known, or most of the rows are of the day.
+    """
+    sun = _sun(context)
+    return list(hours) if sun is None else [h for h in hours if sun(h) < DARK]
+
+
+def next_night(context, hours):
+    """The same hours counted from the next dusk, after the last row.
+
+    Where the Sun does not go so low within two days, it is where it is lowest.
+    """
+    sun = _sun(context)
+    if sun is None:
+        return list(hours)
+    grid = np.arange(_STEP, _LONGEST, _STEP)
+    up = np.array([sun(h) for h in grid])
+    if up.min() >= DARK:
+        return [float(grid[up.argmin()])]
+    day = int(np.argmax(up >= DARK))  # it is still night before
+    dusk = float(grid[day + int(np.argmax(up[day:] < DARK))])
+    return [dusk, *(dusk + h for h in hours if sun(dusk + h) < DARK)]
+
+
+def utc_of(context, hours):
+    """UTC of hours after the last row, as ``2026-01-15 21:26``; None where it is not known."""
+    if _site(context) is None:
+        return None
+    last = float(np.nanmax(context.get('time')))
+    return datetime.fromtimestamp(last + 3600.0 * hours, timezone.utc).strftime('%Y-%m-%d %H:%M')
+
+
+def _site(context):
+    if (context.get('time') is None or not context.time_is_utc
+            or context.latitude is None or context.longitude is None):
+        return None
+    return Site(context.latitude, context.longitude, 0.0)
+
+
+def _sun(context):
+    """Elevation of the Sun by hours after the last row, rad; None where that is no matter."""
+    site = _site(context)
+    if site is None:
+        return None
+    time = np.sort(context.get('time'))
+    time = time[np.isfinite(time)]
+    seen = time[np.linspace(0, len(time) - 1, _ROWS).astype(int)]
+    if np.median([sun_place(float(t), site)[1] for t in seen]) > 0.0:
+        return None
+    return lambda hours: sun_place(float(time[-1]) + 3600.0 * hours, site)[1]

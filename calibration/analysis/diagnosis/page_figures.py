@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC
-
-from .correlated_noise import White
 
 _NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver at most
 _ALIKE = 0.1  # of their range, within which means are as low or as high as the one that is
@@ -56,7 +55,7 @@ def _beyond(diagnosis, offsets):
     obs = diagnosis.observations
     _, both = some_rows(diagnosis)
     return diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
-        offsets.reshape(-1)[both], White(np.ones(len(both)))).reshape(2, -1)
+        offsets.reshape(-1)[both], WhiteNoise(np.ones(len(both)))).reshape(2, -1)
 
 
 def by_size(diagnosis):
@@ -103,7 +102,7 @@ def its_own(diagnosis, found):
     columns = diagnosis.base.columns(obs.context, obs.label).rows(both).added(others)
     out = np.full((2, len(obs)), np.nan)
     out[:, rows] = columns.left_of(effect_offsets(found).reshape(-1)[both],
-                                   White(np.ones(len(both)))).reshape(2, -1)
+                                   WhiteNoise(np.ones(len(both)))).reshape(2, -1)
     return out
 
 
@@ -225,7 +224,7 @@ def correlations(diagnosis):
         root = np.concatenate([weight / max(s, 1e-15) for s in scale])
     else:
         root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
-    inverse = shared.added(parts).solver(White(root)).inverse[np.ix_(at, at)]
+    inverse = shared.added(parts).solver(WhiteNoise(root)).inverse[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return names, inverse / np.outer(size, size)
 

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.estimation.candidates import CandidateGroup, best_of
+from calibration.estimation.folds import predicted, random_folds
+from calibration.estimation.select import affordable, second_look
+from calibration.estimation.selection_problem import ModelChoice
 from pointing_model.effects import direct
 from pointing_model.effects.part import parts
 from pointing_model.model import PointingModel
 from pointing_model.rms import Rms, rms_arcsec
 
 from .diagnosis_base import Base, mount_of, observations
-from .folds import predicted, random_folds
-from .problem import Choice, Found
-from .scores import Bank, best_of
-from .search import affordable, second_look
-from .working_run import Work
+from .run_problem import RunProblem, effect_bank
 
 _MOST = 40  # coefficients
 FOLDS = 10
@@ -29,7 +29,7 @@ _MANY, _FEW_WAYS = 100, 5
 
 
 @dataclass
-class Predicting:
+class PredictiveModel:
     """A model chosen to predict, and how well it does.
 
     Attributes
@@ -61,7 +61,7 @@ class Predicting:
                  'sigma_arcsec': float(e.sigma[0] / ARCSEC)} for e in self.model.effects]
 
 
-def choose_to_predict(runs, base='physical', *, encoder='enc', seed=0, folds=FOLDS, ways=None):
+def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLDS, ways=None):
     """Choose effects of the direction so that other stars of the mount are predicted.
 
     Parameters
@@ -78,7 +78,7 @@ def choose_to_predict(runs, base='physical', *, encoder='enc', seed=0, folds=FOL
 
     Returns
     -------
-    Predicting
+    PredictiveModel
 
     Raises
     ------
@@ -86,13 +86,13 @@ def choose_to_predict(runs, base='physical', *, encoder='enc', seed=0, folds=FOL
         Too few rows for the base.
     """
     obs = observations(runs, encoder)
-    work = Work(obs, Base.parse(base, (), mount_of(runs)), alpha=0.01, curves=False)
-    problem = work.problem
+    run = RunProblem(obs, Base.parse(base, (), mount_of(runs)), alpha=0.01, curves=False)
+    problem = run.problem
     effects = [part for e in problem.dictionary.effects if direct(e) for part in parts(e)]
-    problem.dictionary = Bank(effects, obs.context, sizes=False)
+    problem.dictionary = effect_bank(effects, obs.context, sizes=False)
     chosen = _forward(problem)
     plain = problem.plain
-    fits = [work.fit(choice, plain.state(choice, final=True)) for choice in ([], chosen)]
+    fits = [run.exact_fit(some, plain.fit(some, final=True).noise) for some in ([], chosen)]
     if ways is None:
         ways = 1 if len(obs) > _MANY else _FEW_WAYS
     before, after, counts = [], [], []
@@ -102,8 +102,8 @@ def choose_to_predict(runs, base='physical', *, encoder='enc', seed=0, folds=FOL
         before.append(rms_arcsec(*left[0]))
         after.append(rms_arcsec(*left[1]))
         counts += found
-    base_model, model = (work.model(fit, choice)[0] for fit, choice in zip(fits, ([], chosen)))
-    return Predicting(model, base_model, rms_arcsec(*fits[1].residual), before, after, counts,
+    base_model, model = (run.model(fit, choice)[0] for fit, choice in zip(fits, ([], chosen)))
+    return PredictiveModel(model, base_model, rms_arcsec(*fits[1].residual), before, after, counts,
                       len(obs))
 
 
@@ -122,8 +122,8 @@ def nested(problem, folds):
         part = problem.rows(np.setdiff1d(every, fold)).plain
         chosen = _forward(part)
         counts.append(len(chosen))
-        for k, choice in enumerate(([], chosen)):
-            out[k][:, fold] = predicted(problem, part, choice, part.state(choice, final=True),
+        for k, some in enumerate(([], chosen)):
+            out[k][:, fold] = predicted(problem, part, some, part.fit(some, final=True).noise,
                                         fold)
     return out, counts
 
@@ -131,16 +131,16 @@ def nested(problem, folds):
 def _forward(problem):
     """Choices added while they pay by BIC."""
     plain = problem.plain
-    found, seen = Found([], plain.state([])), set()
-    while len(found.chosen) < _MOST:
-        g, gain = best_of(plain.dictionary.score(found.state, gains_only=True),
-                          [c.group for c in found.chosen])
-        if gain <= 0.0 or not affordable(plain, found.state, len(plain.dictionary.of(g))):
+    choice, seen = ModelChoice([], plain.fit([])), set()
+    while len(choice.chosen) < _MOST:
+        g, gain = best_of(plain.dictionary.score(choice.fit, gains_only=True),
+                          [c.group for c in choice.chosen])
+        if gain <= 0.0 or not affordable(plain, choice.fit, len(plain.dictionary.of(g))):
             break
-        found.chosen.append(Choice(g))
-        found.state = plain.state(found.chosen, found.state.weights)
-        second_look(plain, found)
-        if frozenset(found.chosen) in seen:  # what it takes back would go on for ever
+        choice.chosen.append(CandidateGroup(g))
+        choice.fit = plain.fit(choice.chosen, choice.fit.weights)
+        second_look(plain, choice)
+        if frozenset(choice.chosen) in seen:  # what it takes back would go on for ever
             break
-        seen.add(frozenset(found.chosen))
-    return list(dict.fromkeys(found.chosen))
+        seen.add(frozenset(choice.chosen))
+    return list(dict.fromkeys(choice.chosen))

@@ -5,17 +5,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.fit import fit_first_order, fit_terms
+from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.formats.places import rows_beyond_zenith, unfolded
 from pointing_model.runs.run import PointingRun
 
-from .misfit import misfit, scatter
 from .readings import Reading, in_range
 
 #: part of the rows that may lie where no telescope looks, and part that may be left out of a
 #: diagnosis that claims an effect
 MOST_LEFT_OUT = 1.0 / 3.0
+TAU = 3.0  # standard deviations, from where a residual counts no more
 FEW = 6  # rows that fits of seven terms begin with
 _TRIED = 16  # readings with two mistakes, of many that are alike at first sight
 _CLOCKS = 4  # of other clocks and sites
@@ -34,7 +35,7 @@ _OFFSETS_LARGER, _OFFSETS_LIKELIER = 5.0, 15.0
 
 
 @dataclass
-class Fit:
+class ReadingFit:
     """Of one reading.
 
     Attributes
@@ -138,7 +139,7 @@ class ReadingFits:
         self.rows, self.names = rows, rows.mount.names
 
     def fit(self, reading, centred=True, terms=None):
-        """The robust fit of one reading, a `Fit`, or None where it has none.
+        """The robust fit of one reading, a `ReadingFit`, or None where it has none.
 
         Parameters
         ----------
@@ -178,7 +179,7 @@ class ReadingFits:
         if not np.isfinite(sigma).all():
             return None
         tilt = np.hypot(*(values.get(self.names.named(name), 0.0) for name in ('AN', 'AW')))
-        return Fit(reading, places, zero, sigma, 2 * n - count, misfit(sigma, gain), lost,
+        return ReadingFit(reading, places, zero, sigma, 2 * n - count, misfit(sigma, gain), lost,
                    (zero + values[index[0]], values[index[1]]), float(tilt), terms, self.names)
 
     def best(self, readings, near=10.0):
@@ -192,7 +193,7 @@ class ReadingFits:
 
         Returns
         -------
-        list of Fit
+        list of ReadingFit
         """
         seen = [(reading, sight) for reading in readings if self._plausible(reading)
                 for sight in (self._places(reading, True),) if sight is not None]
@@ -304,3 +305,18 @@ class ReadingFits:
         if reading.offsets and not _explained(places, zero, sigma, 0.3 * _OFFSETS_LIKELIER):
             return np.inf
         return misfit(sigma, gain)
+
+
+def scatter(values, dof):
+    """Robust noise with little noise of its own: root mean square, of large ones 3 times the MAD
+    (a tau scale, Yohai and Zamar 1988)."""
+    if not len(values):
+        return np.nan
+    middle = max(float(sigma_of(values)), 1e-5 * ARCSEC)
+    bounded = np.minimum(np.square(values / middle), TAU**2)
+    return max(middle * dof * float(np.sqrt(np.mean(bounded))), 1e-4 * ARCSEC)
+
+
+def misfit(sigma, gain):
+    """Mean logarithm of the noise of both axes, in units of the columns as written."""
+    return 0.5 * (np.log(sigma[0] * sigma[1]) - gain)

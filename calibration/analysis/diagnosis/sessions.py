@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from calibration.estimation.correlated_noise import EIGEN
+from calibration.estimation.linear_model import DISTINCT, LIVE, orthonormal, weighted_fit
 from pointing_model.runs.run import PointingRun
 
-from .constants import DISTINCT, EIGEN, LIVE
 from .diagnosis_base import Base, linearised, mount_of, observations
-from .linear_model import fit_state
-from .subspaces import orthonormal
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
@@ -29,7 +28,7 @@ _PARTS, _LONG_ENOUGH = 3, 9
 _ROWS = 10000
 
 
-class Arranged(NamedTuple):
+class Sessions(NamedTuple):
     """Runs with their sessions numbered.
 
     Attributes
@@ -89,7 +88,7 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
 
     Returns
     -------
-    Arranged
+    Sessions
 
     Raises
     ------
@@ -100,17 +99,17 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
     if sessions is not None and sessions != 0.0:
         runs = split(runs, sessions)
     if sessions == 0.0:
-        return Arranged(runs, _default(runs, own_terms))
+        return Sessions(runs, _default(runs, own_terms))
     gaps = GAPS if sessions is None else ()
     ways = [(None, runs)] + [(gap, parts) for gap in gaps for parts in [_split(runs, gap)] if parts]
     # of two gaps that make the same sessions the shorter one is said
     ways = [way for i, way in enumerate(ways)
             if not any(_count(way[1]) == _count(earlier) for _, earlier in ways[:i])]
     if own_terms is not None and len(ways) == 1:
-        return Arranged(runs, tuple(own_terms), sessions)
+        return Sessions(runs, tuple(own_terms), sessions)
     if len(ways) == 1 and _count(runs) < 2:
-        return Arranged(runs, _default(runs, own_terms), sessions)
-    trial = _Trial(ways[min(len(ways) - 1, 1)][1], base, encoder)
+        return Sessions(runs, _default(runs, own_terms), sessions)
+    trial = _SessionTrial(ways[min(len(ways) - 1, 1)][1], base, encoder)
     found = [(*trial.best(parts, own_terms), gap, parts) for gap, parts in ways]
     # more sessions than were given must pay, and predict stretches that are left out
     found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
@@ -126,7 +125,7 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
     if own_terms is None and set(own) - set(mount_of(runs).names.index):
         parts[0] = _noted(parts[0], f'each session has its own {", ".join(own)}: they move from '
                           'session to session (--own says otherwise)', '')
-    return Arranged(parts, own, gap or sessions)
+    return Sessions(parts, own, gap or sessions)
 
 
 def _noted(run, text, where=None):
@@ -157,7 +156,7 @@ def _split(runs, hours):
     return out if _count(out) > _count(runs) else None
 
 
-class _Trial:
+class _SessionTrial:
     """Fits with terms of each session's own, all with the weights of one robust fit.
 
     A fit that may call rows outliers that another has explained would win by it.
@@ -181,10 +180,10 @@ class _Trial:
         self._left = linearised(obs, Base.parse(base, (), self._mount))[1]
         columns = Base.parse(base, self._mount.names.index, self._mount).columns(
             obs.context, obs.label)
-        state = fit_state(columns, self._left, obs.inverse_sigma)
+        fit = weighted_fit(columns, self._left, obs.inverse_sigma)
         given = 1.0 if obs.inverse_sigma is None else obs.inverse_sigma
-        self._root = given * np.concatenate([np.sqrt(state.weights) / s for s in state.scale])
-        self._live = state.weights > LIVE
+        self._root = given * np.concatenate([np.sqrt(fit.weights) / s for s in fit.scale])
+        self._live = fit.weights > LIVE
 
     def _observations(self, runs):
         obs = observations(runs, self._encoder)

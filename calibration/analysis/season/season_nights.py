@@ -12,7 +12,7 @@ from pointing_model.context import is_cause
 from pointing_model.rms import rms
 from pointing_model.runs.copies import without_copies
 
-from ..diagnosis import Checked, MistakenColumns, check_columns
+from ..diagnosis import ColumnCheck, MistakenColumns, check_columns
 from ..fit import fit_terms
 
 #: a pause of so many hours in a run ends a night
@@ -127,7 +127,7 @@ def nights_of(runs, names=None, columns=()):
         raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
                          + ('; '.join(notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
-    notes += Checked.of(checked).warnings(mount.names)
+    notes += ColumnCheck.of(checked).warnings(mount.names)
     return Nights(names, mount, found, notes, tuple(columns))
 
 

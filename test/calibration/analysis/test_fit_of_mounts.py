@@ -6,7 +6,7 @@ import pytest
 from places import DATA
 
 from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
-from calibration.analysis.diagnosis.prediction import choose_to_predict
+from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.external_check import external_check
 from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -91,7 +91,7 @@ def test_five_metre_horseshoe_as_its_own_program_says():
     assert fit.rms_arcsec().radial * np.sqrt(39 / 33) == pytest.approx(5.78, abs=0.005)
     for name, value in printed.items():
         assert fit.model.terms[name] / ARCSEC == pytest.approx(value, abs=0.1)
-    found = choose_to_predict(read_run(path), ways=1, folds=5)
+    found = predictive_model(read_run(path), ways=1, folds=5)
     assert found.after[0].radial < 2.5 < 5.5 < found.before[0].radial
     assert found.rows == 39 and len(found.counts) == 5
 

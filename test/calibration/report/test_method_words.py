@@ -6,7 +6,7 @@ import pytest
 from documents import CAUSES, contended, document
 from places import ROOT
 
-from calibration.analysis.diagnosis.excess import _like
+from calibration.analysis.diagnosis.residual_correlation import _like
 from calibration.report.diagnosis_words import figures_sentence, told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
 from calibration.report.method_words import (

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 from simulated import make_problem
 
-from calibration.analysis.diagnosis.alternatives import contenders
-from calibration.analysis.diagnosis.chance import Chance
-from calibration.analysis.diagnosis.choice_rules import choose
-from calibration.analysis.diagnosis.scores import Bank
+from calibration.analysis.diagnosis.alternatives import alternatives
+from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.chance import Chance
+from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.select import choose
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
 
@@ -19,7 +20,7 @@ def problem_of(seed):
     """Rows of a bent axis and a small helper; alone a scale is nearly as good."""
     rng = np.random.default_rng(seed)
     problem = make_problem(seed, N)
-    basis, made = problem.base.basis(np.copy), []
+    basis, made = problem.base.basis(WhiteNoise(np.ones(2 * N))), []
 
     def unit(row):
         row = basis.off(row)
@@ -35,30 +36,30 @@ def problem_of(seed):
     effects = [Effect(name, name, '', 'azimuth', 'both', ('size',), None, look_at=f'the {name}')
                for name in names]
     columns = np.array([bent, helper, scale, *others])
-    return replace(problem, b=(signal + rng.normal(size=2 * N)) * ARCSEC, changes=None,
-                   dictionary=Bank(effects, None, columns)), effects
+    return replace(problem, b=(signal + rng.normal(size=2 * N)) * ARCSEC, variants=None,
+                   dictionary=CandidateBank(effects, columns)), effects
 
 
 def test_what_is_chosen_instead_leaves_the_cause_open():
     problem, effects = problem_of(7)
     chosen = choose(problem, 0.01, Chance(N, 199, np.random.default_rng(7)))
-    names = [c.effect(problem).name for c in chosen.found.chosen]
+    names = [c.effect(problem).name for c in chosen.chosen]
     assert names == ['bent axis', 'helper']
     bent, helper, scale, other, _ = effects
     folds = [[bent, helper]] * 15 + [[scale]] * 4 + [[other]]
-    (one,), second = contenders(problem, chosen, folds)
+    (one,), second = alternatives(problem, chosen, folds)
     assert second == []  # the scale takes up nothing like the helper, and the other is none of it
     told = one.entry
     assert told['cause'] == 'scale' and told['look_at'] == 'the scale' and told['open']
     assert (told['instead'], told['folds']) == (4, 20)
-    stand = chosen.stands[0]
+    stand = chosen.significances[0]
     assert told['behind'] == stand.delta_bic - stand.every[one.group] > 6.0
     # a model of its own may be nearer
-    stand.tried = {one.group: 7.5}
-    assert contenders(problem, chosen, folds)[0][0].entry['behind'] == 7.5
+    stand.behind = {one.group: 7.5}
+    assert alternatives(problem, chosen, folds)[0][0].entry['behind'] == 7.5
     # chosen seldom, or beside it, or with no rows left out, it leaves nothing open
     for some in ([[bent, helper]] * 99 + [[scale]], [[bent, helper, scale]] * 20, []):
-        assert [one.entry['open'] for one in contenders(problem, chosen, some)[0]] == [False]
+        assert [one.entry['open'] for one in alternatives(problem, chosen, some)[0]] == [False]
     # what is far behind even alone is none, however often it was chosen
     problem.dictionary.columns[2] = problem.dictionary.columns[4]
-    assert contenders(problem, chosen, folds) == [[], []]
+    assert alternatives(problem, chosen, folds) == [[], []]

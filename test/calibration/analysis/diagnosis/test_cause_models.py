@@ -7,7 +7,8 @@ import pytest
 from simulated import night
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.cause_models import by_any_cause, sound_with
+from calibration.analysis.diagnosis.alternatives import cause_counts
+from calibration.analysis.diagnosis.implausible_terms import sound_with
 from msg_tools.units import ARCSEC
 
 
@@ -43,8 +44,8 @@ def test_a_choice_repeated_counts_by_any_of_the_causes(found):
     chosen = [e.fitted.effect for e in found.effects]
     other = SimpleNamespace(name=one.alternatives[0], line='another')
     by_another = [other if e is one.fitted.effect else e for e in chosen]
-    told = by_any_cause([chosen, chosen[::-1], by_another], found.effects)
+    told = cause_counts([chosen, chosen[::-1], by_another], found.effects)
     assert told == {'same_set': 3, 'chosen_set': {e.name: 3 for e in chosen}}
     unknown = SimpleNamespace(name='unknown', line='unknown')
-    told = by_any_cause([[], [*chosen, other], [unknown]], found.effects)
+    told = cause_counts([[], [*chosen, other], [unknown]], found.effects)
     assert told == {'same_set': 0, 'chosen_set': {e.name: 1 for e in chosen}}

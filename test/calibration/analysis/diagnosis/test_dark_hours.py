@@ -5,9 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.dark_hours import DARK, dark_hours, next_night, utc_of
 from calibration.analysis.diagnosis.discriminating_star import Points
-from calibration.analysis.diagnosis.next_observations import _grid, _matters
+from calibration.analysis.diagnosis.next_observations import (
+    DARK,
+    _grid,
+    _matters,
+    dark_hours,
+    next_night,
+    utc_of,
+)
 from calibration.report.method_words import place_words
 from msg_tools.units import DEG
 from pointing_model.context import Context

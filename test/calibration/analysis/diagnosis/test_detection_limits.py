@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.chance import Chance
 from calibration.analysis.diagnosis.detection_limits import detectable
 from calibration.analysis.diagnosis.diagnosis_base import Base, observations
-from calibration.analysis.diagnosis.search import search
-from calibration.analysis.diagnosis.working_run import Work
+from calibration.analysis.diagnosis.run_problem import RunProblem
+from calibration.estimation.chance import Chance
+from calibration.estimation.select import search
 from calibration.report.diagnosis_words import verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
@@ -24,9 +24,9 @@ def clean(rng, n=60, noise=1.0, hours=2.0):
 
 
 def of(run, rng):
-    work = Work(observations(run), Base.parse('physical'), 0.01, curves=False)
+    problem = RunProblem(observations(run), Base.parse('physical'), 0.01, curves=False).problem
     chance = Chance(len(run), 499, rng)
-    return work.problem, chance, {r['name']: r for r in detectable(work.problem, chance, 0.01)}
+    return problem, chance, {r['name']: r for r in detectable(problem, chance, 0.01)}
 
 
 def test_nine_of_ten_effects_of_that_size_are_found():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from simulated import FAST, SITE, TRUTH, backlash, names, night, oval_disc
 
-from calibration.analysis.diagnosis import constants, diagnose, validation
+from calibration.analysis.diagnosis import diagnose, validation
 from calibration.analysis.diagnosis.diagnosis_base import Base, observations
+from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import _surely, _worse
-from calibration.analysis.diagnosis.working_run import Work
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from msg_tools import forks
@@ -322,7 +322,7 @@ def test_outliers_anywhere_are_no_slips(graduation):
             run.columns[axis][k] += rng.choice([-1, 1]) * rng.uniform(20.0, 800.0) * ARCSEC
         run.meta['graduation'] = graduation
         obs = observations(run)
-        alarms += bool(Work(obs, Base.parse('physical'), 0.01, curves=False).slips)
+        alarms += bool(RunProblem(obs, Base.parse('physical'), 0.01, curves=False).slips)
     assert alarms <= 1  # of 10 at 1 %
 
 
@@ -335,7 +335,7 @@ def test_an_outlier_that_misses_speaks_against_slips():
         run.columns['el_enc'][rows[:4]] += period * np.array([1, -2, 3, 1])
         run.columns['el_enc'][rows[4:]] += period * np.linspace(2.3, 7.7, misses)
         run.meta['graduation'] = {'el': {'grating': 47200}}
-        slips = Work(observations(run), Base.parse('physical'), 0.01).slips
+        slips = RunProblem(observations(run), Base.parse('physical'), 0.01).slips
         found[misses] = [p for _, p in slips]
     assert found[0] and found[0][0] < 1e-3
     assert not found[6]
@@ -456,11 +456,11 @@ def test_equal_causes_share_the_folds_and_the_effect_is_added():
 
 
 def test_the_cross_validated_figure_is_a_mean_of_ten_partitions(monkeypatch):
-    monkeypatch.setattr(validation, 'PARTITIONS', constants.PARTITIONS)
-    monkeypatch.setattr(validation, 'MOST_PARTITIONS', constants.MOST_PARTITIONS)
+    monkeypatch.setattr(validation, 'PARTITIONS', 10)
+    monkeypatch.setattr(validation, 'MOST_PARTITIONS', 16)
     after = diagnose(night(1, n=30, effect=backlash(8.0)), flips=199, folds=2).after
     spread = after['cv_spread']
-    assert 10 <= spread['partitions'] <= constants.MOST_PARTITIONS
+    assert 10 <= spread['partitions'] <= 16
     assert spread['min_arcsec'] < after['cv_rms_arcsec'] < spread['max_arcsec']
     # two folds of each, and two stretches
     assert spread['folds'] == 2 * spread['partitions'] + 2

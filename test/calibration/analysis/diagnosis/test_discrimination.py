@@ -9,7 +9,7 @@ from simulated import FAST, SITE, TRUTH, night
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
 from calibration.analysis.diagnosis.discriminating_star import TOLD, Points
-from calibration.analysis.diagnosis.discrimination import Apart
+from calibration.analysis.diagnosis.discrimination import Discrimination
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
@@ -69,7 +69,7 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         mount = Mount(effect, seed, low=35.0)
         first = diagnose(mount.run(), **FAST)
         assert first.verdict == 'ambiguous'
-        apart = Apart(first, elevations=(20.0 * DEG, 85.0 * DEG))
+        apart = Discrimination(first, elevations=(20.0 * DEG, 85.0 * DEG))
         asked = apart.judge(mount.run())
         assert asked.state == ASKS and set(asked.request['separates']) == {cause, rival}
         assert asked.request['approach_az'] == 0 and asked.request['after_hours'] is None
@@ -90,13 +90,13 @@ def test_a_rival_is_judged_with_companions_of_its_own():
     first = diagnose(mount.run(), **FAST)
     for az, el in zip(range(0, 360, 17), (20.0, 80.0) * 11):
         mount.observe(az, el)
-    (question,) = Apart(first).judge(mount.run(), most=0).questions
+    (question,) = Discrimination(first).judge(mount.run(), most=0).questions
     behind = question.out['line_of_sight_4']
     assert question.best == 'azimuth_encoder_4' and behind >= TOLD
     # what explains the rows beside it costs it two coefficients, and no more
     (found,) = [e for e in first.effects if e.rivals]
     found.companions = {'line_of_sight_4': [effect('encoder', axis='az', order=4)]}
-    (question,) = Apart(first).judge(mount.run(), most=0).questions
+    (question,) = Discrimination(first).judge(mount.run(), most=0).questions
     assert question.stays['line_of_sight_4'] < min(TOLD, behind)
 
 
@@ -104,9 +104,9 @@ def test_a_play_is_looked_for_from_either_side():
     mount = Mount(lambda row: np.array([1.6 * row['approach_az'], 0.0]), 1)
     first = diagnose(mount.run(), **FAST)
     assert first.verdict == 'ambiguous'
-    asked = Apart(first).judge(mount.run())
+    asked = Discrimination(first).judge(mount.run())
     assert asked.request['approach_az'] in (-1, 1) and asked.request['approach_el'] == 0
-    spent = Apart(first).judge(mount.run(), most=0)
+    spent = Discrimination(first).judge(mount.run(), most=0)
     assert spent.request is None and spent.state == CANNOT
 
 
@@ -115,7 +115,7 @@ def test_what_no_star_can_tell_is_said_with_what_could():
         c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.98
         return 0.0, -3.0 * ARCSEC * c['temperature']
     run = night(11, effect=drift)
-    judged = Apart(diagnose(run, **FAST)).judge(run)
+    judged = Discrimination(diagnose(run, **FAST)).judge(run)
     assert judged.state == CANNOT and judged.request is None
     (question,) = judged.questions
     assert {question.best, *question.stays} >= {
@@ -151,4 +151,4 @@ def test_what_makes_no_difference_is_not_asked_for():
 
 def test_a_diagnosis_that_leaves_nothing_open_asks_nothing():
     with pytest.raises(ValueError, match='nothing to tell apart'):
-        Apart(diagnose(night(1), **FAST))
+        Discrimination(diagnose(night(1), **FAST))

@@ -8,13 +8,25 @@ import pytest
 from simulated import FAST, make_context, make_problem, names, night, oval_disc
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.alike_rows import Seen, direction_sentence, seen_sentence
-from calibration.analysis.diagnosis.correlated_noise import AxisWander, Sequence, White, Whitened
-from calibration.analysis.diagnosis.linear_model import Columns, fit_state
-from calibration.analysis.diagnosis.noise_memory import estimate
-from calibration.analysis.diagnosis.repeats import repeats, repeats_sentence
-from calibration.analysis.diagnosis.slow_noise import beyond_terms, slow_part, trend
+from calibration.analysis.diagnosis.diagnosis_base import sequence_of, star_groups
+from calibration.analysis.diagnosis.residual_correlation import (
+    PairDifferences,
+    beyond_terms,
+    direction_sentence,
+    seen_sentence,
+    slow_noise,
+    trend,
+)
+from calibration.analysis.diagnosis.row_facts import repeats_sentence
 from calibration.analysis.fit import fit_terms
+from calibration.estimation.correlated_noise import (
+    AxisNoise,
+    CorrelatedNoise,
+    Sequence,
+    WhiteNoise,
+    noise_memory,
+)
+from calibration.estimation.linear_model import Columns, weighted_fit
 from calibration.report.diagnosis_words import verdict_sentences
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
@@ -34,11 +46,11 @@ def test_rows_that_wander_are_whitened_exactly():
     rng = np.random.default_rng(21)
     context = make_context(rng, 40)
     run = np.repeat([0, 1], 20)
-    sequence = Sequence.of(context, run)
+    sequence = sequence_of(context, run)
     root = rng.uniform(0.5, 2.0, 80)
     root[5] = root[45] = 0.0
-    wander = AxisWander(2.0, 900.0, True), AxisWander(0.5, 300.0)
-    white = Whitened(root, sequence, wander)
+    wander = AxisNoise(2.0, 900.0, True), AxisNoise(0.5, 300.0)
+    white = CorrelatedNoise(root, sequence, wander)
     gap = np.where(run[:, None] == run, np.abs(
         context.get('time')[:, None] - context.get('time')), np.inf)
     values, log_det = rng.normal(size=(3, 80)), 0.0
@@ -52,12 +64,12 @@ def test_rows_that_wander_are_whitened_exactly():
         squares += np.einsum('ki,ij,kj->k', here, np.linalg.inv(v), here)
         spread += np.einsum('ki,ij,kj->k', here, v, here)
         log_det += np.linalg.slogdet(v)[1]
-    assert np.allclose(np.square(white(values)).sum(axis=1), squares)
+    assert np.allclose(np.square(white.whiten(values)).sum(axis=1), squares)
     assert np.allclose(np.square(white.spread(values)).sum(axis=1), spread)
     assert white.log_det == pytest.approx(log_det)
     kept = values * (root > 0.0)
-    assert np.allclose(white(white.coloured(kept)), kept)
-    assert np.allclose(white(values)[:, [5, 45]], 0.0)
+    assert np.allclose(white.whiten(white.coloured(kept)), kept)
+    assert np.allclose(white.whiten(values)[:, [5, 45]], 0.0)
 
 
 def test_a_wander_is_estimated_and_white_noise_is_left_white():
@@ -66,14 +78,14 @@ def test_a_wander_is_estimated_and_white_noise_is_left_white():
         problem = make_problem(400 + seed, 120)
         sequence = problem.sequence
         rng = np.random.default_rng(seed)
-        state = problem.plain.state([])
+        state = problem.plain.fit([])
         rows = problem.base.common
-        white.append(max(w.gain for w in estimate(
-            sequence, state.white.root, state.scale, rows, problem.b)))
+        white.append(max(w.gain for w in noise_memory(
+            sequence, state.noise.root, state.scale, rows, problem.b)))
         b = problem.b.copy()
         b[120:] += wandering_noise(sequence, 4.0 * ARCSEC**2, 1800.0, rng)
-        state = fit_state(problem.base, b)
-        found.append(estimate(sequence, state.white.root, state.scale, rows, b)[1])
+        state = weighted_fit(problem.base, b)
+        found.append(noise_memory(sequence, state.noise.root, state.scale, rows, b)[1])
     # how far it moves in ten minutes; size and memory alone are hard to tell apart
     moves = [np.sqrt(2.0 * w.variance * -np.expm1(-600.0 / w.memory)) / ARCSEC for w in found]
     assert np.median(moves) == pytest.approx(
@@ -88,10 +100,10 @@ def test_what_a_wander_did_in_the_rows_is_told_from_their_noise():
     true = np.array([np.zeros(80), walk])
     noise = ARCSEC * rng.normal(size=160)
     problem = replace(problem, b=true.ravel() + noise)
-    one = AxisWander((5.0 * ARCSEC)**2, 3600.0, False, problem.plain.state([]).scale[1] * 0.2)
-    found = slow_part(problem, [], {'el': one})
+    one = AxisNoise((5.0 * ARCSEC)**2, 3600.0, False, problem.plain.fit([]).scale[1] * 0.2)
+    found = slow_noise(problem, [], {'el': one})
     assert not found[0].any()
-    left = problem.base.left_of(true.ravel(), White(np.ones(160))).reshape(2, -1)
+    left = problem.base.left_of(true.ravel(), WhiteNoise(np.ones(160))).reshape(2, -1)
     assert np.sqrt(np.mean(np.square(found[1] - left[1]))) < ARCSEC
     assert beyond_terms(problem, found) == pytest.approx(beyond_terms(problem, true), rel=0.15)
 
@@ -102,11 +114,11 @@ def test_an_even_drift_has_a_rate_and_a_share():
     rng = np.random.default_rng(32)
     drift = np.concatenate((np.zeros(60), -40.0 * ARCSEC * hours))
     problem = replace(problem, b=drift + ARCSEC * rng.normal(size=120))
-    told = trend(problem, [], 'el', AxisWander())
+    told = trend(problem, [], 'el', AxisNoise())
     assert told['rate_arcsec_per_hour'] == pytest.approx(-40.0, abs=1.5) and told['share'] > 0.9
     assert told['removes_rms_arcsec'] == pytest.approx(beyond_terms(
         problem, drift.reshape(2, -1)), rel=0.05)
-    assert trend(problem, [], 'az', AxisWander())['share'] < 0.2
+    assert trend(problem, [], 'az', AxisNoise())['share'] < 0.2
 
 
 # --- what the diagnosis says of it ---------------------------------------------------------------
@@ -260,12 +272,12 @@ def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
 
 
 def seen(residual, az, el, live=None, apart=10.0):
-    """`Seen` of rows in their order, elevations and azimuths in degrees."""
+    """`PairDifferences` of rows in their order, elevations and azimuths in degrees."""
     n = len(az)
     context = Context(np.radians(az), np.radians(el), {})
     sequence = Sequence(np.arange(float(n)), np.zeros(n, int), context.trig.cos_el, False)
-    return Seen(context, sequence, ARCSEC * residual, np.ones(n, bool) if live is None else live,
-                apart)
+    return PairDifferences(context, sequence, ARCSEC * residual,
+                           np.ones(n, bool) if live is None else live, apart)
 
 
 def test_how_rows_differ_is_measured_in_what_is_left_of_them():
@@ -304,7 +316,7 @@ def test_an_error_of_the_direction_comes_again_where_the_order_does():
 
 def test_a_star_that_stands_twice_is_told():
     context = Context(np.radians([10.0, 80.0, 80.01, 200.0]), np.radians([40.0] * 4), {})
-    group = repeats(context, np.arange(4.0), np.zeros(4, int), False)
+    group = star_groups(context, np.arange(4.0), np.zeros(4, int), False)
     assert group.tolist() == [0, 1, 1, 3]
     left = ARCSEC * np.array([[0.0, 1.0, 1.3, 0.0], [0.0, 2.0, 2.4, 0.0]])
     text = repeats_sentence(group, [11, 12, 13, 14], left, 'line')
@@ -315,8 +327,8 @@ def test_a_star_that_stands_twice_is_told():
 def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():
     rng = np.random.default_rng(4)
     sequence = Sequence(np.sort(rng.uniform(0.0, 9000.0, 12)), np.zeros(12, int), np.ones(12))
-    wander = AxisWander(4.0, 2000.0), AxisWander(9.0, 900.0)
-    noise = Whitened(np.ones(24), sequence, wander)
+    wander = AxisNoise(4.0, 2000.0), AxisNoise(9.0, 900.0)
+    noise = CorrelatedNoise(np.ones(24), sequence, wander)
     columns = Columns(rng.normal(size=(3, 24)))
     dense = np.eye(24)
     for k, one in enumerate(wander):
@@ -324,18 +336,18 @@ def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():
         dense[part, part] += one.variance * np.exp(
             -np.abs(np.subtract.outer(sequence.position, sequence.position)) / one.memory)
     gain = np.linalg.pinv(columns.common.T)
-    np.testing.assert_allclose(columns.solver(White(np.ones(24))).inverse_under(noise),
+    np.testing.assert_allclose(columns.solver(WhiteNoise(np.ones(24))).inverse_under(noise),
                                gain @ dense @ gain.T, rtol=1e-9)
 
 
 def test_zeros_are_where_the_rows_were_whatever_their_memory():
     rng = np.random.default_rng(5)
     sequence = Sequence(60.0 * np.arange(30.0), np.zeros(30, int), np.ones(30))
-    noise = Whitened(np.full(60, 10.0), sequence, (AxisWander(25.0, 1e5), AxisWander(25.0, 1e5)))
+    noise = CorrelatedNoise(np.full(60, 10.0), sequence, 2 * (AxisNoise(25.0, 1e5),))
     zero = np.repeat(np.eye(2), 30, axis=1)
     columns = Columns(np.vstack((zero, rng.normal(size=(2, 60)))), zeros=[0, 1])
     b = noise.coloured(rng.normal(size=60))
-    left = b - columns.solved(b, noise) @ columns.common
+    left = b - columns.solver(noise)(b)[0] @ columns.common
     np.testing.assert_allclose(left.reshape(2, 30).mean(axis=1), 0.0, atol=1e-12)
 
 

@@ -8,12 +8,97 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.estimation.robust import bisquare, hampel, huber, reweighted, sigma_of
 from msg_tools.units import ARCSEC
 
-from .correlated_noise import White, Whitened
-from .noise_memory import estimate
-from .subspaces import inverse_normal, orthonormal, orthonormal_each
+from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise, noise_memory
+from .robust import bisquare, hampel, huber, reweighted, sigma_of
+
+#: of a row of unit length that those before it do not explain: with more of each none depends on
+#: others
+_SURE = 1e-3
+#: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
+#: 50 times that of the column alone, and what is found rests on the second order
+DISTINCT = 0.02
+#: the same, where it may be rounding
+_LEAST = 1e-5
+#: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations
+LIVE = 0.05
+
+
+def orthonormal(rows):
+    """Orthonormal basis of the span of `rows` (numerically dependent ones dropped).
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, m)
+
+    Returns
+    -------
+    ndarray, shape (rank, m)
+    """
+    for _ in range(2):  # twice is enough for orthogonality to rounding
+        if not len(rows):
+            break
+        length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
+        rows = rows[length > 0.0] / length[length > 0.0, None]
+        if 0 < len(rows) <= rows.shape[1]:
+            from scipy.linalg.lapack import dgeqrf, dorgqr  # slow to import
+            turned, tau, _, _ = dgeqrf(rows.T)  # a tenth of the time of the eigenvalues
+            if np.abs(turned.diagonal()).min() > _SURE:
+                return dorgqr(turned, tau, overwrite_a=1)[0].T
+        values, vectors = np.linalg.eigh(rows @ rows.T)
+        keep = values > EIGEN * values[-1:]
+        rows = (vectors[:, keep] / np.sqrt(values[keep])).T @ rows
+    return rows
+
+
+def orthonormal_each(rows, blocks):
+    """`orthonormal` of the same rows in each block of columns, all blocks at once."""
+    parts = [rows[:, where] for where in blocks]
+    for _ in range(2):
+        gram = np.array([part @ part.T for part in parts])
+        length = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
+        length = np.where(length > 0.0, length, 1.0)
+        values, vectors = np.linalg.eigh(gram / (length[:, :, None] * length[:, None, :]))
+        keep = values > EIGEN * np.maximum(values[:, -1:], EIGEN)
+        factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
+        turn = (vectors * factor[:, None, :]).transpose(0, 2, 1) / length[:, None, :]
+        parts = [t @ part for t, part in zip(turn, parts)]
+    return [part[kept] for part, kept in zip(parts, keep)]
+
+
+def inverse_normal(a):
+    """Inverse of the normal matrix of whitened rows, in the directions that they determine.
+
+    Parameters
+    ----------
+    a : ndarray, shape (k, 2n)
+        Is changed.
+    """
+    length = np.sqrt(np.einsum('ij,ij->i', a, a))
+    length = np.where(length > 0.0, length, 1.0)
+    a /= length[:, None]
+    values, vectors = np.linalg.eigh(a @ a.T)
+    keep = values > EIGEN * values[-1:]
+    half = vectors[:, keep] / (np.sqrt(values[keep]) * length[:, None])
+    return half @ half.T
+
+
+def overlap(a, b):
+    """How much two spans are one: smallest and largest squared cosine between them.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (d, 2n)
+        Orthonormal rows (zero rows are ignored).
+    """
+    a = a[np.einsum('ij,ij->i', a, a) > 0.5]
+    b = b[np.einsum('ij,ij->i', b, b) > 0.5]
+    if not len(a) or not len(b):
+        return 0.0, 0.0
+    values = np.linalg.svd(a @ b.T, compute_uv=False)
+    smallest = values[-1] if len(a) == len(b) else 0.0
+    return float(smallest**2), float(values[0] ** 2)
 
 
 class Basis:
@@ -103,21 +188,21 @@ class Columns:
         return Columns(self.common[:, both], self.own[:, both], self.run[both[:len(both) // 2]],
                        self.zeros)
 
-    def basis(self, white):
+    def basis(self, noise):
         """`Basis` of the whitened columns.
 
         Parameters
         ----------
-        white : callable
-            As `State.white`; no row of one run has to do with those of another.
+        noise : WhiteNoise or CorrelatedNoise
+            No row of one run has to do with those of another.
         """
-        common = white(self.common)
+        common = noise.whiten(self.common)
         if self.own is None:
             return Basis(orthonormal(common))
-        out = self.own_basis(white(self.own))
+        out = self.own_basis(noise.whiten(self.own))
         left = out.off(out.off(common))
         length = np.sqrt(np.square(common).sum(axis=1))
-        kept = np.sqrt(np.square(left).sum(axis=1)) > 1e-5 * length
+        kept = np.sqrt(np.square(left).sum(axis=1)) > _LEAST * length
         return Basis(orthonormal(left[kept]), self._blocks, out.parts)
 
     def own_basis(self, white_own, but=None):
@@ -138,42 +223,19 @@ class Columns:
         out[:, self._blocks[i]] = self.own[:, self._blocks[i]]
         return out
 
-    def solver(self, white):
-        """`Solver` of least squares by these columns, whitened.
+    def solver(self, noise, least=_LEAST):
+        """`ColumnSolver` of these columns."""
+        return ColumnSolver(self, noise, least)
 
-        Parameters
-        ----------
-        white : callable
-        """
-        return Solver(self, white)
-
-    def left_of(self, b, white):
+    def left_of(self, b, noise):
         """What a least-squares fit leaves of all rows, those without weight too, shape (2n,).
 
         Parameters
         ----------
         b : ndarray, shape (2n,)
-        white : callable
+        noise : WhiteNoise or CorrelatedNoise
         """
-        if self.own is None:
-            return b - self.solved(b, white) @ self.common
-        return self.left_by(*self.solver(white)(b), b)
-
-    def solved(self, b, white):
-        """Coefficients of the common columns, where no run has its own, shape (k,)."""
-        return self.settled(solve(self.common, b, white), b, white)
-
-    def settled(self, p, b, white):
-        """Coefficients with the zeros where the rows were, not where their memory would take them.
-
-        Where the noise wanders through the whole run its mean is hardly known, and generalised
-        least squares may put it far beside all rows (a run of 1.4 h that wanders by 140": 60").
-        """
-        if not self.zeros or not isinstance(white, Whitened):
-            return p
-        p, each = p.copy(), White(white.root)
-        p[self.zeros] += solve(self.common[self.zeros], b - p @ self.common, each)
-        return p
+        return self.left_by(*self.solver(noise)(b), b)
 
     def left_by(self, p, own, b):
         """What coefficients, of the common columns (k,) and of each run's own, leave of `b`."""
@@ -183,14 +245,16 @@ class Columns:
         return out
 
 
-class Solver:
+class ColumnSolver:
     """Least squares by `Columns`, run by run: the normal matrix of all would be mostly zeros.
 
     Parameters
     ----------
     columns : Columns
-    white : callable
-        As `State.white`.
+    noise : WhiteNoise or CorrelatedNoise
+    least : float
+        Part of a common column that the runs cannot fit for themselves: below it its coefficient is
+        zero.
 
     Attributes
     ----------
@@ -198,50 +262,53 @@ class Solver:
         Covariance of the coefficients of the common columns, whatever the runs' own are.
     """
 
-    def __init__(self, columns, white):
-        self._columns, self._white = columns, white
-        self._common, self._own = white(columns.common), None
-        beyond = self._common
-        self._basis = None
+    def __init__(self, columns, noise, least):
+        self._columns, self._noise, self._basis = columns, noise, None
+        beyond = noise.whiten(columns.common)
         if columns.own is not None:
-            self._own = white(columns.own)
-            self._basis = columns.own_basis(self._own)
-            beyond = self._basis.off(self._common)
-            length = np.sqrt(np.square(self._common).sum(axis=1))
-            beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= 1e-5 * length] = 0.0
+            length = np.sqrt(np.square(beyond).sum(axis=1))
+            self._basis = columns.own_basis(noise.whiten(columns.own))
+            beyond = self._basis.off(beyond)
+            beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= least * length] = 0.0
         self._beyond, self.inverse = beyond, inverse_normal(beyond.copy())
 
     def inverse_under(self, noise):
-        """Covariance of the same coefficients, if the noise is as `noise` (`Whitened`) has it."""
-        factor = noise.spread((self.inverse @ self._beyond) * self._white.root)
+        """Covariance of the same coefficients, if the noise is another `CorrelatedNoise`."""
+        factor = noise.spread((self.inverse @ self._beyond) * self._noise.root)
         return factor @ factor.T
 
     def __call__(self, b):
-        """Coefficients of the common columns, (k,), and of each run's own, (runs, j)."""
-        values = self._white(b)
-        columns = self._columns
-        if self._own is None:
-            p = columns.settled(self.inverse @ (self._beyond @ values), b, self._white)
+        """Coefficients of the common columns, (k,), and of each run's own, (runs, j).
+
+        Zeros are where the rows were, not where their memory would take them: where correlated
+        noise goes through the whole run its mean is hardly known, and generalised least squares
+        may put it far beside all rows (a run of 1.4 h with noise of 140": 60").
+        """
+        values, columns = self._noise.whiten(b), self._columns
+        white = WhiteNoise(self._noise.root)
+        if self._basis is None:
+            p = self.inverse @ (self._beyond @ values)
+            if columns.zeros and isinstance(self._noise, CorrelatedNoise):
+                p[columns.zeros] += Columns(columns.common[columns.zeros]).solver(white)(
+                    b - p @ columns.common)[0]
             return p, np.empty((0, 0))
         p = self.inverse @ (self._beyond @ self._basis.off(values))
-        # the zero of a run is where its rows were, not where their memory would take it
-        each = White(self._white.root)
-        own, values = each(columns.own), each(b - p @ columns.common)
+        own = white.whiten(columns.own)
+        values = white.whiten(b - p @ columns.common)
         return p, np.array([inverse_normal(own[:, where]) @ (own[:, where] @ values[where])
                             for where in columns._blocks])
 
 
 @dataclass
-class State:
+class WeightedFit:
     """A robust weighted fit of some columns: what is left, and how it was weighted.
 
     Attributes
     ----------
     basis : Basis
         Of the whitened columns.
-    white : callable
-        Values of shape (..., 2n) -> whitened: times the weights, and without what a row has from
-        those before it.
+    noise : WhiteNoise or CorrelatedNoise
+        By which the rows are whitened.
     residual : ndarray, shape (2n,)
         Whitened.
     raw : ndarray, shape (2n,)
@@ -250,17 +317,17 @@ class State:
         Robust, 0 to 1.
     scale : ndarray, shape (2,)
         Robust noise of x and y, radians (in sigmas, if these were given).
-    wander : tuple of AxisWander
-        Of x and y, that `white` takes out; empty: noise without memory.
+    memory : tuple of AxisNoise
+        Of x and y, that the noise has; empty: none.
     """
 
     basis: Basis
-    white: object
+    noise: object
     residual: np.ndarray
     raw: np.ndarray
     weights: np.ndarray
     scale: np.ndarray
-    wander: tuple = ()
+    memory: tuple = ()
 
     @property
     def n(self):
@@ -268,8 +335,8 @@ class State:
         return len(self.weights)
 
 
-def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
-    """Robust least squares of `b` by `rows`.
+def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
+    """Robust least squares of `b` by `columns`, without memory.
 
     Huber, then Hampel's weights of the radial distance at the scale of the median absolute
     residual; the axes then get their own variance. Hampel's leave a row some weight up to 25
@@ -277,19 +344,19 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
 
     Parameters
     ----------
-    rows : Columns
+    columns : Columns
     b : ndarray, shape (2n,)
         Radians.
     inverse_sigma : ndarray, shape (2n,), optional
     weights : ndarray, shape (n,), optional
         Of a fit of nearly the same, to start from.
     final : bool
-        Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as
-        `calibration.analysis.fit`: nothing more is looked for.
+        Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as the direct
+        solver: nothing more is looked for.
 
     Returns
     -------
-    State
+    WeightedFit
     """
     n = len(b) // 2
     given = np.ones(2 * n) if inverse_sigma is None else inverse_sigma
@@ -300,14 +367,14 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
 
     def solution(w):
         root = given * np.concatenate((np.sqrt(w) / scale[0], np.sqrt(w) / scale[1]))
-        white = White(root)
-        basis = rows.basis(white)
-        values = white(b)
-        residual = basis.off(values)
+        noise = WhiteNoise(root)
+        basis = columns.basis(noise)
+        residual = basis.off(noise.whiten(b))
         raw = residual / np.where(root > 0.0, root, np.inf)
-        if (w == 0.0).any():
-            raw = _fill(rows, b, white, raw, w)
-        return State(basis, white, residual, raw, w, scale)
+        if (w == 0.0).any():  # by the coefficients of the others
+            out = np.tile(w == 0.0, 2)
+            raw[out] = columns.left_of(b, noise)[out]
+        return WeightedFit(basis, noise, residual, raw, w, scale)
 
     def weigh(fit):
         nonlocal scale
@@ -325,54 +392,29 @@ def fit_state(rows, b, inverse_sigma=None, weights=None, final=False):
     return reweighted(solution, weigh, start, len(steps))[0]
 
 
-def wandering(state, rows, b, sequence):
-    """`estimate` for a fit whose noise was taken as white."""
-    return estimate(sequence, state.white.root, state.scale, rows.common, b, rows.own)
+def memory_of(fit, columns, b, sequence):
+    """`noise_memory` of a fit whose noise was taken as white."""
+    return noise_memory(sequence, fit.noise.root, fit.scale, columns.common, b, columns.own)
 
 
-def whitened(state, rows, b, sequence, wander):
-    """The fit of the same rows with the same weights, if they wander.
+def with_memory(fit, columns, b, sequence, memory):
+    """The fit of the same rows with the same weights, if their noise has a memory.
 
     Parameters
     ----------
-    state : State
+    fit : WeightedFit
         Without memory.
-    rows : Columns
+    columns : Columns
     b : ndarray, shape (2n,)
     sequence : Sequence
-    wander : tuple of AxisWander
+    memory : tuple of AxisNoise
         Of x and y.
 
     Returns
     -------
-    State
+    WeightedFit
     """
-    n = state.n
-    noise = np.array([one.scale / s if one.variance > 0.0 else 1.0
-                      for one, s in zip(wander, state.scale)])
-    white = Whitened(state.white.root / np.repeat(noise, n), sequence, wander)
-    basis, values = rows.basis(white), white(b)
-    return State(basis, white, basis.off(values),
-                 rows.left_of(b, white), state.weights, state.scale, wander)
-
-
-def _fill(rows, b, white, raw, w):
-    """Residuals of the rows without weight, from coefficients of the others."""
-    out = np.concatenate((w == 0.0, w == 0.0))
-    raw = raw.copy()
-    raw[out] = rows.left_of(b, white)[out]
-    return raw
-
-
-def solve(rows, b, white):
-    """Least squares of b = p @ rows, both whitened (smallest norm where it is not determined).
-
-    Parameters
-    ----------
-    rows : ndarray, shape (k, 2n)
-    b : ndarray, shape (2n,)
-    white : callable
-        As `State.white`.
-    """
-    a = white(rows)
-    return inverse_normal(a.copy()) @ (a @ white(b))
+    noise = CorrelatedNoise.beside(fit, sequence, memory)
+    basis = columns.basis(noise)
+    return WeightedFit(basis, noise, basis.off(noise.whiten(b)), columns.left_of(b, noise),
+                       fit.weights, fit.scale, memory)

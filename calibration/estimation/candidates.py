@@ -1,4 +1,4 @@
-"""Candidate effects and their scores on what a fit leaves."""
+"""Candidate groups of columns, and their scores on what a fit leaves."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -6,13 +6,52 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import known
 
-from .constants import AGREES, DISTINCT, LIVE
+from .linear_model import DISTINCT, LIVE
 
-_CHUNK = 64  # columns that are looked through at a time
+#: standard errors within which a fitted size agrees with one that physics fixes
+AGREES = 3.0
 #: bytes of the bases that are at work at a time, and groups of which they are at least
 _NEAR, _FEW = 4_000_000, 8
+
+
+@dataclass(frozen=True)
+class CandidateGroup:
+    """A group of the dictionary, of the curves, or of the changes of a group of the dictionary."""
+
+    group: int
+    curve: bool = False
+    of: int | None = None
+
+    @property
+    def plain(self):
+        """Whether it is of the dictionary."""
+        return not self.curve and self.of is None
+
+    def changes(self, chosen):
+        """Whether a change of it is among a choice."""
+        return self.plain and any(c.of == self.group for c in chosen)
+
+    def bank(self, problem):
+        """Where it comes from."""
+        if self.of is not None:
+            return problem.variants.changes(self.of)
+        return problem.curves if self.curve else problem.dictionary
+
+    def family(self, problem, chosen):
+        """All that it is chosen from beside `chosen`, and its place there: CandidateBank, int."""
+        if self.of is None:
+            return self.bank(problem), self.group
+        bank, all_ = problem.changes_of(chosen)
+        return bank, all_.index(self)
+
+    def columns(self, problem):
+        """Shape (d, 2n)."""
+        return self.bank(problem).of(self.group)
+
+    def effect(self, problem):
+        """What the group stands for."""
+        return self.bank(problem).effects[self.group]
 
 
 @dataclass
@@ -43,39 +82,43 @@ class Scores:
         raise ValueError(f'no candidate group {group}')
 
 
-class Bank:
-    """Candidate groups with their columns, evaluated once.
+class CandidateBank:
+    """Candidate groups with their columns.
 
     Parameters
     ----------
-    effects : list of Effect
-    context : Context
-        Of the rows.
+    effects : list of object
+        What each group stands for: ``coefficient_names``; ``line``, the same of groups of which
+        one is meant; ``driver``; ``scan`` and ``scanned``, the numbers that a scan tries; ``size``,
+        what physics fixes its length to, or None.
+    columns : ndarray, shape (k, 2n)
+        Of all groups, one after the other.
     sizes : bool
         Whether effects of a size that physics fixes are held to it; not where no cause is asked
         for.
     """
 
-    def __init__(self, effects, context=None, _columns=None, sizes=True):
-        self.effects = list(effects)
+    def __init__(self, effects, columns, sizes=True):
+        self.effects, self.columns = list(effects), columns
         self._sized = [g for g, e in enumerate(self.effects) if sizes and e.size is not None]
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
-        if _columns is None:
-            n = len(context)
-            _columns = np.zeros((self._start[-1], 2 * n))
-            # hundreds of effects: `Effect.columns` of each would take twice as long
-            with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
-                for e, i, j in zip(self.effects, self._start[:-1], self._start[1:]):
-                    e.fill(_columns[i:j].reshape(j - i, 2, n), context)
-            for i in range(0, len(_columns), _CHUNK):
-                known(_columns[i:i + _CHUNK])
-        self.columns = _columns
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
         # what was scanned, in parameters
         self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
         names = {}
         self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
+
+    @classmethod
+    def empty(cls, n):
+        """Of `n` rows."""
+        return cls([], np.empty((0, 2 * n)))
+
+    @classmethod
+    def joined(cls, banks):
+        """All groups of several, of the same rows."""
+        return cls([e for bank in banks for e in bank.effects],
+                   np.vstack([bank.columns for bank in banks]))
 
     def __len__(self):
         return len(self.effects)
@@ -96,8 +139,8 @@ class Bank:
 
     def only(self, groups):
         """The bank of some groups (indices), numbered anew."""
-        columns = [self.of(g) for g in groups]
-        return Bank([self.effects[g] for g in groups], None, np.vstack(columns))
+        return CandidateBank([self.effects[g] for g in groups],
+                             np.vstack([self.of(g) for g in groups]))
 
     def rows(self, rows):
         """The bank of some rows (indices or a mask of n)."""
@@ -107,7 +150,7 @@ class Bank:
         out.columns = self.columns[:, np.concatenate((index, index + n))]
         return out
 
-    def bases(self, state):
+    def bases(self, fit):
         """Orthonormal bases of the groups beyond the model.
 
         Yields
@@ -122,22 +165,22 @@ class Bank:
             step = max(_FEW, _NEAR // (self.columns[0].nbytes * d))
             for groups in np.split(all_groups, np.arange(step, len(all_groups), step)):
                 index = (self._start[groups][:, None] + np.arange(d)).ravel()
-                white = state.white(self.columns[index])
+                white = fit.noise.whiten(self.columns[index])
                 length = np.sqrt(np.einsum('ij,ij->i', white, white))
                 white /= np.where(length > 0.0, length, 1.0)[:, None]
-                basis = state.basis.off(white, in_place=True).reshape(len(groups), d, -1)
+                basis = fit.basis.off(white, in_place=True).reshape(len(groups), d, -1)
                 values, vectors = np.linalg.eigh(basis @ basis.transpose(0, 2, 1))
                 keep = values > DISTINCT**2
                 factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
                 yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ basis,
                        keep.sum(axis=1))
 
-    def score(self, state, gains_only=False):
-        """Score all groups on what a state leaves.
+    def score(self, fit, gains_only=False):
+        """Score all groups on what a fit leaves.
 
         Parameters
         ----------
-        state : State
+        fit : WeightedFit
         gains_only : bool
             Without the bases, which take as much memory as the columns.
 
@@ -145,13 +188,13 @@ class Bank:
         -------
         Scores
         """
-        n, size = state.n, len(self.effects)
+        n, size = fit.n, len(self.effects)
         dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
-        r = state.residual
-        live = max(np.count_nonzero(state.weights > LIVE), 2)
+        r = fit.residual
+        live = max(np.count_nonzero(fit.weights > LIVE), 2)
         rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
         bases = []
-        for groups, basis, k in self.bases(state):
+        for groups, basis, k in self.bases(fit):
             if not gains_only:
                 bases.append((groups, basis, k))
             left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
@@ -161,18 +204,18 @@ class Bank:
             dof[groups] = k
             dbic[groups[k > 0]] = gain[k > 0]
         for g in self._sized:
-            if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, state)):
+            if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, fit)):
                 dbic[g] = -np.inf
         return Scores(dof, dbic, bases)
 
-    def _fitted(self, g, state):
+    def _fitted(self, g, fit):
         """Coefficients of a group beside the model, and their covariance, radians."""
-        columns = state.basis.off(np.array(state.white(self.of(g))), in_place=True)
+        columns = fit.basis.off(np.array(fit.noise.whiten(self.of(g))), in_place=True)
         inverse = np.linalg.pinv(columns @ columns.T, rcond=DISTINCT**2)
-        coefficients = inverse @ (columns @ state.residual)
-        left = state.residual - coefficients @ columns
-        live = max(np.count_nonzero(state.weights > LIVE), 2)
-        free = max(2 * live - len(state.basis) - len(columns), 1)
+        coefficients = inverse @ (columns @ fit.residual)
+        left = fit.residual - coefficients @ columns
+        live = max(np.count_nonzero(fit.weights > LIVE), 2)
+        free = max(2 * live - len(fit.basis) - len(columns), 1)
         return coefficients, inverse * (left @ left) / free
 
 

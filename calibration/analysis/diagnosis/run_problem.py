@@ -4,21 +4,101 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
-from pointing_model.effects import dictionary, effect, smooths, steps
+from pointing_model.effects import changes, dictionary, effect, smooths, steps
+from pointing_model.effects.base import known
+from pointing_model.effects.drifts import places_of_steps
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import rows_by_side
 
-from .correlated_noise import Sequence
-from .diagnosis_base import after_rotation, decode_slips, linearised
-from .problem import Changes, Problem
+from .diagnosis_base import after_rotation, decode_slips, linearised, sequence_of
 from .row_counts import row_word
-from .scores import Bank
+
+_CHUNK = 64  # columns that are looked through at a time
 
 
-class Work:
+def effect_bank(effects, context, sizes=True):
+    """`CandidateBank` of effects, their columns for the rows of a context."""
+    n, sizes_of = len(context), [len(e.coefficient_names) for e in effects]
+    columns, start = np.zeros((sum(sizes_of), 2 * n)), 0
+    # hundreds of effects: `Effect.columns` of each would take twice as long
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
+        for e, size in zip(effects, sizes_of):
+            e.fill(columns[start:start + size].reshape(size, 2, n), context)
+            start += size
+    for i in range(0, len(columns), _CHUNK):
+        known(columns[i:i + _CHUNK])
+    return CandidateBank(effects, columns, sizes)
+
+
+class EffectVariants:
+    """How the effects of a dictionary may change, and steps between those that are tried.
+
+    Each is evaluated when it is asked for.
+
+    Parameters
+    ----------
+    dictionary : CandidateBank
+    context : Context
+        Of the rows.
+    """
+
+    def __init__(self, dictionary, context):
+        self._dictionary, self._context, self._banks = dictionary, context, {}
+
+    def changes(self, group):
+        """`CandidateBank` of the changes of a group; it may be empty."""
+        one = self._dictionary.effects[group]
+        if group not in self._banks or self._banks[group][0] is not one:
+            self._banks[group] = one, effect_bank(changes(one, self._context), self._context)
+        return self._banks[group][1]
+
+    def finer(self, group):
+        """Of a step the `CandidateBank` of those between all rows from the one that is tried before
+        it to the one after it; None of other effects."""
+        e = self._dictionary.effects[group]
+        if e.form != 'step':
+            return None
+        p = e.parameters
+        tried = sorted(f.parameters['at'] for f in self._dictionary.effects
+                       if f.form == 'step' and f.parameters['axis'] == p['axis'])
+        k = tried.index(p['at'])
+        places = places_of_steps(self._context, p['driver'])
+        places = places[(places >= tried[max(k - 1, 0)])
+                        & (places <= tried[min(k + 1, len(tried) - 1)])]
+        return effect_bank([effect('step', **{**p, 'at': float(at)}) for at in places],
+                           self._context)
+
+    def rows(self, rows):
+        """Those of some rows."""
+        return _SomeVariants(self, rows)
+
+
+class _SomeVariants:
+    """`EffectVariants` of some rows."""
+
+    def __init__(self, whole, rows):
+        self._whole, self._rows, self._banks = whole, rows, {}
+
+    def changes(self, group):
+        bank = self._whole.changes(group)
+        if group not in self._banks or self._banks[group][0] is not bank:
+            self._banks[group] = bank, bank.rows(self._rows)
+        return self._banks[group][1]
+
+    def finer(self, group):
+        bank = self._whole.finer(group)
+        return None if bank is None else bank.rows(self._rows)
+
+    def rows(self, rows):
+        return _SomeVariants(self._whole, self._rows[rows])
+
+
+class RunProblem:
     """Observations, base and candidates in the form of the search."""
 
     def __init__(self, obs, base, alpha, curves=True):
@@ -33,19 +113,19 @@ class Work:
             obs.context, [t for t in names.physical if t not in base.terms], base.own)
         if base.own and set(names.index) <= set(base.own):
             effects = [e for e in effects if e.form != 'run_zero']
-        self.problem = Problem(columns, left, obs.inverse_sigma, None, None,
-                               Sequence.of(obs.context, obs.label))
+        self.problem = SelectionProblem(columns, left, obs.inverse_sigma, None, None,
+                                        sequence_of(obs.context, obs.label))
         self.slips = self._slips(alpha)
-        self.problem.dictionary = Bank(effects + steps(obs.context), obs.context)
-        self.problem.curves = Bank(smooths(obs.context) if curves else [], obs.context)
-        self.problem.changes = Changes(self.problem.dictionary, obs.context)
+        self.problem.dictionary = effect_bank(effects + steps(obs.context), obs.context)
+        self.problem.curves = effect_bank(smooths(obs.context) if curves else [], obs.context)
+        self.problem.variants = EffectVariants(self.problem.dictionary, obs.context)
         self.infeasible = ~feasible
 
     def _slips(self, alpha):
         """Correct whole bars and lines; they are known amounts."""
         out, names = [], self.obs.context.mount.names
         for axis, graduation, rows, multiples, p in decode_slips(
-                self.obs, self.problem.state([]), alpha):
+                self.obs, self.problem.fit([]), alpha):
             e = effect('decode_slip', axis=axis, rows=self.obs.run['row'][rows].tolist(),
                        multiples=multiples.tolist(), graduation=graduation,
                        lines=self.obs.context.graduation[axis][graduation],
@@ -62,25 +142,25 @@ class Work:
                     for r, m in zip(rows, multiples)))
         return out
 
-    def fit(self, chosen, state, noise=None):
+    def exact_fit(self, chosen, noise, true_noise=None):
         """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
 
         Parameters
         ----------
-        chosen : list of Choice
-        state : State
+        chosen : list of CandidateGroup
+        noise : WhiteNoise or CorrelatedNoise
             By which rows are weighted.
-        noise : State, optional
-            With the wander by which the covariance is, where `state` has none.
+        true_noise : CorrelatedNoise, optional
+            By which the covariance is, where it is another.
 
         Returns
         -------
-        Fitted
+        ExactFit
         """
         design = self.problem.design(chosen)
         common = [t for t in self.base.terms if t not in self.base.own]
         geometric = [i for i, t in enumerate(common) if t in self.obs.context.mount.names.terms]
-        solve = design.solver(state.white)
+        solve = design.solver(noise)
         start, left = dict(self.start), self.problem.b
         for _ in range(4):
             p, own = solve(left)
@@ -93,8 +173,8 @@ class Work:
                 break
             left, _ = after_rotation(self.obs, start)
         p[geometric] = [start[common[i]] for i in geometric]
-        inverse = solve.inverse if noise is None else solve.inverse_under(noise.white)
-        return Fitted(np.append(p, own), inverse, start, residual.reshape(2, -1), common)
+        inverse = solve.inverse if true_noise is None else solve.inverse_under(true_noise)
+        return ExactFit(np.append(p, own), inverse, start, residual.reshape(2, -1), common)
 
     def model(self, fitted, chosen):
         """`PointingModel` with the effects, and the terms of each run."""
@@ -102,7 +182,7 @@ class Work:
 
 
 @dataclass
-class Fitted:
+class ExactFit:
     """Coefficients, first the common ones, then those of each run; covariance of the common."""
 
     p: np.ndarray
@@ -119,7 +199,7 @@ def made_model(obs, base, fitted, effects):
     ----------
     obs : Observations
     base : Base
-    fitted : Fitted
+    fitted : ExactFit
     effects : list of Effect
         In the order of their coefficients.
 

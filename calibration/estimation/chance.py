@@ -4,9 +4,19 @@ from functools import cached_property
 
 import numpy as np
 
-from .constants import FAR, NIGHTS, PRIOR
-from .memory_test import AgainstWander
-from .scores import best_of
+from .candidates import best_of
+from .memory_test import SIMULATIONS, MemoryTest
+
+#: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
+#: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
+#: of 60 nights with 1, 100, 1e6: 30 stars 1, 3, 1; 200 stars 4, 5, 4).
+PRIOR = 100.0
+#: sign flips behind each p: of a p of 0.01, 1999 leave 0.002 of counting error
+FLIPS = 1999
+#: flips inside a fold, where a p is only compared with alpha
+NESTED_FLIPS = 499
+#: normal standard deviations above the largest of the first flips from where no flip will come near
+_FAR = 2.5
 
 
 def pair_corrected(basis, residual):
@@ -64,21 +74,21 @@ class ChanceTest:
 
     Parameters
     ----------
-    state : State
+    fit : WeightedFit
         Without the group.
     scores : Scores
-        On that state.
+        On that fit.
     group : int
         The group to be tested.
     """
 
-    def __init__(self, state, scores, group):
-        n, r = state.n, state.residual
+    def __init__(self, fit, scores, group):
+        n, r = fit.n, fit.residual
         own = scores.basis(group)
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
-        e = pair_corrected(state.basis.with_common(own), r - (own @ r) @ own)
+        e = pair_corrected(fit.basis.with_common(own), r - (own @ r) @ own)
         variance = np.mean(np.square(e), axis=1) + 1e-30
-        free = 1.0 - len(state.basis) / (2.0 * n)
+        free = 1.0 - len(fit.basis) / (2.0 * n)
         self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
         for groups, basis, dof in scores.bases:
             pairs = basis[:, :, :n] * e[0] + basis[:, :, n:] * e[1]
@@ -160,7 +170,7 @@ class Chance:
         Flips.
     rng : numpy.random.Generator
     whole : Chance, optional
-        Of all rows, where these are a part of them: nights that it has simulated count here too.
+        Of all rows, where these are a part of them: runs that it has simulated count here too.
     group : ndarray of int, shape (n,), optional
         Rows of one group are flipped together: a star measured twice within minutes has its error
         twice, and is no second witness.
@@ -171,47 +181,48 @@ class Chance:
         signs = rng.integers(0, 2, (count, group.max(initial=-1) + 1)).astype(np.float32)
         self.signs = signs[:, group] * 2.0 - 1.0
         self._rng, self._n = rng.spawn(1)[0], n
-        self._against, self._whole = {}, whole
+        self._memory_tests, self._whole = {}, whole
 
     @cached_property
     def _normal(self):
-        return self._rng.standard_normal((NIGHTS, 2 * self._n))
+        return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
-    def p_beyond_wander(self, problem, chosen, bank, groups, g):
-        """`AgainstWander.p` of a group, beside a choice of the same problem."""
-        # a curve without a cause, or that an effect changes, says no more than a wander
+    def p_beyond_memory(self, problem, chosen, bank, groups, g):
+        """`MemoryTest.p` of a group, beside a choice of the same problem."""
+        # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0
         if self._whole is not None and problem.base.own is not None:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
         key = frozenset(chosen)
-        if key not in self._against:
-            self._against[key] = AgainstWander(problem, chosen, bank, groups, self._simulated(key))
-        return self._against[key].p(g)
+        if key not in self._memory_tests:
+            self._memory_tests[key] = MemoryTest(problem, chosen, bank, groups,
+                                                 self._simulated(key))
+        return self._memory_tests[key].p(g)
 
     def _simulated(self, key):
-        """Noise to simulate nights with, or what the whole has found for a choice alike."""
+        """Noise to simulate runs with, or what the whole has found for a choice alike."""
         known = {} if self._whole is None else {
-            chosen: test.by_chance for chosen, test in self._whole._against.items()
+            chosen: test.by_chance for chosen, test in self._whole._memory_tests.items()
             if test.has_simulated}
         if not known:
             return self._normal
         # the largest ratios by chance hardly depend on what is in the model
         return known[max(known, key=lambda chosen: len(chosen & key) - len(chosen ^ key))]
 
-    def p(self, state, scores, group, alpha=None):
+    def p(self, fit, scores, group, alpha=None):
         """Family-wise p of a group: share of flips whose best score reaches its own.
 
         Parameters
         ----------
-        state : State
+        fit : WeightedFit
             Without the group.
         scores : Scores
         group : int
         alpha : float, optional
             Stop when the share is certain to be above.
         """
-        test = ChanceTest(state, scores, group)
+        test = ChanceTest(fit, scores, group)
         count = len(self.signs)
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         hits, start = 0, 0
@@ -221,11 +232,11 @@ class Chance:
             start = stop
             if hits > limit:
                 return max((hits + 1) / (stop + 1), 1.0001 * alpha)
-            if test.z > largest + FAR:  # no flip will come near
+            if test.z > largest + _FAR:  # no flip will come near
                 break
         return (hits + 1) / (count + 1)
 
-    def p_of_all(self, state, scores):
+    def p_of_all(self, fit, scores):
         """Family-wise p of every group, with the residual that the best one leaves.
 
         Returns
@@ -235,7 +246,7 @@ class Chance:
         group, _ = best_of(scores)
         if group < 0 or not np.isfinite(scores.delta_bic[group]):
             return np.ones(len(scores.dof))
-        test = ChanceTest(state, scores, group)
+        test = ChanceTest(fit, scores, group)
         best = np.sort(test.flipped_max(self.signs))
         hits = len(best) - np.searchsorted(best, test.all, side='left')
         return (hits + 1.0) / (len(best) + 1.0)

@@ -6,24 +6,22 @@ import numpy as np
 import pytest
 from simulated import make_context, make_problem
 
-from calibration.analysis.diagnosis.chance import Chance, ChanceTest, normal_score, pair_corrected
-from calibration.analysis.diagnosis.choice_rules import choose, settled
-from calibration.analysis.diagnosis.correlated_noise import White
-from calibration.analysis.diagnosis.folds import (
+from calibration.analysis.diagnosis.run_problem import effect_bank
+from calibration.analysis.diagnosis.validation import _needed, nested
+from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.chance import Chance, ChanceTest, normal_score, pair_corrected
+from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.folds import (
     contiguous_folds,
     cross_validate,
-    left_out,
-    predict,
+    cross_validate_quickly,
+    predicted,
     random_folds,
     run_folds,
 )
-from calibration.analysis.diagnosis.linear_model import Basis, Columns, fit_state, solve
-from calibration.analysis.diagnosis.problem import Choice, Found, Problem
-from calibration.analysis.diagnosis.scores import Bank
-from calibration.analysis.diagnosis.search import search
-from calibration.analysis.diagnosis.significance import standing
-from calibration.analysis.diagnosis.subspaces import orthonormal, overlap
-from calibration.analysis.diagnosis.validation import _needed, nested
+from calibration.estimation.linear_model import Basis, Columns, orthonormal, overlap, weighted_fit
+from calibration.estimation.select import choose, search, settled, significance
+from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.terms import stacked_design
@@ -50,7 +48,7 @@ def test_columns_of_single_runs_are_the_dense_ones():
     own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
     columns = Columns(common, own, run)
     root = rng.uniform(0.5, 2.0, 80)
-    kept = columns.basis(White(root))
+    kept = columns.basis(WhiteNoise(root))
     basis = np.vstack((*own_rows(kept.blocks, kept.parts, 80), kept.common))
     dense = np.vstack((common, *own_rows(columns._blocks, [
         own[:, where] for where in columns._blocks], 80)))
@@ -62,10 +60,10 @@ def test_columns_of_single_runs_are_the_dense_ones():
     x, y = basis[:, :40], basis[:, 40:]
     assert np.allclose(kept.blocks_of_rows(),
                        [(a * b).sum(axis=0) for a, b in ((x, x), (y, y), (x, y))], atol=1e-12)
-    left = columns.left_of(values[0], White(root))
+    left = columns.left_of(values[0], WhiteNoise(root))
     p = np.linalg.lstsq(white.T, values[0] * root, rcond=None)[0]
     assert np.allclose(left, values[0] - p @ dense, atol=1e-10)
-    solver = columns.solver(White(root))
+    solver = columns.solver(WhiteNoise(root))
     found = solver(values[0])
     assert np.allclose(np.concatenate([part.ravel() for part in found]), p, atol=1e-9)
     inverse = np.linalg.inv(white @ white.T)[:3, :3]
@@ -74,18 +72,18 @@ def test_columns_of_single_runs_are_the_dense_ones():
     assert len(part) == 7
     # a column that runs fit for themselves has nothing left of its own
     again = Columns(np.vstack((common, own[:1])), own, run)
-    assert len(again.basis(White(root))) == 9
+    assert len(again.basis(WhiteNoise(root))) == 9
 
 
 def test_state_ignores_gross_outliers_and_fills_their_residual():
     problem = make_problem(2)
-    clean = fit_state(problem.base, problem.b, final=True)
+    clean = weighted_fit(problem.base, problem.b, final=True)
     b = problem.b.copy()
     b[7] += 900.0 * ARCSEC
-    dirty = fit_state(problem.base, b, final=True)
+    dirty = weighted_fit(problem.base, b, final=True)
     assert dirty.weights[7] == 0.0 and np.count_nonzero(dirty.weights == 0.0) == 1
     assert dirty.raw[7] / ARCSEC == pytest.approx(900.0 + clean.raw[7] / ARCSEC, abs=1.0)
-    p = solve(problem.base.common, problem.b, np.copy)
+    p, _ = problem.base.solver(WhiteNoise(np.ones(120)))(problem.b)
     exact, *_ = np.linalg.lstsq(problem.base.common.T, problem.b, rcond=None)
     assert np.allclose(p, exact, rtol=1e-8)
 
@@ -117,10 +115,10 @@ def test_first_test_is_true_to_its_level():
     p = []
     for i in range(40):
         problem = make_problem(1000 + i, n=40)
-        state = problem.state([])
-        scores = problem.dictionary.score(state)
+        fit = problem.fit([])
+        scores = problem.dictionary.score(fit)
         chance = Chance(40, 199, np.random.default_rng(i))
-        p.append(chance.p(state, scores, int(np.argmax(scores.delta_bic))))
+        p.append(chance.p(fit, scores, int(np.argmax(scores.delta_bic))))
     p = np.array(p)
     # 4 expected below 0.1; 12 would be 4 sigma
     assert np.sum(p <= 0.1) < 12 and np.median(p) > 0.3
@@ -152,33 +150,33 @@ def test_identification_at_lambda_nine():
         found = search(problem, 0.01, chance)
         line = problem.dictionary.line
         shown = set()
-        for j, choice in enumerate(found.chosen):
-            s = standing(problem, found, j, chance, 0.01)
-            shown |= {int(line[k]) for k in (choice.group, *s.alternatives)}
+        for j, one in enumerate(found.chosen):
+            s = significance(problem, found, j, chance, 0.01)
+            shown |= {int(line[k]) for k in (one.group, *s.equals)}
         good += int(line[g]) in shown
     assert good >= 13
 
 
 def test_p_counts_the_flips():
     problem = make_problem(5, signal=play(1.2))
-    state = problem.state([])
-    scores = problem.dictionary.score(state)
+    fit = problem.fit([])
+    scores = problem.dictionary.score(fit)
     g = index(problem, 'azimuth_hysteresis_cosE')
     chance = Chance(60, 399, np.random.default_rng(0))
-    test = ChanceTest(state, scores, g)
+    test = ChanceTest(fit, scores, g)
     expected = (np.sum(test.flipped_max(chance.signs) >= test.z) + 1) / 400
-    assert chance.p(state, scores, g) == pytest.approx(expected)
-    assert chance.p_of_all(state, scores)[int(np.argmax(scores.delta_bic))] < 0.2
+    assert chance.p(fit, scores, g) == pytest.approx(expected)
+    assert chance.p_of_all(fit, scores)[int(np.argmax(scores.delta_bic))] < 0.2
     # the mirrored residual has the same score: the sign of an effect is not the test's business
     problem.b = -problem.b
-    assert ChanceTest(problem.state([]), problem.dictionary.score(problem.state([])),
+    assert ChanceTest(problem.fit([]), problem.dictionary.score(problem.fit([])),
                       g).z == pytest.approx(test.z)
 
 
 def test_flips_that_reach_a_score_are_those_whose_largest_does():
     problem = make_problem(5, signal=play(1.2))
-    state = problem.state([])
-    test = ChanceTest(state, problem.dictionary.score(state),
+    fit = problem.fit([])
+    test = ChanceTest(fit, problem.dictionary.score(fit),
                       index(problem, 'azimuth_hysteresis_cosE'))
     signs = Chance(60, 399, np.random.default_rng(0)).signs
     best = np.sort(test.flipped_max(signs))
@@ -190,8 +188,8 @@ def test_flips_that_reach_a_score_are_those_whose_largest_does():
 
 def test_overlap_knows_aliases():
     problem = make_problem(6)
-    state = problem.state([])
-    scores = problem.dictionary.score(state)
+    fit = problem.fit([])
+    scores = problem.dictionary.score(fit)
     flexure, encoder = (scores.basis(index(problem, n))
                         for n in ('second_flexure', 'elevation_encoder_1'))
     # cos E is TF already, so an encoder off its centre is a second flexure here
@@ -222,8 +220,7 @@ def test_held_out_rows_are_not_looked_at():
                for chosen in choices)
     # if one row reads 40" more, its own residual is 40" more, to rounding
     row = int(folds[3][2])
-    moved = Problem(problem.base, problem.b.copy(), None, problem.dictionary, problem.curves,
-                    problem.sequence)
+    moved = replace(problem, b=problem.b.copy(), _memories={})
     moved.b[60 + row] += 40.0 * ARCSEC
     again, _ = nested(moved, folds, 0.01, np.random.default_rng(2), flips=199)
     assert len(again) == len(left) == 1 + max(map(len, choices))
@@ -237,21 +234,21 @@ def test_held_out_rows_are_not_looked_at():
 def test_cross_validation_tells_gain_from_decoration():
     problem = make_problem(8, signal=play(2.0))
     folds = random_folds(np.arange(60), 10, np.random.default_rng(1))
-    good = Choice(index(problem, 'azimuth_hysteresis_cosE'))
-    idle = Choice(index(problem, 'azimuth_encoder_5'))
+    good = CandidateGroup(index(problem, 'azimuth_hysteresis_cosE'))
+    idle = CandidateGroup(index(problem, 'azimuth_encoder_5'))
     plain, better, more = (np.mean(cross_validate(problem, c, folds)**2)
                            for c in ([], [good], [good, idle]))
     assert better < 0.7 * plain and more > better
     # with the weights of all rows: as good as fitted anew
-    quick = left_out(problem, [good], problem.plain.state([good], final=True), folds)
+    quick = cross_validate_quickly(problem, [good], problem.plain.fit([good], final=True).noise,
+                                   folds)
     assert np.mean(quick**2) == pytest.approx(better, rel=0.02)
     found = choose(problem, 0.01, Chance(60, 499, np.random.default_rng(3)), [folds])
-    assert [c.effect(problem).form for c in found.found.chosen] == ['hysteresis']
+    assert [c.effect(problem).form for c in found.chosen] == ['hysteresis']
     assert found.gains[0] > 0.3
-    both = settled(problem, Found([good, idle], problem.state([good, idle])), 1.0,
+    both = settled(problem, ModelChoice([good, idle], problem.fit([good, idle])), 1.0,
                    Chance(60, 99, np.random.default_rng(3)), [folds])
-    assert both.found.chosen == [good] and idle in [
-        *both.found.dropped, *both.found.dropped_by_cv]
+    assert both.chosen == [good] and idle in [*both.dropped, *both.dropped_by_cv]
 
 
 def test_new_runs_refit_their_own_terms_only():
@@ -264,14 +261,19 @@ def test_new_runs_refit_their_own_terms_only():
     shift = np.array([[0.0, 400.0, -90.0][r] for r in run]) * ARCSEC
     b = truth @ common + np.concatenate((shift * np.cos(context.el), -shift)) \
         + 0.1 * ARCSEC * rng.normal(size=180)
-    problem = Problem(Columns(common, own, run), b, None, Bank([], context), Bank([], context))
-    left = predict(problem, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    none = CandidateBank.empty(90)
+    problem = SelectionProblem(Columns(common, own, run), b, None, none, none)
+
+    def left_of_one(problem):
+        part = problem.rows(np.flatnonzero(run != 1))
+        return predicted(problem, part, [], part.fit([], final=True).noise,
+                         np.flatnonzero(run == 1))
+    left = left_of_one(problem)
     assert np.sqrt(np.mean(left**2)) < 0.2 * ARCSEC
     # terms that all share are not refitted: a tilt of the new run only stays
-    tilted = Problem(problem.base, b + np.concatenate((run == 1, run == 1)) * 5.0 * ARCSEC
-                     * stacked_design(('AN',), context.az, context.el)[0], None,
-                     problem.dictionary, problem.curves)
-    left = predict(tilted, [], np.flatnonzero(run != 1), np.flatnonzero(run == 1))
+    tilted = replace(problem, b=b + np.concatenate((run == 1, run == 1)) * 5.0 * ARCSEC
+                     * stacked_design(('AN',), context.az, context.el)[0])
+    left = left_of_one(tilted)
     assert np.sqrt(np.mean(left**2)) > 1.5 * ARCSEC
 
 
@@ -289,8 +291,8 @@ def test_curves_take_the_place_of_effects_that_only_imitate_them():
 def test_effects_without_columns_of_their_own_cannot_win():
     problem = make_problem(11)
     context = make_context(np.random.default_rng(11))
-    bank = Bank([effect('latitude'), effect('clock', latitude=0.6)], context)
-    scores = bank.score(problem.state([]))
+    bank = effect_bank([effect('latitude'), effect('clock', latitude=0.6)], context)
+    scores = bank.score(problem.fit([]))
     assert not scores.dof.any() and np.all(scores.delta_bic == -np.inf)
     problem.dictionary = bank
     assert search(problem, 0.5, Chance(60, 99, np.random.default_rng(0))).chosen == []
@@ -312,10 +314,10 @@ def test_rows_of_one_star_are_flipped_together():
         problem.base = problem.base.rows(np.concatenate((group, group + 60)))
         for together in alarms:
             chance = Chance(60, 199, np.random.default_rng(i), group=group if together else None)
-            state = problem.plain.state([])
-            scores = problem.dictionary.score(state)
+            fit = problem.plain.fit([])
+            scores = problem.dictionary.score(fit)
             g = int(np.argmax(scores.delta_bic))
-            alarms[together] += chance.p(state, scores, g) <= 0.05
+            alarms[together] += chance.p(fit, scores, g) <= 0.05
     assert alarms[True] <= 7 < 15 <= alarms[False]  # 2 expected
 
 
@@ -329,9 +331,9 @@ def test_a_cause_of_known_size_is_offered_where_the_rows_ask_for_that_size(size,
     base = Columns(stacked_design(('IA', 'IE'), context.az, context.el), np.empty((0, 400)),
                    np.zeros(200, int))
     free = replace(east, size=None)
-    none = Bank([], None, np.empty((0, 400)))
-    state = Problem(base, b, None, none, none).state([])
-    gains = [Bank([e], context, sizes=sizes).score(state).delta_bic[0]
+    none = CandidateBank.empty(200)
+    fit = SelectionProblem(base, b, None, none, none).fit([])
+    gains = [effect_bank([e], context, sizes=sizes).score(fit).delta_bic[0]
              for e, sizes in ((free, True), (east, False), (east, True))]
     assert gains[0] == gains[1] > 20.0
     assert np.isfinite(gains[2]) == offered

@@ -1,4 +1,4 @@
-"""Rivals of a found effect are judged with companions of their own, not with those of it."""
+"""Alternatives to a found effect are compared in models of their own."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from simulated import make_problem
 
-from calibration.analysis.diagnosis.alternative_choice import Rival, _take_in, choose_with_rivals
-from calibration.analysis.diagnosis.chance import Chance
-from calibration.analysis.diagnosis.choice_rules import choose
-from calibration.analysis.diagnosis.constants import SET_WIDTH
+from calibration.analysis.diagnosis.alternatives import AlternativeModel, _take_in, choose_model
 from calibration.analysis.diagnosis.diagnosis_result import diagnosed, verdict_of
-from calibration.analysis.diagnosis.problem import Choice
-from calibration.analysis.diagnosis.scores import Bank
-from calibration.analysis.diagnosis.significance import Standing
+from calibration.estimation.candidates import CandidateBank, CandidateGroup
+from calibration.estimation.chance import Chance
+from calibration.estimation.correlated_noise import WhiteNoise
+from calibration.estimation.select import SET_WIDTH, Significance, choose
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
 from pointing_model.fitted_effects import FittedEffect
@@ -33,7 +31,7 @@ def problem_of(seed, spoilt=0.0, helped=True, size=40.0):
     """
     rng = np.random.default_rng(seed)
     problem = make_problem(seed, N)
-    basis = problem.base.basis(np.copy)
+    basis = problem.base.basis(WhiteNoise(np.ones(2 * N)))
 
     def unit(row, *others):
         row = basis.off(row)
@@ -55,7 +53,7 @@ def problem_of(seed, spoilt=0.0, helped=True, size=40.0):
     effects = [Effect(name, name, '', 'azimuth', 'both', ('size',), None) for name in (
         *NAMES[:2], *(NAMES[k] for k in (2, 3)), *(f'something {k}' for k in range(1, 12)))]
     b = (rng.normal(size=2 * N) + signal) * ARCSEC
-    return replace(problem, dictionary=Bank(effects, None, columns), b=b, changes=None)
+    return replace(problem, dictionary=CandidateBank(effects, columns), b=b, variants=None)
 
 
 def names_of(problem, groups):
@@ -63,30 +61,30 @@ def names_of(problem, groups):
 
 
 def found_of(problem, chosen):
-    return {c.effect(problem).name for c in chosen.found.chosen}
+    return {c.effect(problem).name for c in chosen.chosen}
 
 
 def told(problem, chosen, i):
-    e, stand = chosen.found.chosen[i].effect(problem), chosen.stands[i]
+    e, stand = chosen.chosen[i].effect(problem), chosen.significances[i]
     return diagnosed(FittedEffect(e, np.ones(1)), stand.p, None, problem.dictionary.effects,
-                     stand.every, chosen.found.chosen[i].group, stand.alternatives, stand.same)
+                     stand.every, chosen.chosen[i].group, stand.equals, stand.same)
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_a_rival_with_companions_of_its_own_is_an_equal(seed):
+def test_an_alternative_with_effects_of_its_own_is_an_equal(seed):
     problem, chance = problem_of(seed), Chance(N, 199, np.random.default_rng(seed))
     alone = choose(problem, 0.01, chance)
     assert found_of(problem, alone) == {NAMES[1], NAMES[3]}
-    lead = [c.effect(problem).name for c in alone.found.chosen].index(NAMES[1])
+    lead = [c.effect(problem).name for c in alone.chosen].index(NAMES[1])
     # with the companion that was chosen for the other it is far behind
-    assert alone.stands[lead].every[0] < alone.stands[lead].delta_bic - SET_WIDTH
-    assert NAMES[0] not in names_of(problem, alone.stands[lead].alternatives)
-    both = choose_with_rivals(problem, 0.01, chance)
+    assert alone.significances[lead].every[0] < alone.significances[lead].delta_bic - SET_WIDTH
+    assert NAMES[0] not in names_of(problem, alone.significances[lead].equals)
+    both = choose_model(problem, 0.01, chance)
     assert found_of(problem, both) == {NAMES[1], NAMES[3]} and not both.replaced
-    stand = both.stands[lead]
-    assert NAMES[0] in names_of(problem, stand.alternatives)
+    stand = both.significances[lead]
+    assert NAMES[0] in names_of(problem, stand.equals)
     assert abs(stand.every[0] - stand.delta_bic) < SET_WIDTH
-    assert [c.effect(problem).name for c in stand.companions[0]] == [NAMES[2]]
+    assert [c.effect(problem).name for c in stand.others[0]] == [NAMES[2]]
     assert [verdict_of([told(problem, one, lead)]) for one in (alone, both)] == [
         'identified', 'ambiguous']
 
@@ -96,29 +94,30 @@ def test_a_better_model_is_taken():
     for seed in range(6):
         problem, chance = problem_of(seed, 0.4), Chance(N, 199, np.random.default_rng(seed))
         alone = found_of(problem, choose(problem, 0.01, chance))
-        better = choose_with_rivals(problem, 0.01, chance)
+        better = choose_model(problem, 0.01, chance)
         assert found_of(problem, better) == {NAMES[0], NAMES[2]}
         assert better.replaced == (NAMES[1] in alone)
-        assert not any(stand.companions for stand in better.stands)
+        assert not any(stand.others for stand in better.significances)
         wrong += better.replaced
     assert wrong >= 2
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_a_rival_that_nothing_helps_stays_behind(seed):
+def test_an_alternative_that_nothing_helps_stays_behind(seed):
     problem = problem_of(seed, helped=False)
     one, other = (how(problem, 0.01, Chance(N, 199, np.random.default_rng(seed)))
-                  for how in (choose, choose_with_rivals))
+                  for how in (choose, choose_model))
     assert found_of(problem, one) == found_of(problem, other) == {NAMES[1], NAMES[3]}
-    assert not any(stand.companions or stand.alternatives for stand in other.stands)
+    assert not any(stand.others or stand.equals for stand in other.significances)
 
 
 def test_a_better_model_with_more_effects_is_beside_the_found_one_and_no_more():
     def model(*groups):
-        return SimpleNamespace(found=SimpleNamespace(chosen=[Choice(g) for g in groups]))
-    stand = Standing(0.001, 87.0, [], [], np.array([87.0, 40.0, 30.0, 20.0]))
-    chosen = SimpleNamespace(stands=[stand], found=model(0).found)
-    _take_in(chosen, 0, [Rival(Choice(1), model(1, 4, 5), -161.0), Rival(Choice(2), model(2), 3.0),
-                         Rival(Choice(3), model(3, 4), 20.0)])
-    assert stand.alternatives == [1, 2] and stand.every.tolist() == [87.0, 87.0, 84.0, 67.0]
-    assert stand.larger == {1: (2, 161.0)} and stand.companions[1] == [Choice(4), Choice(5)]
+        return SimpleNamespace(chosen=[CandidateGroup(g) for g in groups])
+    stand = Significance(0.001, 87.0, [], [], np.array([87.0, 40.0, 30.0, 20.0]))
+    chosen = SimpleNamespace(significances=[stand], chosen=model(0).chosen)
+    _take_in(chosen, 0, [AlternativeModel(CandidateGroup(groups[0]), model(*groups), behind)
+                         for groups, behind in (((1, 4, 5), -161.0), ((2,), 3.0), ((3, 4), 20.0))])
+    assert stand.equals == [1, 2] and stand.every.tolist() == [87.0, 87.0, 84.0, 67.0]
+    assert stand.larger == {1: (2, 161.0)}
+    assert stand.others[1] == [CandidateGroup(4), CandidateGroup(5)]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.folds import effective_runs
-from calibration.analysis.diagnosis.untestable import judge_undecided
+from calibration.analysis.diagnosis.validation import mark_undecided
+from calibration.estimation.folds import effective_runs
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.diagnosis_words import verdict_sentences
@@ -41,13 +41,13 @@ def test_what_the_sessions_cannot_test_is_undecided():
 
 def test_a_small_effect_that_does_not_hold_is_none():
     result = diagnose(sessions(4, 0.0), flips=99, cross_validation=False)
-    judge_undecided(result, ['azimuth_zero_step'], 500.0)
+    mark_undecided(result, ['azimuth_zero_step'], 500.0)
     assert result.verdict == 'none'  # nothing was left out, so nothing failed
     result.before['cv_rms_arcsec'] = 1.2 * result.noise_floor_arcsec
-    judge_undecided(result, ['azimuth_zero_step'], 12.0)
-    judge_undecided(result, [], 500.0)
+    mark_undecided(result, ['azimuth_zero_step'], 12.0)
+    mark_undecided(result, [], 500.0)
     assert result.verdict == 'none' and not result.caution
-    judge_undecided(result, ['azimuth_zero_step'], 100.0)
+    mark_undecided(result, ['azimuth_zero_step'], 100.0)
     assert result.verdict == 'undecided' and 'azimuth_zero_step' in result.caution
 
 

@@ -1,0 +1,431 @@
+"""What is left that remembers: rows alike beyond chance whose cause is not known.
+
+How large it is there, how rows that are alike differ as a reader would see it, whether it goes one
+way, and whether the order of the rows lets it follow the direction.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import chdtrc
+
+from calibration.estimation.correlated_noise import WhiteNoise
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import arcsec, the
+from pointing_model.rms import rms
+
+#: independent tests that the likelihood ratio of a memory counts as, over both axes, the memories
+#: and sizes that are tried: of 500 nights of noise without memory each, N = 30, 60, 200, its chance
+#: is 0.01 or less in 0.8, 0.2 and 1.0 %, 0.05 or less in 4.0, 3.4 and 3.8 %
+_TESTS = 6.0
+_SOME = 600  # rows at a time: the effort grows with the cube
+_PART = 0.5  # of the run, in which it is said how rows differ
+_STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
+_NAMED = 5  # drivers in a sentence, at most
+#: of the variance of an axis, from where an even drift is told
+MOSTLY = 0.5
+_ANCHORS = 400  # rows of which the pairs are looked at, at most
+_ABOUT = 0.5  # of the distance in the order, by which a pair may be nearer or farther
+_NEAR = 5.0  # deg on the sky, within which two rows are near at least
+_FEWEST = 10  # pairs, of which a figure is told
+
+
+@dataclass
+class ResidualCorrelation:
+    """Rows alike, though no driver explains them.
+
+    Attributes
+    ----------
+    axes : dict of str to AxisNoise
+        ``az``, ``el``: the axes that remember.
+    p : float
+        That noise without memory would show as much, at most.
+    like : list of CandidateGroup
+        Effects of the dictionary that would explain it, had the noise no memory.
+    """
+
+    axes: dict
+    p: float
+    like: list = field(default_factory=list)
+
+
+def residual_correlation(problem, choice, alpha):
+    """Whether the noise remembers, beyond what the choice explains.
+
+    Either of two tests is beyond chance at `alpha`: effects that would be added if rows had no
+    memory, and that are not beyond noise with one; or the restricted likelihood of the memory.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    choice : ModelChoice
+    alpha : float
+
+    Returns
+    -------
+    ResidualCorrelation or None
+    """
+    memory = problem.fit(choice.chosen).memory
+    if not memory:
+        return None
+    p = memory_chance(memory)
+    if not choice.masked and p > alpha:
+        return None
+    axes = {name: one for name, one in zip(('az', 'el'), memory) if one.variance > 0.0}
+    # of effects that are beyond chance no more is known than that they are
+    return ResidualCorrelation(axes, min(p, alpha), list(choice.masked))
+
+
+def memory_chance(memory):
+    """Chance that noise without memory has as large a likelihood ratio on either axis.
+
+    Parameters
+    ----------
+    memory : tuple of AxisNoise
+
+    Returns
+    -------
+    float
+    """
+    gain = max(one.gain for one in memory)
+    return float(min(_TESTS * 0.5 * chdtrc(1.0, max(gain, 0.0)), 1.0))
+
+
+def correlation_entry(found, problem, context, chosen, residual):
+    """JSON-ready entry of a result.
+
+    Parameters
+    ----------
+    found : ResidualCorrelation
+    problem : SelectionProblem
+    context : Context
+        Of the rows.
+    chosen : list of CandidateGroup
+        The effects in the model.
+    residual : ndarray, shape (2, n)
+        What the model leaves, radians.
+
+    Returns
+    -------
+    dict
+        ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
+        longer than from row to row; ``text``, a sentence; ``along_the_sky``, see
+        `along_the_sky`; ``removes_rms_arcsec``: what it did in these rows, RMS on the sky
+        beyond the terms; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
+        ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
+        times cos E on the sky), as the likelihood has them; ``row_to_row_arcsec``, the noise that
+        neighbours show between them by it; what is measured of rows that are ``apart`` from one
+        another, in ``unit``, see `PairDifferences.to_dict`; and ``trend``, see `trend`.
+    """
+    sequence, words = problem.sequence, context.mount.names.axes
+    unit = 3600.0 if sequence.timed else 1.0
+    apart, said = _apart(sequence)
+    gap = sequence.gap
+    usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
+    axes, slow, drifts = {}, False, []
+    typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
+        problem.inverse_sigma.reshape(2, -1), axis=1)
+    typical = np.broadcast_to(typical, 2)
+    seen = PairDifferences(context, sequence, residual,
+                           problem.plain.fit(chosen).weights > 0.0, apart)
+    for name, one in found.axes.items():
+        axis = ('az', 'el').index(name)
+        near = one.scale**2 + one.variance * -np.expm1(-float(np.median(gap[np.isfinite(gap)]))
+                                                       / one.memory)
+        axes[name] = {'sigma_arcsec': float(np.sqrt(one.variance) / ARCSEC),
+                      'memory': float(one.memory / unit), 'span': sequence.span / unit,
+                      'unit': 'hours' if sequence.timed else 'rows', 'apart': apart / unit,
+                      'angle': one.scaled, **seen.to_dict(axis),
+                      'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
+                      'trend': trend(problem, chosen, name, one)}
+        drift = axes[name]['trend']
+        if drift and drift['share'] > MOSTLY:
+            drifts.append(drift_words(words[axis], drift))
+        slow |= one.memory > usual
+    step = along_the_sky(context, sequence)
+    if slow:
+        text = '. '.join(filter(None, [
+            _lead(step, _like(found, problem)), seen_sentence(axes, words, said),
+            direction_sentence(axes, words, said, seen.within, seen.pairs()) if step else '',
+            f'Most of it is even: {" and ".join(drifts)}, as where something slips or settles '
+            '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
+            'What moves it is not known' if not step else
+            'To tell them apart return to stars of the beginning now and then, or observe in an '
+            'order that mixes the sky']))
+    else:
+        text = 'rows taken close together share their error: they count as fewer'
+    return {'axes': axes, 'p': found.p,
+            'removes_rms_arcsec': beyond_terms(
+                problem, slow_noise(problem, chosen, found.axes), chosen),
+            'like': list(dict.fromkeys(c.effect(problem).name for c in found.like)),
+            'slow': bool(slow), 'along_the_sky': step, 'text': text}
+
+
+def _lead(step, like):
+    """What it may be: what the rows do not tell apart comes first."""
+    if not step:
+        return f'neighbouring rows err alike: the zero wanders, or {like} does it' if like else \
+            'the zero wanders'
+    more = f', or {like} does it' if like else ''
+    return ('neighbouring rows err alike, and these rows do not tell why: the zero wanders, or the '
+            f'direction has an error that no effect in the model describes{more}; for they went '
+            f'over the sky step by step, {step["step_deg"]:.0f}\u00b0 from one to the next '
+            f'({step["any_deg"]:.0f}\u00b0 between any two)')
+
+
+def drift_words(axis, drift):
+    """A `trend` of an axis in words."""
+    rate = drift['rate_arcsec_per_hour']
+    return f'the {axis} error {"falls" if rate < 0.0 else "grows"} by {arcsec(abs(rate))} an hour'
+
+
+def _apart(sequence):
+    """How far apart two rows are of which is said how they differ, and in words."""
+    if not sequence.timed:
+        return (10.0, 'ten') if _PART * sequence.span >= 10.0 else (3.0, 'three')
+    for seconds, words in ((3600.0, 'an hour'), (600.0, 'ten minutes')):
+        if seconds <= _PART * sequence.span:
+            return seconds, words
+    return 60.0, 'a minute'
+
+
+def along_the_sky(context, sequence):
+    """Whether neighbours in time are neighbours on the sky: what wanders may follow the direction.
+
+    Returns
+    -------
+    dict or None
+        ``step_deg`` and ``any_deg``: medians of the distances from one row to the next, and
+        between any two; None where the order mixes the sky.
+    """
+    places = context.mount.direction(context.az, context.el).T[sequence.order]
+    if len(places) < 3:
+        return None
+    following = np.isfinite(sequence.gap[1:])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)[following]
+    rng = np.random.default_rng(0)  # the same rows say the same
+    any_two = np.linalg.norm(places - places[rng.permutation(len(places))], axis=1)
+    any_two = any_two[any_two > 0.0]
+    if not len(steps) or not len(any_two):
+        return None
+    step, other = (float(np.degrees(2.0 * np.arcsin(0.5 * np.median(chord))))
+                   for chord in (steps, any_two))
+    return {'step_deg': step, 'any_deg': other} if step < _STEP * other else None
+
+
+def _like(found, problem):
+    """What would explain it, in words: one cause by its name, of several what they follow."""
+    effects = [c.effect(problem) for c in found.like]
+    causes = list(dict.fromkeys(e.cause_told for e in effects if e.kind != 'smooth'))
+    if len(causes) == 1 and len(effects) == 1:
+        return f'"{causes[0]}"'
+    drivers = list(dict.fromkeys(the(e.driver) for e in effects))
+    if len(drivers) > _NAMED:
+        drivers = [*drivers[:_NAMED - 1], f'{len(drivers) - _NAMED + 1} more that the ranking has']
+    return f'something that changes with {" or ".join(drivers)}' if drivers else ''
+
+
+def slow_noise(problem, chosen, axes):
+    """What noise with memory did in the rows, as far as these show (simple kriging).
+
+    Cressie 1993, Statistics for Spatial Data, section 3.2; as `expected_error.ahead`, but there.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    chosen : list of CandidateGroup
+        In the model.
+    axes : dict of str to AxisNoise
+        Those of ``az``, ``el`` that remember.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Radians on the sky; 0 in rows without weight.
+    """
+    sequence, plain = problem.sequence, problem.plain.fit(chosen)
+    raw, root = (v.reshape(2, -1) for v in (plain.raw, plain.noise.root))
+    out = np.zeros_like(raw)
+    for name, one in axes.items():
+        axis = ('az', 'el').index(name)
+        rows = sequence.order[root[axis][sequence.order] > 0.0]
+        for begin in range(0, len(rows), _SOME):
+            part = rows[begin:begin + _SOME]
+            on_sky = sequence.factor[part] if one.scaled else np.ones(len(part))
+            since = np.abs(sequence.position[part][:, None] - sequence.position[part])
+            alike = one.variance * np.exp(-since / one.memory) * (
+                sequence.run[part][:, None] == sequence.run[part])
+            noise = np.square(one.scale / (root[axis, part] * plain.scale[axis] * on_sky))
+            out[axis, part] = on_sky * (alike @ np.linalg.solve(
+                alike + np.diag(noise), raw[axis, part] / on_sky))
+    return out
+
+
+def beyond_terms(problem, offsets, chosen=()):
+    """RMS of some offsets, radial on the sky, beyond what the declared terms take up, arcsec.
+
+    As `page_figures.beyond_base`, of a result that there is not yet: over the rows with weight.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    offsets : ndarray, shape (2, n)
+        Radians.
+    chosen : list of CandidateGroup
+        The effects in the model, beside which rows have their weight.
+    """
+    live = problem.plain.fit(list(chosen)).weights > 0.0
+    left = problem.base.left_of(offsets.ravel(), WhiteNoise(np.tile(live, 2).astype(float)))
+    return float(np.sqrt(np.square(left.reshape(2, -1)[:, live]).sum() / max(live.sum(), 1))
+                 / ARCSEC)
+
+
+def trend(problem, chosen, name, one):
+    """By how much an axis drifts evenly, and how much of what is left of it that explains.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    chosen : list of CandidateGroup
+        In the model.
+    name : {'az', 'el'}
+    one : AxisNoise
+
+    Returns
+    -------
+    dict or None
+        ``rate_arcsec_per_hour`` (of the angle of the axis), ``share`` (of the variance that is
+        left on it) and ``removes_rms_arcsec`` (radial on the sky, beyond the terms); None where
+        the rows have no times.
+    """
+    sequence, n = problem.sequence, problem.n
+    if not sequence.timed:
+        return None
+    plain = problem.plain.fit(chosen)
+    part = slice(0, n) if name == 'az' else slice(n, 2 * n)
+    hours = sequence.position / 3600.0
+    run = np.unique(sequence.run, return_inverse=True)[1]
+    hours = hours - (np.bincount(run, hours) / np.bincount(run))[run]
+    column = np.zeros(2 * n)
+    column[part] = hours * (sequence.factor if one.scaled else 1.0)
+    own, left = plain.basis.off(plain.noise.whiten(column)), plain.noise.whiten(plain.raw)
+    size = float(own @ own)
+    rate = float(own @ left) / max(size, 1e-300)
+    share = rate**2 * size / max(float(np.square(left[part]).sum()), 1e-300)
+    return {'rate_arcsec_per_hour': rate / ARCSEC, 'share': share,
+            'removes_rms_arcsec': beyond_terms(problem, (rate * column).reshape(2, -1), chosen)}
+
+
+class PairDifferences:
+    """Differences of what is left of two rows, RMS on the sky, by how far they are apart.
+
+    Parameters
+    ----------
+    context : Context
+    sequence : Sequence
+    residual : ndarray, shape (2, n)
+        What is left, radians.
+    live : ndarray of bool, shape (n,)
+        Rows with weight.
+    apart : float
+        In the order, in units of the sequence's position.
+    """
+
+    def __init__(self, context, sequence, residual, live, apart):
+        rows = sequence.order[live[sequence.order]]
+        places = context.mount.direction(context.az, context.el).T[rows]
+        position, run, m = sequence.position[rows], sequence.run[rows], len(rows)
+        self._left = residual[:, rows]
+        first, second = np.arange(max(m - 1, 0)), np.arange(1, m)
+        self._next = _one_run(run, first, second)
+        anchors = np.unique(np.linspace(0, m - 1, min(m, _ANCHORS)).astype(int))
+        first, second = (v.ravel() for v in np.meshgrid(anchors, np.arange(m), indexing='ij'))
+        # of two anchors each pair is there twice: that changes no mean
+        first, second = _one_run(run, first[first != second], second[first != second])
+        since = np.abs(position[first] - position[second])
+        self._far = [v[np.abs(since - apart) <= _ABOUT * apart] for v in (first, second)]
+        between = _between(places, *self._next)
+        #: degrees on the sky
+        self.within = max(float(np.median(between)) if len(between) else 0.0, _NEAR)
+        self._near_next = [v[between <= self.within] for v in self._next]
+        later = (since >= apart) & (_between(places, first, second) <= self.within)
+        self._near_later = [v[later] for v in (first, second)]
+
+    def pairs(self):
+        """How many pairs are near on the sky and far in the order."""
+        low, high = (np.sort(self._near_later, axis=0) if len(self._near_later[0])
+                     else np.zeros((2, 0), int))
+        return len(set(zip(low.tolist(), high.tolist())))
+
+    def to_dict(self, axis):
+        """Of an axis (0 or 1), arcsec; None of too few pairs.
+
+        Returns
+        -------
+        dict
+            ``next_arcsec`` (a row and the next), ``apart_arcsec`` (rows about so far apart),
+            ``moves_arcsec`` (by how much more that is: the root of the difference of the squares);
+            ``near_next_arcsec``, ``near_apart_arcsec``: of rows `within` on the sky, a row and
+            the next, and those farther apart in the order.
+        """
+        near, far = (self._differ(axis, pair) for pair in (self._next, self._far))
+        return {'next_arcsec': near, 'apart_arcsec': far,
+                'moves_arcsec': None if None in (near, far) else float(np.sqrt(
+                    max(far**2 - near**2, 0.0))),
+                'near_next_arcsec': self._differ(axis, self._near_next),
+                'near_apart_arcsec': self._differ(axis, self._near_later)}
+
+    def _differ(self, axis, pair):
+        first, second = pair
+        if len(first) < _FEWEST:
+            return None
+        return float(rms(self._left[axis, first] - self._left[axis, second]) / ARCSEC)
+
+
+def _one_run(run, first, second):
+    same = run[first] == run[second]
+    return first[same], second[same]
+
+
+def _between(places, first, second):
+    chord = np.linalg.norm(places[first] - places[second], axis=1)
+    return np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
+
+
+def seen_sentence(axes, words, said):
+    """How much more rows differ that are farther apart; '' where that is not known.
+
+    Parameters
+    ----------
+    axes : dict of str to dict
+        ``az``, ``el``: as of `PairDifferences.to_dict`.
+    words : sequence of str
+        What the angles are called.
+    said : str
+        How far apart, in words.
+    """
+    told = [(word, axes[name]) for name, word in zip(('az', 'el'), words)
+            if name in axes and axes[name]['moves_arcsec'] is not None]
+    if not told:
+        return ''
+    near, far = (' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)
+                 for key in ('next_arcsec', 'apart_arcsec'))
+    text = (f'What is left of a row and of the next differs by {near}, of rows about {said} apart '
+            f'by {far} (RMS on the sky, noise included)')
+    if not any(one['moves_arcsec'] for _, one in told):
+        text += ': no more, so it is from row to row that they err alike, if at all'
+    return text
+
+
+def direction_sentence(axes, words, said, within, pairs):
+    """Whether rows of one direction err alike whenever they were observed; '' if not known."""
+    told = [(word, axes[name]) for name, word in zip(('az', 'el'), words) if name in axes and None
+            not in (axes[name]['near_next_arcsec'], axes[name]['near_apart_arcsec'])]
+    if not told or pairs < _FEWEST:
+        return ''
+    near, far = (' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)
+                 for key in ('near_next_arcsec', 'near_apart_arcsec'))
+    return (f'Rows within {within:.0f}° on the sky differ by {near} where one follows the other, '
+            f'by {far} where they are {said} or more apart ({pairs} pairs): an error of the '
+            'direction leaves the two alike, a zero that wanders makes the second as large as that '
+            'of rows anywhere')

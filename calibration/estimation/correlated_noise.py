@@ -1,0 +1,459 @@
+"""Noise that remembers: white noise and, beside it, a process with exponential memory.
+
+The noise of an axis is white plus a stationary process with the correlation exp(-dt / tau)
+(Ornstein and Uhlenbeck; a random walk where tau is far longer than the run). How large it is and
+how long it remembers is the maximum of the restricted likelihood (Patterson and Thompson 1971,
+Biometrika 58, 545; REML) over a grid. In the order of time, differences e_i - phi_i e_(i-1) of such
+rows have a tridiagonal covariance: rows are whitened in O(n).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .restricted_likelihood import restricted
+
+#: eigenvalues of a normal matrix of unit columns below this part of the largest are rounding: its
+#: entries are good to some 1e-13 of 1e5 rows
+EIGEN = 1e-10
+#: between memories that are tried, and between sizes (variance over that of the white noise); then
+#: half a step about the best of them
+_MEMORY_STEP, _SIZE_STEP = 4.0, 10.0
+_SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
+_FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
+_ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in (-0.5, 0.0, 0.5)
+                   if longer or larger])
+#: numbers in the columns of the tries that are made at a time
+_AT_ONCE = 200_000
+
+
+class Sequence:
+    """The order in which rows were observed, and how far apart they are.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        Time (s), or the place in the order.
+    run : ndarray of int, shape (n,)
+        A run remembers nothing of the one before.
+    factor : ndarray, shape (n,)
+        Of a process on the first axis that may have a factor in each row, as an angle of an azimuth
+        axis has cos E on the sky.
+    timed : bool
+        Whether the position is a time.
+    group : ndarray of int, shape (n,), optional
+        Rows of one star within minutes share a number: what is left out is left out together.
+    """
+
+    def __init__(self, position, run, factor, timed=True, group=None):
+        self.position, self.run, self.factor, self.timed = position, run, factor, timed
+        self.group = np.arange(len(run)) if group is None else group
+        self.order = np.lexsort((position, run))
+        gap = np.diff(position[self.order], prepend=-np.inf)
+        gap[np.diff(run[self.order], prepend=run[self.order[:1]]) != 0] = np.inf
+        #: to the row before in `order`; infinite where a run begins
+        self.gap = gap
+
+    def rows(self, rows):
+        """Of some rows (indices)."""
+        return Sequence(self.position[rows], self.run[rows], self.factor[rows], self.timed,
+                        self.group[rows])
+
+    @property
+    def span(self):
+        """Length of the longest run, in units of the position."""
+        ordered, begins = self.position[self.order], np.flatnonzero(np.isinf(self.gap))
+        ends = np.append(begins[1:], len(ordered)) - 1
+        return float(np.max(ordered[ends] - ordered[begins]))
+
+    def memories(self):
+        """Correlation times to be tried, from the shortest gap that counts to far beyond the run.
+
+        Returns
+        -------
+        ndarray
+            Ascending; empty where no row has a row before it.
+        """
+        gap = self.gap[np.isfinite(self.gap) & (self.gap > 0.0)]
+        if not len(gap):
+            return gap
+        first = np.quantile(gap, 0.1)
+        count = int(np.ceil(np.log(4.0 * self.span / first) / np.log(_MEMORY_STEP))) + 1
+        return first * _MEMORY_STEP ** np.arange(max(count, 1))
+
+
+@dataclass(frozen=True)
+class AxisNoise:
+    """Noise of an axis.
+
+    Attributes
+    ----------
+    variance : float
+        Of the process, rad^2; 0: the noise is white.
+    memory : float
+        Its correlation time, in units of the sequence's position.
+    scaled : bool
+        It has the factor of the sequence.
+    scale : float
+        Of the white noise beside it, as `WeightedFit.scale`.
+    gain : float
+        2 ln of the restricted likelihood ratio against white noise alone.
+    """
+
+    variance: float = 0.0
+    memory: float = np.inf
+    scaled: bool = False
+    scale: float = 1.0
+    gain: float = 0.0
+
+
+class WhiteNoise:
+    """Weights alone: noise without memory.
+
+    Parameters
+    ----------
+    root : ndarray, shape (2n,)
+        1 / sigma of each value, 0 for rows set aside.
+    """
+
+    def __init__(self, root):
+        self.root = root
+
+    def whiten(self, values):
+        """Whitened values, shape (..., 2n)."""
+        return values * self.root
+
+    def spread(self, values):
+        """`values` (..., 2n) such that their squares sum to the variance of values @ noise."""
+        return values * _sigma(self.root)
+
+    def without(self, rows):
+        """The same with some rows (indices of n) set aside."""
+        return WhiteNoise(_set_aside(self.root, rows))
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return WhiteNoise(self.root.reshape(2, -1)[:, rows].ravel())
+
+
+class CorrelatedNoise:
+    """Weights, and differences that take out what a row has from the rows before.
+
+    Parameters
+    ----------
+    root : ndarray, shape (2n,)
+        1 / sigma of the white part, 0 for rows set aside.
+    sequence : Sequence
+    memory : tuple of AxisNoise
+        Of x and y.
+    """
+
+    def __init__(self, root, sequence, memory):
+        n = len(root) // 2
+        self.root, self._sequence, self._memory = root, sequence, memory
+        self._axes = [(part, _Differences(_AxisRows(root[part], sequence, one.scaled), one))
+                      for one, part in zip(memory, (slice(0, n), slice(n, 2 * n)))
+                      if one.variance > 0.0]
+
+    @classmethod
+    def beside(cls, fit, sequence, memory):
+        """With the weights of a `WeightedFit` whose noise was taken as white."""
+        white = [one.scale / s if one.variance > 0.0 else 1.0
+                 for one, s in zip(memory, fit.scale)]
+        return cls(fit.noise.root / np.repeat(white, fit.n), sequence, memory)
+
+    def whiten(self, values):
+        """Whitened values, shape (..., 2n): of rows set aside 0."""
+        return self._each(values, self.root, _Differences.whitened)
+
+    def spread(self, values):
+        """As `WhiteNoise.spread`."""
+        return self._each(values, _sigma(self.root), _Differences.spread)
+
+    def coloured(self, values):
+        """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
+        return self._each(values, _sigma(self.root), _Differences.coloured)
+
+    def _each(self, values, factor, of_axis):
+        out = values * factor
+        for part, axis in self._axes:
+            here = values[..., part]
+            out[..., part] = of_axis(axis, here.reshape(-1, here.shape[-1])).reshape(here.shape)
+        return out
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows with weight."""
+        plain = self.root.copy()
+        for part, _ in self._axes:
+            plain[part] = 0.0
+        return float(-2.0 * np.log(plain[plain > 0.0]).sum()
+                     + sum(axis.log_det for _, axis in self._axes))
+
+    def without(self, rows):
+        """The same with some rows (indices of n) set aside."""
+        return CorrelatedNoise(_set_aside(self.root, rows), self._sequence, self._memory)
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        return CorrelatedNoise(self.root.reshape(2, -1)[:, rows].ravel(),
+                               self._sequence.rows(rows), self._memory)
+
+
+def _sigma(root):
+    return 1.0 / np.where(root > 0.0, root, np.inf)
+
+
+def _set_aside(root, rows):
+    root = root.copy()
+    root.reshape(2, -1)[:, rows] = 0.0
+    return root
+
+
+class _AxisRows:
+    """The rows with weight of one axis, in order; their values in units of the process."""
+
+    def __init__(self, root, sequence, scaled):
+        self.all = len(root)
+        keep = root[sequence.order] > 0.0
+        self.rows = sequence.order[keep]
+        # over rows that are left out the gaps add up
+        since = np.cumsum(np.where(np.isfinite(sequence.gap), sequence.gap, 0.0))[keep]
+        self.gap = np.diff(since, prepend=-np.inf)
+        run = sequence.run[self.rows]
+        first = np.diff(run, prepend=run[:1]) != 0
+        self.gap[first] = np.inf
+        #: where each run begins
+        self.starts = np.append(0, np.flatnonzero(first))
+        self.lengths = np.diff(np.append(self.starts, len(run)))
+        self._scale = 1.0 / sequence.factor[self.rows] if scaled else np.ones(len(self.rows))
+        #: variance beside the process
+        self.white = np.square(self._scale / root[self.rows])
+        # (of either sign: beyond the pole an angle moves a star the other way)
+        self.log_scale = 2.0 * float(np.log(np.abs(self._scale)).sum())
+
+    def scaled(self, values):
+        """Values (k, n) of all rows -> (m, k) of these."""
+        return (values[:, self.rows] * self._scale).T
+
+    def unscaled(self, columns):
+        """Values (m, k) of these rows as on the sky."""
+        return columns / self._scale[:, None]
+
+    def placed(self, columns):
+        """Columns (m, k) of these rows -> (k, n) of all."""
+        out = np.zeros((columns.shape[1], self.all))
+        out[:, self.rows] = columns.T
+        return out
+
+
+class _Differences:
+    """Whitening of one axis by differences of neighbours, values of shape (k, n)."""
+
+    def __init__(self, rows, noise):
+        self._rows, self._phi = rows, np.exp(-rows.gap / noise.memory)
+        diagonal, self._lower = _factored(self._phi, rows.white, noise.variance)
+        self._root = np.sqrt(diagonal)[:, None]
+        #: of the covariance of the rows with weight
+        self.log_det = float(np.log(diagonal).sum()) - rows.log_scale
+
+    def whitened(self, values):
+        """Values whitened."""
+        return self._rows.placed(_solved(self._phi, self._root, self._lower,
+                                         self._rows.scaled(values)))
+
+    def spread(self, values):
+        """Inverse of the transposed whitening."""
+        u = _bidiagonal(self._band, self._rows.unscaled(values[:, self._rows.rows].T), 'T')
+        u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
+        return self._rows.placed(u * self._root)
+
+    def coloured(self, values):
+        """Inverse of the whitening."""
+        noise = values[:, self._rows.rows].T * self._root
+        noise = np.append(noise[:1], noise[1:] + self._lower[:, None] * noise[:-1], axis=0)
+        return self._rows.placed(self._rows.unscaled(_bidiagonal(self._band, noise)))
+
+    @property
+    def _band(self):
+        """Of the differences."""
+        return np.vstack((np.ones(len(self._phi)), np.append(-self._phi[1:], 0.0)))
+
+
+def _factored(phi, white, variance):
+    """LDL^T of the covariance of the differences: D (m,) and the lower diagonal of L (m-1,)."""
+    before = np.concatenate(([0.0], white[:-1]))
+    diagonal = variance * (1.0 - phi * phi) + white + phi * phi * before
+    if len(diagonal) < 2:  # as of `_bidiagonal`
+        return diagonal, diagonal[:0]
+    from scipy.linalg.lapack import dpttrf  # slow to import
+    d, lower, info = dpttrf(diagonal, -phi[1:] * white[:-1])
+    if info:
+        raise np.linalg.LinAlgError('covariance of correlated noise is not positive definite')
+    return d, lower
+
+
+def _bidiagonal(band, columns, trans='N'):
+    """Solution with a unit lower bidiagonal matrix; (m, k)."""
+    if not columns.size:  # LAPACK's routine writes beyond an empty array
+        return columns
+    from scipy.linalg.lapack import dtbtrs
+    return dtbtrs(band, columns, uplo='L', trans=trans, diag='U')[0]
+
+
+def _solved(phi, root, lower, columns):
+    """Columns (m, k) of scaled rows, whitened; `root` (m, 1) of the diagonal."""
+    columns = columns - np.concatenate((np.zeros_like(columns[:1]),
+                                        phi[1:, None] * columns[:-1]))
+    return _bidiagonal(np.vstack((np.ones(len(phi)), np.append(lower, 0.0))), columns) / root
+
+
+def noise_memory(sequence, root, scale, rows, b, own=None):
+    """How much rows resemble their neighbours: the noise of each axis, by restricted likelihood.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    root : ndarray, shape (2n,)
+        Weights, with all noise taken as white.
+    scale : ndarray, shape (2,)
+        That noise, as `WeightedFit.scale`.
+    rows : ndarray, shape (k, 2n)
+        Design of what is fitted to all rows.
+    b : ndarray, shape (2n,)
+    own : ndarray, shape (j, 2n), optional
+        Of what each run fits for itself.
+
+    Returns
+    -------
+    tuple of AxisNoise
+        Of x and y.
+    """
+    out, memories = [], sequence.memories()
+    for axis in (0, 1):
+        best = AxisNoise(scale=scale[axis])
+        likelihood = _AxisLikelihood(sequence, axis, False, root, scale, rows, b, own)
+        if not likelihood.few:
+            best = likelihood.climb(memories, _SIZES, best)
+        if axis == 0 and best.gain > 0.0:
+            # nearly the same curve: near the best of the other
+            likelihood = _AxisLikelihood(sequence, axis, True, root, scale, rows, b, own)
+            size = best.variance / (best.scale / scale[0])**2 / likelihood.typical
+            best = likelihood.climb([best.memory], [size], best)
+        out.append(best)
+    return tuple(out)
+
+
+def likely_memories(sequence, root, memory, scale, rows, b, own=None):
+    """Noise that each axis may have, and how likely it is: the estimate alone claims too much.
+
+    Half of the prior is that it has no memory, the other half is even over the logarithms of memory
+    and size.
+
+    Parameters
+    ----------
+    sequence, root, scale, rows, b, own
+        As of `noise_memory`.
+    memory : tuple of AxisNoise
+        The estimate.
+
+    Returns
+    -------
+    list of (list of AxisNoise, ndarray)
+        Of x and y: noises, the first of them white, and their chances.
+    """
+    out = []
+    for axis in (0, 1):
+        likelihood = _AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, rows, b, own)
+        tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories(), _FINER))
+        every = [AxisNoise(scale=scale[axis]), *tried]
+        gain = np.array([one.gain for one in every])
+        chance = np.exp(0.5 * (gain - gain.max()))
+        chance[1:] /= max(len(tried), 1)
+        out.append((every, chance / chance.sum()))
+    return out
+
+
+def _grid(memories, sizes):
+    """All pairs, each shape (m s,)."""
+    return np.repeat(memories, len(sizes)), np.tile(sizes, len(memories))
+
+
+class _AxisLikelihood:
+    """The restricted likelihood of noise of one axis; parameters as of `noise_memory`.
+
+    Attributes
+    ----------
+    few : bool
+        The rows do not determine what is fitted and a noise.
+    typical : float
+        Variance of the white noise.
+    """
+
+    def __init__(self, sequence, axis, scaled, root, scale, rows, b, own):
+        n = len(b) // 2
+        part = slice(axis * n, (axis + 1) * n)
+        own, rows = (some[np.abs(some).max(axis=1, initial=0.0) > 0.0] for some in (
+            rows[:0, part] if own is None else own[:, part], rows[:, part]))
+        self._scaled, self._scale, self._own = scaled, scale[axis], len(own)
+        self._rows = _AxisRows(root[part], sequence, scaled)
+        self._columns = self._rows.scaled(np.vstack((own, rows, b[part])))
+        self.few = len(self._columns) < len(rows) + len(own) * len(self._rows.starts) + 3
+        if not self.few:
+            white = self._rows.white
+            self.typical = float(np.median(white))
+            self._none = float(self._of(self._columns / np.sqrt(white)[:, None], np.log(
+                white).sum() - self._rows.log_scale, 1)[0][0])
+
+    def climb(self, memories, sizes, best):
+        """The best of a grid, and then of a finer one about it."""
+        grid = _grid(memories, sizes)
+        tried = self.at(*grid)
+        if tried:
+            first = int(np.argmax([one.gain for one in tried]))
+            if tried[first].gain > 0.0:
+                tried += self.at(grid[0][first] * _MEMORY_STEP**_ABOUT[:, 0],
+                                 grid[1][first] * _SIZE_STEP**_ABOUT[:, 1])
+        return max([best, *tried], key=lambda one: one.gain)
+
+    def at(self, memories, sizes):
+        """`AxisNoise` of each memory and size (over the variance of the white noise), in pairs."""
+        out, rows, n = [], self._rows, len(self._columns)
+        step = max(1, _AT_ONCE // max(self._columns.size, 1))
+        for i in range(0, len(memories), step):
+            # the tries are as runs one after the other, that know nothing of each other
+            memory, size = memories[i:i + step], np.multiply(sizes[i:i + step], self.typical)
+            tries = len(memory)
+            phi = np.exp(-rows.gap / np.asarray(memory)[:, None]).ravel()
+            diagonal, lower = _factored(phi, np.tile(rows.white, tries), np.repeat(size, n))
+            white = _solved(phi, np.sqrt(diagonal)[:, None], lower,
+                            np.tile(self._columns, (tries, 1)))
+            log_det = np.log(diagonal).reshape(tries, n).sum(axis=1) - rows.log_scale
+            out += [AxisNoise(float(s * variance), float(m), self._scaled,
+                              self._scale * float(np.sqrt(variance)), float(self._none - value))
+                    for m, s, value, variance in zip(memory, size,
+                                                     *self._of(white, log_det, tries))]
+        return out
+
+    def _of(self, white, log_det, tries):
+        """-2 ln L restricted (but for a constant) of each try, and the variance of its rows.
+
+        What each run fits for itself comes first in the columns: no row of one run has to do with
+        those of another, so it is taken out run by run.
+        """
+        taken, fitted = 0, 0.0
+        if self._own:
+            n = len(white) // tries
+            starts = (self._rows.starts + n * np.arange(tries)[:, None]).ravel()
+            own, rest = white[:, :self._own], white[:, self._own:]
+            gram = np.add.reduceat(own[:, :, None] * own[:, None, :], starts)
+            values, vectors = np.linalg.eigh(gram)
+            live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
+            inverse = vectors * np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)[:, None, :]
+            p = inverse @ (vectors.transpose(0, 2, 1) @ np.add.reduceat(
+                own[:, :, None] * rest[:, None, :], starts))
+            taken = live.reshape(tries, -1).sum(axis=1)
+            fitted = np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
+            white = rest - np.einsum('nj,njk->nk', own,
+                                     np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
+        return restricted(white.reshape(tries, -1, white.shape[1]), log_det + fitted, taken=taken)

@@ -1,0 +1,129 @@
+"""Predicting rows that a fit has not seen."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+
+from .linear_model import DISTINCT
+
+
+def random_folds(group, count, rng):
+    """Row numbers of `count` folds, drawn at random; rows of one group stay together."""
+    names = np.unique(group)
+    return [np.flatnonzero(np.isin(group, part))
+            for part in np.array_split(rng.permutation(names), min(count, len(names)))]
+
+
+def contiguous_folds(order, count):
+    """Row numbers of `count` folds that follow one another in `order` (time, or the rows)."""
+    return [np.sort(f) for f in np.array_split(np.argsort(order, kind='stable'), count)]
+
+
+def run_folds(label, count, rng):
+    """Row numbers of `count` folds of whole runs."""
+    runs = rng.permutation(np.unique(label))
+    return [np.flatnonzero(np.isin(label, part)) for part in np.array_split(runs, count)]
+
+
+def effective_runs(label):
+    """How many equal runs these runs are worth: n^2 / sum of n_i^2.
+
+    Of seven rows and 49 the long run left out takes with it all that there is to fit.
+
+    Parameters
+    ----------
+    label : ndarray of int, shape (n,)
+        Run of each row.
+    """
+    counts = np.unique(label, return_counts=True)[1].astype(float)
+    return float(counts.sum()**2 / np.square(counts).sum())
+
+
+def predicted(problem, part, chosen, noise, test):
+    """Residuals of `test` rows by a fit to a part of the rows.
+
+    Columns that each run fits for itself come from the run's rows in the part. A run that has none
+    is a new night: they are refitted on its `test` rows, robustly; nothing else of those is used.
+
+    Parameters
+    ----------
+    problem, part : SelectionProblem
+        The whole, and the part.
+    chosen : list of CandidateGroup
+    noise : WhiteNoise or CorrelatedNoise
+        Of the part.
+    test : ndarray of int
+
+    Returns
+    -------
+    ndarray, shape (2, m)
+        Radians.
+    """
+    design = part.design(chosen)
+    # what these runs cannot tell from their own terms is not predicted
+    p, own = design.solver(noise, DISTINCT)(part.b)
+    other = problem.rows(test)
+    other.b = other.b - p @ other.design(chosen).common
+    if design.own is not None:
+        runs = np.unique(design.run)
+        for run, q in zip(runs, own):
+            here = np.tile(other.base.run == run, 2)
+            other.b[here] -= q @ other.base.own[:, here]
+        new = ~np.isin(other.base.run, runs)
+        if new.any():
+            rows = other.rows(np.flatnonzero(new))
+            rows.base.common = rows.base.common[:0]
+            # zeros of a night are fitted as an observer would, not by its memory
+            other.b[np.tile(new, 2)] = rows.plain.fit([]).raw
+    return other.b.reshape(2, len(test))
+
+
+def radial_arcsec(residual, keep):
+    """Radial RMS in arcsec of the rows `keep` of residuals of shape (2, n), radians."""
+    return rms(*residual[:, keep]) / ARCSEC
+
+
+def cross_validate(problem, chosen, folds):
+    """Residuals of every row predicted from the other folds, for a given choice.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Radians.
+    """
+    whole = problem.only(chosen)
+    out, everything = np.empty((2, problem.n)), np.arange(problem.n)
+    for fold in folds:
+        part = whole.rows(np.setdiff1d(everything, fold))
+        out[:, fold] = predicted(whole, part, [], part.fit([], final=True).noise, fold)
+    return out
+
+
+def cross_validate_quickly(problem, chosen, noise, folds):
+    """`cross_validate` with the weights and the noise of a fit to all rows.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    chosen : list of CandidateGroup
+    noise : WhiteNoise or CorrelatedNoise
+    folds : list of ndarray of int
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Radians.
+    """
+    whole = problem.only(chosen)
+    design, everything = whole.base, np.arange(problem.n)
+    out = np.empty((2, problem.n))
+    for fold in folds:
+        if design.own is None:
+            p, _ = design.solver(noise.without(fold))(problem.b)
+            both = np.concatenate((fold, fold + problem.n))
+            out[:, fold] = (problem.b[both] - p @ design.common[:, both]).reshape(2, -1)
+        else:
+            train = np.setdiff1d(everything, fold)
+            out[:, fold] = predicted(whole, whole.rows(train), [], noise.rows(train), fold)
+    return out

@@ -1,0 +1,430 @@
+"""Forward choice of groups of columns that a fit lacks, and how each stands.
+
+A candidate is added while the largest standardised score of all candidates is beyond chance
+(family-wise, by sign flips of leverage-corrected residual pairs); of the candidates the one with
+the largest penalised log-likelihood is taken. After each addition every earlier choice is
+offered all candidates again, and what no longer pays is dropped. What the dictionary leaves is
+then offered changes of what was found (an effect that grows through the night), and curves of each
+driver: what they are is unknown. What was found must be beyond chance with all others in the model,
+and gain on rows left out. The same rules choose in a whole run and in each fold of its
+cross-validation.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .candidates import CandidateGroup, best_of
+from .chance import ChanceTest
+from .folds import cross_validate_quickly, radial_arcsec
+from .linear_model import DISTINCT, LIVE, overlap
+from .memory_test import MemoryMask
+from .selection_problem import ModelChoice
+
+#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
+#: "strong" (Kass and Raftery 1995, section 3.2)
+SET_WIDTH = 6.0
+#: squared cosine from which two groups are the same curve: what they do not share is then below
+#: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
+ALIAS = 0.98
+#: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
+#: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).
+DICTIONARY_SHARE = 0.85
+CURVE_SHARE = 0.35
+#: an effect may be bought only with rows enough: half as many free values as it has coefficients
+ROWS_PER_COLUMN = 1.5
+#: effects that a search adds, at most
+MOST_EFFECTS = 20
+#: searches, each without what the ones before have given up, at most
+ROUNDS = 4
+_SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
+
+
+def choose(problem, alpha, chance, partitions=()):
+    """Search, and let stand what holds.
+
+    Each choice must be beyond chance with all others in the model, and gain on rows left out, of
+    every partition: at random, in stretches of time, or whole runs. What does not is given up,
+    and the search goes on without it.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    alpha : float
+        Family-wise error of the first choice of a clean run.
+    chance : Chance
+    partitions : sequence of list of ndarray of int
+        Folds.
+
+    Returns
+    -------
+    ModelChoice
+    """
+    given_up = []
+    for _ in range(ROUNDS):
+        choice = settled(problem, search(problem, alpha, chance, given_up), alpha, chance,
+                         partitions)
+        lost = [c for c in choice.dropped_by_cv if c not in given_up]
+        if not lost:
+            break
+        given_up += lost
+    choice.dropped_by_cv = list(dict.fromkeys([*given_up, *choice.dropped_by_cv]))
+    return choice
+
+
+def search(problem, alpha, chance, given_up=(), first=()):
+    """Choose groups, and ask nothing of rows left out.
+
+    Parameters
+    ----------
+    problem, alpha, chance
+        As of `choose`.
+    given_up : sequence of CandidateGroup
+        Not to be chosen again.
+    first : sequence of CandidateGroup
+        To begin with; they stay, whatever they are worth.
+
+    Returns
+    -------
+    ModelChoice
+    """
+    plain = problem.plain
+    choice = ModelChoice(list(first), plain.fit(list(first)), held=frozenset(first))
+    _forward(problem, plain, choice, alpha * DICTIONARY_SHARE, chance, given_up)
+    for add, share, offered in ((_add_change, DICTIONARY_SHARE, problem.variants is not None),
+                                (_add_curve, CURVE_SHARE, len(problem.curves))):
+        while offered and len(choice.chosen) < MOST_EFFECTS and add(
+                problem, plain, choice, alpha * share, chance, given_up):
+            _forward(problem, plain, choice, alpha * DICTIONARY_SHARE, chance, given_up)
+    return choice
+
+
+def affordable(problem, fit, size):
+    """Whether there are rows enough for `size` columns more."""
+    return 2 * problem.n - len(fit.basis) - size >= ROWS_PER_COLUMN * size + 2
+
+
+def _forward(problem, plain, choice, alpha, chance, given_up):
+    """Add groups of the dictionary while one that pays is beyond chance, and noise with memory."""
+    bank, seen = problem.dictionary, {frozenset(choice.chosen)}
+    without = [c.group for c in given_up if c.plain]
+    blocked, choice.masked = [], [c for c in choice.masked if not c.plain]
+    mask = _mask(problem, choice, bank)
+    while len(choice.chosen) < MOST_EFFECTS:
+        g = _beyond_chance(plain, choice.fit, alpha, chance, [*without, *blocked])
+        if g is None:
+            break
+        lost = _masked(problem, choice, bank, mask, g, alpha, chance)
+        if len(lost):
+            choice.masked.append(CandidateGroup(g))
+            blocked += list(lost)
+            continue
+        choice.chosen.append(CandidateGroup(g))
+        choice.fit = plain.fit(choice.chosen, choice.fit.weights)
+        second_look(plain, choice, without)
+        blocked, choice.masked = [], []
+        # an addition that the second look takes back would go on for ever
+        if frozenset(choice.chosen) in seen:
+            choice.chosen = list(dict.fromkeys(choice.chosen))
+            choice.fit = plain.fit(choice.chosen)
+            break
+        seen.add(frozenset(choice.chosen))
+        mask = _mask(problem, choice, bank)
+
+
+def _mask(problem, choice, bank):
+    return MemoryMask(problem, list(choice.chosen), bank, choice.fit, choice.fit.weights)
+
+
+def _masked(problem, choice, bank, mask, g, alpha, chance):
+    """Groups that noise with memory explains as well as chance: `g` and all weaker ones, or none.
+    """
+    if not mask.covers(g):
+        return ()
+    if mask.scores.dof[g] == 0:
+        return (g,)
+    if chance.p(mask.fit, mask.scores, g, alpha) <= alpha or chance.p_beyond_memory(
+            problem, choice.chosen, bank, np.flatnonzero(mask.groups), g) <= alpha:
+        return ()
+    z = ChanceTest(mask.fit, mask.scores, g).all
+    return np.flatnonzero(mask.groups & (z <= z[g]))
+
+
+def _beyond_chance(problem, fit, alpha, chance, without):
+    """The group with the largest gain that is beyond chance, or the one chance explains least."""
+    scores = problem.dictionary.score(fit)
+    g, gain = best_of(scores, without)
+    if gain <= 0.0:
+        return None
+    if chance.p(fit, scores, g, alpha) > alpha:
+        z = ChanceTest(fit, scores, g).all.copy()
+        z[without] = -np.inf
+        other = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
+        if other == g or chance.p(fit, scores, other, alpha) > alpha:
+            return None
+        g = other
+    return g if affordable(problem, fit, len(problem.dictionary.of(g))) else None
+
+
+def second_look(problem, choice, without=()):
+    """Offer every choice all candidates again, with the others in; drop what does not pay."""
+    for _ in range(_SWEEPS):
+        changed = False
+        i = 0
+        while i < len(choice.chosen) and len(choice.chosen) > 1:
+            one = choice.chosen[i]
+            if not one.plain or one.changes(choice.chosen) or one in choice.held:
+                i += 1
+                continue
+            fit = problem.fit(choice.chosen, choice.fit.weights, without=i)
+            scores = problem.dictionary.score(fit)
+            others = [*without, *(c.group for j, c in enumerate(choice.chosen)
+                                  if j != i and c.plain)]
+            g, gain = best_of(scores, others)
+            if gain <= 0.0:
+                choice.dropped.append(choice.chosen.pop(i))
+                choice.fit = fit
+                changed = True
+                continue
+            if g != one.group and gain > scores.delta_bic[one.group] + 0.01:
+                choice.chosen[i] = CandidateGroup(g)
+                changed = True
+            i += 1
+        if not changed:
+            break
+        choice.fit = problem.fit(choice.chosen, choice.fit.weights)
+
+
+def _add_change(problem, plain, choice, alpha, chance, given_up):
+    """That an effect which was found grows or fades."""
+    if not any(c.plain for c in choice.chosen):
+        return False
+    bank, groups = plain.changes_of(choice.chosen)
+    without = [i for i, c in enumerate(groups) if c in choice.chosen or c in given_up]
+    # of one effect one change
+    without += [i for i, c in enumerate(groups) if any(c.of == k.of for k in choice.chosen)]
+    scores, mask = bank.score(choice.fit), _mask(problem, choice, bank)
+    while len(without) < len(bank):
+        g, gain = best_of(scores, without)
+        if gain <= 0.0 or chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
+                problem, choice.fit, len(bank.of(g))):
+            return False
+        lost = _masked(problem, choice, bank, mask, g, alpha, chance)
+        if not len(lost):
+            choice.chosen.append(groups[g])
+            choice.fit = plain.fit(choice.chosen, choice.fit.weights)
+            return True
+        choice.masked.append(groups[g])
+        without += list(lost)
+    return False
+
+
+def _add_curve(problem, plain, choice, alpha, chance, given_up):
+    """A curve beside the choice, or in place of the effects of the same driver."""
+    without = [c.group for c in given_up if c.curve]
+    while True:
+        options = [*_curve_beside(plain, choice, alpha, chance, without),
+                   *_replacements(plain, choice, without)]
+        if not options:
+            return False
+        _, g, keep = max(options)
+        kept = [choice.chosen[i] for i in keep]
+        beside = ModelChoice(kept, plain.fit(kept))
+        lost = _masked(problem, beside, problem.curves, _mask(problem, beside, problem.curves), g,
+                       alpha, chance)
+        if not len(lost):
+            break
+        choice.masked.append(CandidateGroup(g, True))
+        without += list(lost)
+    choice.chosen = [*kept, CandidateGroup(g, True)]
+    choice.fit = plain.fit(choice.chosen, choice.fit.weights)
+    second_look(plain, choice, [c.group for c in given_up if c.plain])
+    return True
+
+
+def _curve_beside(problem, choice, alpha, chance, without):
+    scores = problem.curves.score(choice.fit)
+    scores.delta_bic[without] = -np.inf
+    g, gain = best_of(scores)
+    if gain <= 0.0:
+        return []
+    # of curves, the one that chance explains least: BIC would rather have half of a shape
+    z = ChanceTest(choice.fit, scores, g).all
+    g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
+    if chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
+            problem, choice.fit, len(problem.curves.of(g))):
+        return []
+    return [(float(scores.delta_bic[g]), g, tuple(range(len(choice.chosen))))]
+
+
+def _replacements(problem, choice, without):
+    """Curves that beat all dictionary effects of one driver together by more than the set width."""
+    out = []
+    drivers = [c.effect(problem).driver for c in choice.chosen]
+    free = [c.plain and not c.changes(choice.chosen) and c not in choice.held
+            for c in choice.chosen]
+    for driver in {d for d, of in zip(drivers, free) if of}:
+        keep = tuple(i for i, of in enumerate(free) if not of or drivers[i] != driver)
+        fit = problem.fit([choice.chosen[i] for i in keep], choice.fit.weights)
+        scores = problem.curves.score(fit, gains_only=True)
+        same = np.array([e.driver == driver for e in problem.curves.effects])
+        if not same.any():
+            continue
+        same[without] = False
+        g, gain = best_of(scores, np.flatnonzero(~same))
+        lost = _bic_between(fit, choice.fit) - sum(
+            len(problem.dictionary.of(c.group)) * np.log(problem.n)
+            for i, c in enumerate(choice.chosen) if i not in keep)
+        if gain > lost + SET_WIDTH:
+            out.append((gain - lost, g, keep))
+    return out
+
+
+def _bic_between(small, large):
+    """2 ln(likelihood ratio) of nested fits, at the weights of the larger."""
+    n = small.n
+    w = np.concatenate((large.weights, large.weights))
+    rss = [(w * s.raw**2).reshape(2, n).sum(axis=1) + 1e-60 for s in (small, large)]
+    return float(n * np.log(rss[0] / rss[1]).sum())
+
+
+def settled(problem, choice, alpha, chance, partitions):
+    """Test each of a choice with all others in the model, and drop until all of them hold.
+
+    Parameters
+    ----------
+    problem, alpha, chance, partitions
+        As of `choose`.
+    choice : ModelChoice
+        Is changed.
+
+    Returns
+    -------
+    ModelChoice
+    """
+    while True:
+        choice.significances = [significance(problem, choice, i, chance, alpha)
+                                for i in range(len(choice.chosen))]
+        # an effect stays while it changes: in the middle of the night it may be small
+        weak = [(s.p, i) for i, (c, s) in enumerate(zip(choice.chosen, choice.significances))
+                if (s.p > alpha or s.delta_bic <= 0.0) and not c.changes(choice.chosen)]
+        if weak:
+            choice.dropped.append(choice.chosen.pop(max(weak)[1]))
+        else:
+            choice.gains = list(np.min([_gains(problem, choice, folds) for folds in partitions],
+                                       axis=0)) if partitions and choice.chosen else []
+            if min(choice.gains, default=1.0) > 0.0:
+                return choice
+            worst = int(np.argmin(choice.gains))
+            choice.dropped_by_cv.append(choice.chosen[worst])
+            choice.chosen = choice.without(worst)
+        choice.fit = problem.plain.fit(choice.chosen)
+
+
+def _gains(problem, choice, folds):
+    """What each takes off the RMS of rows left out, the others being in the model, arcsec, (k,).
+
+    Of an effect of one axis the RMS of that axis counts: what it does there must hold there.
+    """
+    keep, noise = choice.fit.weights > LIVE, choice.fit.noise
+    whole = cross_validate_quickly(problem, choice.chosen, noise, folds)
+    out = []
+    for i, one in enumerate(choice.chosen):
+        less = cross_validate_quickly(problem, choice.without(i), noise, folds)
+        axes = {'az': [0], 'el': [1]}.get(one.effect(problem).axes, [0, 1])
+        out.append(radial_arcsec(less[axes], keep) - radial_arcsec(whole[axes], keep))
+    return np.array(out)
+
+
+@dataclass
+class Significance:
+    """How one chosen group stands with all others in the model.
+
+    Attributes
+    ----------
+    p : float
+        Family-wise, that chance gives any candidate a score like this.
+    delta_bic : float
+        Gain of the group.
+    equals : list of int
+        Groups of other lines of the ranking within `SET_WIDTH` of the best.
+    same : list of int
+        Of these the ones that are the same curve in this run (aliases).
+    every : ndarray, shape (G,)
+        Gain of each candidate in its place.
+    others : dict of int to list of CandidateGroup
+        Of equals that are as good only with other groups beside them (`alternatives`): these.
+    larger : dict of int to tuple of (int, float)
+        Of equals whose model has more groups: so many more, and by how much (BIC) it is better all
+        the same, or 0.
+    behind : dict of int to float
+        Of alternatives that were tried with groups of their own: how far behind (BIC) they are.
+    """
+
+    p: float
+    delta_bic: float
+    equals: list
+    same: list
+    every: np.ndarray
+    others: dict = field(default_factory=dict)
+    larger: dict = field(default_factory=dict)
+    behind: dict = field(default_factory=dict)
+
+
+def significance(problem, choice, i, chance, alpha):
+    """Test one of a choice with the others in the model, and find what could stand in its place.
+
+    What noise with memory can be mistaken for is tested against such noise.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    choice : ModelChoice
+    i : int
+        Of `choice.chosen`.
+    chance : Chance
+    alpha : float
+        A p that is certain to be above need not be known.
+
+    Returns
+    -------
+    Significance
+    """
+    chosen, weights = choice.chosen, choice.fit.weights
+    bank, g = chosen[i].family(problem, chosen)
+    fit = problem.plain.fit(chosen, weights, without=i)
+    mask = MemoryMask(problem, chosen, bank, fit, weights, i)
+    masked = mask.covers(g)
+    if masked:
+        fit = mask.fit
+    scores = bank.score(fit)
+    p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
+    if masked and p > alpha and scores.dof[g]:
+        others = [c for j, c in enumerate(chosen) if j != i]
+        p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
+        # what memory is left is known with the group in the model
+        scores = bank.score(problem.fit(chosen, weights, without=i,
+                                        memory=problem.fit(chosen).memory))
+    equals = [] if chosen[i].curve else _equals(problem, choice, i, bank, g, scores)
+    same = []
+    if equals:
+        own = scores.basis(g)
+        # what it shares nothing with, as one of the other axis, is no cause of the same
+        equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT]
+        same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
+    return Significance(p, float(scores.delta_bic[g]), equals, same, scores.delta_bic)
+
+
+def _equals(problem, choice, i, bank, g, scores):
+    """Groups of other lines that gain as much in the place of one of a choice."""
+    one = choice.chosen[i]
+    others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
+              if j != i and (c.curve, c.of is None) == (one.curve, one.of is None)}
+    limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
+    for other in np.argsort(-scores.delta_bic):
+        if scores.delta_bic[other] < max(limit, 0.0):
+            break
+        if other != g and other not in others and int(bank.line[other]) not in lines:
+            lines.add(int(bank.line[other]))
+            near.append(int(other))
+    return near

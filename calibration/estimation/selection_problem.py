@@ -1,0 +1,166 @@
+"""What a choice is made from, the rows and the candidates, and what it comes to."""
+
+from collections import ChainMap
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .candidates import CandidateBank, CandidateGroup
+from .correlated_noise import AxisNoise, Sequence, likely_memories
+from .linear_model import Columns, memory_of, weighted_fit, with_memory
+
+
+@dataclass
+class SelectionProblem:
+    """Offsets, the columns that are fitted to them anyway, and the candidates.
+
+    Attributes
+    ----------
+    base : Columns
+        Of everything that is fitted anyway.
+    b : ndarray, shape (2n,)
+        Offsets, radians.
+    inverse_sigma : ndarray, shape (2n,), or None
+    dictionary, curves : CandidateBank
+    sequence : Sequence, optional
+        Rows may resemble their neighbours in it; without it their noise has no memory.
+    variants : object, optional
+        Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
+        CandidateBank; ``finer(group)``, the members of its scan between those that are tried next
+        to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+    """
+
+    base: Columns
+    b: np.ndarray
+    inverse_sigma: np.ndarray | None
+    dictionary: CandidateBank
+    curves: CandidateBank
+    sequence: Sequence | None = None
+    variants: object = None
+    _memories: dict = field(default_factory=dict, repr=False)
+
+    @property
+    def plain(self):
+        """The same, with noise that has no memory."""
+        return replace(self, sequence=None)
+
+    @property
+    def n(self):
+        """Rows."""
+        return len(self.b) // 2
+
+    def rows(self, rows):
+        """The problem of some rows (indices); the memory of noise is known from all of them."""
+        both = np.concatenate((rows, rows + self.n))
+        return SelectionProblem(self.base.rows(both), self.b[both],
+                                None if self.inverse_sigma is None else self.inverse_sigma[both],
+                                self.dictionary.rows(rows), self.curves.rows(rows),
+                                None if self.sequence is None else self.sequence.rows(rows),
+                                None if self.variants is None else self.variants.rows(rows),
+                                ChainMap({}, self._memories))
+
+    def replace(self, group, effect, columns):
+        """Put another effect in the place of a group of the dictionary."""
+        self.dictionary.replace(group, effect, columns)
+        self._memories.clear()  # they were estimated with the other one
+
+    def only(self, chosen):
+        """The same with the columns of a choice in the base, and nothing to choose from."""
+        known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
+        return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
+                                self.sequence, None, {} if known is None else {frozenset(): known})
+
+    def fit(self, chosen, weights=None, without=None, final=False, memory=None):
+        """Fit of the base and the chosen groups.
+
+        Parameters
+        ----------
+        chosen : list of CandidateGroup
+        weights : ndarray, shape (n,), optional
+            Of a fit of nearly the same.
+        without : int, optional
+            Of `chosen`, to be left out.
+        final : bool
+        memory : tuple of AxisNoise, optional
+            Known; else it is estimated from what this fit leaves.
+
+        Returns
+        -------
+        WeightedFit
+        """
+        design = self.design(chosen, without)
+        fit = weighted_fit(design, self.b, self.inverse_sigma, weights, final)
+        if self.sequence is None:
+            return fit
+        if memory is None:
+            key = frozenset(c for i, c in enumerate(chosen) if i != without)
+            if key not in self._memories:
+                self._memories[key] = memory_of(fit, design, self.b, self.sequence)
+            memory = self._memories[key]
+        if not any(one.variance > 0.0 for one in memory):
+            return fit
+        return with_memory(fit, design, self.b, self.sequence, memory)
+
+    def likely_memories(self, chosen):
+        """`correlated_noise.likely_memories` with a choice in the model."""
+        design, fit = self.design(chosen), self.plain.fit(chosen)
+        return likely_memories(self.sequence, fit.noise.root,
+                               self.fit(chosen).memory or (AxisNoise(), AxisNoise()), fit.scale,
+                               design.common, self.b, design.own)
+
+    def design(self, chosen, without=None):
+        """Columns of the base and the chosen groups."""
+        return self.base.added(
+            [c.columns(self) for i, c in enumerate(chosen) if i != without])
+
+    def changes_of(self, chosen):
+        """`CandidateBank` of the changes of all of a choice, the `CandidateGroup` that each is."""
+        banks = {c.group: self.variants.changes(c.group) for c in chosen if c.plain}
+        groups = [CandidateGroup(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
+        return CandidateBank.joined(banks.values()), groups
+
+    def finer(self, group):
+        """A group of the dictionary; of a scan those about it, of which few are tried."""
+        finer = None if self.variants is None else self.variants.finer(group)
+        return self.dictionary.only([group]) if finer is None else finer
+
+
+@dataclass
+class ModelChoice:
+    """What was chosen, and how it stands.
+
+    Attributes
+    ----------
+    chosen : list of CandidateGroup
+    fit : WeightedFit
+        Of the base and the choice, if rows have no memory.
+    dropped, dropped_by_cv, not_repeated : list of CandidateGroup
+        Chosen once, and given up: it did not pay any more, or not on rows left out, or the search
+        without some runs chose so differently that those were predicted worse.
+    masked : list of CandidateGroup
+        Beyond chance if rows had no memory, but not beyond noise that has one.
+    held : frozenset of CandidateGroup
+        That a search may neither drop nor replace.
+    significances : list of Significance
+        Of each that was chosen.
+    gains : list of float
+        What each takes off the RMS of rows left out, arcsec: the least of all partitions.
+    replaced : bool
+        Whether it is the model of an alternative that was better.
+    """
+
+    chosen: list
+    fit: object
+    dropped: list = field(default_factory=list)
+    dropped_by_cv: list = field(default_factory=list)
+    not_repeated: list = field(default_factory=list)
+    masked: list = field(default_factory=list)
+    held: frozenset = frozenset()
+    significances: list = field(default_factory=list)
+    gains: list = field(default_factory=list)
+    replaced: bool = False
+
+    def without(self, i):
+        """The choice but for one, and but for the changes of that one."""
+        one = self.chosen[i]
+        return [c for c in self.chosen if c != one and not (one.plain and c.of == one.group)]
