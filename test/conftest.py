@@ -357,24 +357,13 @@ def one_parser():
 
 @pytest.fixture
 def short_diagnosis(monkeypatch):
-    """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no rivals
-    with companions of their own. A quarter of the time, where a test asks what becomes of the
-    result; how it is found the tests of calibration/diagnosis ask."""
-    from calibration.analysis.diagnosis import (
-        alternative_choice as rechosen,
-    )
-    from calibration.analysis.diagnosis import (
-        diagnosis,
-    )
-    from calibration.analysis.diagnosis import (
-        discrimination as apart,
-    )
-    from calibration.analysis.diagnosis import (
-        working_run as work,
-    )
+    """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no
+    alternatives in models of their own. A quarter of the time, where a test asks what becomes of
+    the result; how it is found the tests of calibration/analysis/diagnosis ask."""
+    from calibration.analysis.diagnosis import alternatives, diagnosis, discrimination, run_problem
     monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
-    monkeypatch.setattr(rechosen, 'MOST_TRIED', 0)
-    for module in (apart, work):
+    monkeypatch.setattr(alternatives, 'MOST_TRIED', 0)
+    for module in (discrimination, run_problem):
         monkeypatch.setattr(module, 'smooths', lambda context: [])
 
 

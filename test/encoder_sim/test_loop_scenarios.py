@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from encoder_sim.camera import Camera
 from encoder_sim.encoder_scale import disc_angle, tilted_angle
 from encoder_sim.geometry import MountGeometry, azimuth_elevation
-from encoder_sim.scenario import CameraErrors as CameraParams
-from encoder_sim.scenario import MountErrors, Scenario, TrueWeather
+from encoder_sim.scenario import CameraErrors, MountErrors, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
@@ -119,7 +119,7 @@ def test_a_faint_star_is_drawn_aside_more():
     stamps = np.full(len(up), int(NIGHT) * 10**9)
     frames = MountGeometry(MountErrors()).frames(az[up], el[up])
     plain, drawn = (Camera(
-        Scenario(camera=CameraParams(field_of_view=600 * ARCSEC, trail=trail)), 1).expose(
+        Scenario(camera=CameraErrors(field_of_view=600 * ARCSEC, trail=trail)), 1).expose(
         stamps, frames) for trail in (0.0, 30.0 * ARCSEC))
     shift = (drawn.miss - plain.miss) / ARCSEC
     assert np.abs(shift[:, 1]).max() == 0.0
