@@ -176,11 +176,14 @@ class System:
     rcond : float
         Of `weighted_solve`.
     axes : int
+    prior : ndarray, shape (k,), optional
+        Of coefficients that are known to be zero beforehand: 1 / variance, in the unit of the
+        weights. The design is an ndarray then.
     """
 
-    def __init__(self, design, b, weights, rcond, axes=2):
+    def __init__(self, design, b, weights, rcond, axes=2, prior=None):
         self.design, self.b, self.weights, self.rcond, self.axes = design, b, weights, rcond, axes
-        self._least = TOLERANCE if weights is None else 1e-9
+        self._prior, self._least = prior, TOLERANCE if weights is None else 1e-9
 
     def all_weights(self, row_weights):
         """Of values, with those of rows, shape (n,); None: 1."""
@@ -188,7 +191,22 @@ class System:
 
     def solve(self, row_weights=None):
         """With weights of rows, shape (n,), too; a `Solution`."""
-        return weighted_solve(self.design, self.b, self.all_weights(row_weights), self.rcond)
+        weights = self.all_weights(row_weights)
+        if self._prior is None:
+            return weighted_solve(self.design, self.b, weights, self.rcond)
+        n, k = len(self.b), len(self._prior)
+        known = weighted_solve(np.column_stack((self.design, np.eye(k))),
+                               np.append(self.b, np.zeros(k)),
+                               np.append(np.ones(n) if weights is None else weights, self._prior),
+                               self.rcond)
+        return known._replace(residual=known.residual[:n])
+
+    def normal(self, row_weights, axis):
+        """That part of the normal matrix which an axis makes, shape (k, k)."""
+        weights = np.zeros((self.axes, len(self.b) // self.axes))
+        weights[axis] = 1.0 if row_weights is None else row_weights
+        return normal_matrix(self.design, weights.ravel() if self.weights is None
+                             else weights.ravel() * self.weights)
 
     def squares(self, residual):
         """In sigmas where they were given, shape (axes, n)."""
@@ -314,10 +332,7 @@ def uncertainty_of(system, solution, row_weights, loss, given, basis):
     -------
     Uncertainty
     """
-    n, inverse = len(system.b) // 2, solution.inverse
-    weights = system.all_weights(row_weights)
-    x_weights = np.concatenate((np.ones(n) if weights is None else weights[:n], np.zeros(n)))
-    x_normal = normal_matrix(system.design, x_weights)
+    inverse, x_normal = solution.inverse, system.normal(row_weights, 0)
     variances, free = _noises(system, solution, row_weights, loss, inverse @ x_normal)
     if given:
         covariance, freedom = basis @ inverse @ basis.T, np.full(len(basis), np.inf)

@@ -21,7 +21,9 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
 from pointing_model.zero_exposures import is_marked, way_of
 
-from ...estimation.robust import LOSS, huber, reweighted, sigma_of
+from ...estimation.gauss_newton import Estimate
+from ...estimation.least_squares import System
+from ...estimation.robust import LOSS
 from ...rows import UNREACHABLE, usable
 from .polaris_zero import (
     FEWEST_FOR_ROBUST,
@@ -41,6 +43,8 @@ _ROUNDS = 4  # of the linearisation, without a model
 _ENOUGH = 3.0
 _FLOOR = 1e-3  # arcsec: noise is no less
 _SETTLED = 1e-5  # arcsec: residuals of an iteration
+_ROUNDS_OF_NOISE = 20
+_RCOND = 1e-12  # the prior determines what the exposures do not
 
 
 def zeros_of_power_ons(parts, reference, *, encoder='enc'):
@@ -127,15 +131,6 @@ class _ZeroRows(NamedTuple):
     mount: object
 
 
-class _ZeroFit(NamedTuple):
-    """Solution with some weights and noises."""
-
-    value: np.ndarray  # (k,)
-    inverse: np.ndarray  # of the normal matrix with the prior
-    residual: np.ndarray  # (2, n)
-    used: np.ndarray  # freedom that each axis lost, (2,)
-
-
 class _Solved(NamedTuple):
     """Zeros of the groups and what they rest on; angles in seconds of arc."""
 
@@ -190,30 +185,28 @@ def _solve(groups, names, model, encoder):
         held.columns(rows.az, rows.el) / ARCSEC], axis=2)  # (2, n, k)
     prior = np.r_[np.zeros(2 * g), np.ones(columns.shape[2] - 2 * g)]
     if is_a_model(model):
-        weights, sigma, fit = _robust(columns, _left(rows, model), prior, rows)
+        fit = _estimate(columns, _left(rows, model), prior, rows)
     else:  # about the terms as they are found: rotations are not linear
         found = np.zeros(len(prior))
         for _ in range(_ROUNDS):
             values = dict(zip(held.names, held.root @ found[2 * g:]))
             about = PointingModel(values, mount=mount)
             left = _left(rows, about) + columns[:, :, 2 * g:] @ found[2 * g:]
-            weights, sigma, fit = _robust(columns, left, prior, rows)
-            found = fit.value
-    robust = weights is not None
-    weights = np.ones(n) if weights is None else weights
-    misfit = _misfit(fit, weights, sigma, prior, rows, g)
-    inflation = LOSS.inflation if robust else 1.0
+            fit = _estimate(columns, left, prior, rows)
+            found = fit.coefficients
+    weights, sigma = fit.weights, _sigma(fit.scatter, rows)
+    misfit = _misfit(fit, prior, rows, g)
+    inflation = LOSS.inflation if fit.robust else 1.0
     if rows.sigmas is None:
-        inflation *= np.square([student_factor(max(free, 1.0)) for free in _freedom(
-            fit, weights, rows)])[:, None]
+        inflation *= np.square([student_factor(max(free, 1.0)) for free in fit.freedom])[:, None]
     wide = weights / (np.square(sigma) * inflation)
     final = _normal(columns, wide) + np.diag(prior)
     own = np.linalg.pinv(_normal(columns[:, :, :2 * g], wide), hermitian=True)
     plain = (columns * (weights / np.square(sigma))[:, :, None]).reshape(2 * n, -1)
     by_group = [rows.group == k for k in range(g)]
     return _Solved(
-        fit.value[:2 * g], np.linalg.inv(final)[:2 * g, :2 * g] * misfit**2, own * misfit**2,
-        fit.inverse[:2 * g] @ plain.T, rows, weights,
+        fit.coefficients[:2 * g], np.linalg.inv(final)[:2 * g, :2 * g] * misfit**2, own * misfit**2,
+        fit.covariance[:2 * g] @ plain.T, rows, weights,
         [way_of(part) for part in groups],
         [int(np.count_nonzero(weights[at] > 0.0)) for at in by_group],
         [int(np.count_nonzero(weights[at] == 0.0)) for at in by_group],
@@ -260,121 +253,95 @@ def _left(rows, model):
 
 def _normal(columns, weights):
     """Normal matrix of columns (2, n, k) with weights (2, n)."""
-    weighted = columns * weights[:, :, None]
-    return np.tensordot(weighted, columns, ((0, 1), (0, 1)))
+    return np.tensordot(columns * weights[:, :, None], columns, ((0, 1), (0, 1)))
 
 
-def _once(columns, left, prior, weights):
-    """Least squares with the prior, a `_ZeroFit`."""
-    weighted = columns * weights[:, :, None]
-    inverse = np.linalg.inv(_normal(columns, weights) + np.diag(prior))
-    value = inverse @ np.tensordot(weighted, left, ((0, 1), (0, 1)))
-    used = np.einsum('cnk,kl,cnl->c', weighted, inverse, columns)
-    return _ZeroFit(value, inverse, left - columns @ value, used)
+def _sigma(scatter, rows):
+    """Noise of the exposures, shape (2, n)."""
+    return (np.broadcast_to(np.array(scatter)[:, None], (2, len(rows.az)))
+            if rows.sigmas is None else rows.sigmas)
 
 
-def _robust(columns, left, prior, rows):
-    """Weights of the rows (None: all alike), noise (2, n) and the `_ZeroFit` with both."""
-    n = left.shape[1]
-    given = rows.sigmas
-    sigma = np.ones((2, n)) if given is None else given
+def _estimate(columns, left, prior, rows):
+    """Zeros and held terms by the exposures, an `Estimate`.
 
-    def solve(weights):
-        return _once(columns, left, prior, weights / np.square(sigma))
+    Of it the covariance is the inverse of the normal matrix with the prior, the scatter the noise
+    of an exposure in each axis, and the freedom that of this noise.
 
-    def measured(weights, fit):
-        if given is not None:
-            return given
-        return np.repeat(np.maximum(_scatter(fit, weights, rows), _FLOOR)[:, None], n, axis=1)
-
-    ones, weights = np.ones(n), None
-    fit = solve(ones)
-    for _ in range(10):
-        sigma, before = measured(ones, fit), fit
-        fit = solve(ones)
-        if np.abs(fit.residual - before.residual).max() < _SETTLED:
-            break
-    if n < FEWEST_FOR_ROBUST or 2 * n - fit.used.sum() < 4.0:
-        return None, sigma, fit
-
-    def distance(fit):
-        return np.hypot(*(fit.residual / scale))
-
-    def weigh_at_its_noise(fit):
-        nonlocal scale, sigma
-        factor = np.sqrt(2 * n / max(2 * n - fit.used.sum(), 1.0))
-        scale = np.maximum(sigma_of(fit.residual / (1.0 if given is None else given), factor,
-                                    axis=1), _FLOOR)[:, None]
-        scale = scale if given is None else scale * given
-        sigma = np.broadcast_to(scale, (2, n)) if given is None else given
-        return huber(distance(fit))
-
-    scale = sigma
-    def settled(new, old):
-        return np.abs(new.residual - old.residual).max() < _SETTLED
-
-    fit, _ = reweighted(solve, weigh_at_its_noise, fit, 20, settled)
-    for _ in range(5):
-        fit, weights = reweighted(solve, lambda fit: LOSS.weights(distance(fit)), fit, 20, settled)
-        if weights.sum() < 1.0:
-            return None, sigma, solve(ones)
-        # the median is wasteful, but it knows of no outlier: not far below it
-        sigma = measured(weights, fit)
-        fit = solve(weights)
-        scale = np.maximum(np.sqrt(np.mean(np.square(sigma), axis=1, keepdims=True))
-                           if given is None else given, scale / 1.5)
-    return weights, sigma, fit
+    Parameters
+    ----------
+    columns : ndarray, shape (2, n, k)
+    left : ndarray, shape (2, n)
+    prior : ndarray, shape (k,)
+    rows : _ZeroRows
+    """
+    _, n, k = columns.shape
+    design = np.moveaxis(columns, 2, 0).reshape(k, 2 * n)
+    scatter, robust, rank, before = np.ones(2), False, 0.0, np.inf
+    for _ in range(_ROUNDS_OF_NOISE):
+        system = System(design, left.ravel(), 1.0 / np.square(_sigma(scatter, rows)).ravel(),
+                        _RCOND, prior=prior)
+        if robust:
+            solution, weights = system.solve_robust(
+                LOSS, (1.0, 1.0), system.solve_huber(rank)[0].residual, _SETTLED)
+        if not robust or weights.sum() < 1.0:
+            robust, weights, solution = False, np.ones(n), system.solve()
+        residual = solution.residual.reshape(2, n)
+        taken = np.array([np.vdot(solution.inverse, system.normal(weights, axis))
+                          for axis in (0, 1)])
+        squares, freedom = _noise(residual, weights, taken, rows)
+        if rows.sigmas is None:
+            scatter = np.maximum(np.sqrt(squares / freedom / (
+                LOSS.variance if robust else 1.0)), _FLOOR)
+        rank = taken.sum()
+        if np.abs(residual - before).max() < _SETTLED:
+            if robust or n < FEWEST_FOR_ROBUST or 2 * n - rank < _ENOUGH + 1.0:
+                break
+            robust = True
+        before = residual
+    return Estimate(solution.p, solution.inverse, freedom, tuple(scatter), residual, weights,
+                    solution.rank, robust)
 
 
-def _within(fit, weights, rows):
+def _within(residual, weights, rows):
     """Squares of the residuals about the mean of each star, (2,), and the freedom left."""
     count = rows.star.max() + 1
     total = np.bincount(rows.star, weights, count)
     squares = []
-    for residual in fit.residual:
-        mean = np.bincount(rows.star, weights * residual, count) / np.maximum(total, 1e-12)
-        squares.append(weights @ np.square(residual - mean[rows.star]))
+    for one in residual:
+        mean = np.bincount(rows.star, weights * one, count) / np.maximum(total, 1e-12)
+        squares.append(weights @ np.square(one - mean[rows.star]))
     return np.array(squares), weights.sum() - np.count_nonzero(total > 1e-6)
 
 
-def _freedom(fit, weights, rows):
-    """Freedom of the noise of each axis, (2,)."""
-    _, free = _within(fit, weights, rows)
-    if free >= _ENOUGH:
-        return np.full(2, free)
-    out = weights.sum() - fit.used
-    return out if out.min() >= _ENOUGH else np.full(2, out.sum())
-
-
-def _scatter(fit, weights, rows):
-    """Noise of each axis by the exposures themselves, (2,).
+def _noise(residual, weights, taken, rows):
+    """What tells the noise of each axis: squares, (2,), and their freedom, (2,).
 
     About the mean of each star, where they are enough: what the model lacks at a place is no noise.
     """
-    variance = LOSS.variance if (weights != 1.0).any() else 1.0
-    squares, free = _within(fit, weights, rows)
-    if free < _ENOUGH:
-        squares = np.square(fit.residual) @ weights
-        free = weights.sum() - fit.used
-        if free.min() < _ENOUGH:
-            squares, free = np.full(2, squares.sum()), free.sum()
-            if free < 0.5:
-                raise ValueError(f'{len(weights)} exposures for a zero do not tell their noise; '
-                                 'expose more often')
-    return np.sqrt(squares / free / variance)
+    squares, free = _within(residual, weights, rows)
+    if free >= _ENOUGH:
+        return squares, np.full(2, free)
+    squares, free = np.square(residual) @ weights, weights.sum() - taken
+    if free.min() >= _ENOUGH:
+        return squares, free
+    if free.sum() < 0.5 and rows.sigmas is None:
+        raise ValueError(f'{len(weights)} exposures for a zero do not tell their noise; '
+                         'expose more often')
+    return np.full(2, squares.sum()), np.full(2, free.sum())
 
 
-def _misfit(fit, weights, sigma, prior, rows, groups):
+def _misfit(fit, prior, rows, groups):
     """How much more the stars disagree than their noise and what is held allow; 1: they do not."""
-    squares, free = _within(fit, weights, rows)
-    own = squares / np.mean(np.square(sigma), axis=1) if rows.sigmas is None else np.array([
-        weights @ np.square(part) for part in fit.residual / sigma])
-    whole = (weights * np.square(fit.residual / sigma)).sum() + prior @ np.square(fit.value)
-    seen = len(np.unique(rows.star[weights > 1e-6]))
+    weights, sigma = fit.weights, _sigma(fit.scatter, rows)
+    whole = (weights * np.square(fit.residual / sigma)).sum() + (
+        prior @ np.square(fit.coefficients))
     if rows.sigmas is None:
+        squares, free = _within(fit.residual, weights, rows)
         if free < _ENOUGH:
             return 1.0
-        between, dof = whole - own.sum(), 2 * seen - 2 * groups
+        seen = len(np.unique(rows.star[weights > 1e-6]))
+        between, dof = whole - (squares / np.square(fit.scatter)).sum(), 2 * seen - 2 * groups
     else:
         between, dof = whole, 2 * np.count_nonzero(weights > 1e-6) - 2 * groups
     if dof <= 0:
