@@ -258,7 +258,7 @@ def _start_and_stop(name, count):
     """Fork nodes from a process that has imported everything, as the fork server does."""
     from collections import Counter
 
-    import msg_tools.running as module
+    import msg_tools.node_process as module
     from msg_tools import topics
     from msg_tools.node import MountNode
 

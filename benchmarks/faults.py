@@ -26,12 +26,12 @@ import numpy as np
 import yaml
 from zero_drift import axes_on
 
-from encoder_sim.geometry import MountGeometry
+from encoder_sim.mount_geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario
 from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.in_force import InForce
+from pointing_model.active_calibration import InForce
 from pointing_model.zero_message import joints_to_zero
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph

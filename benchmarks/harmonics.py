@@ -141,9 +141,9 @@ def to_the_bit(folder):
     """A run of each reading through processes and a log; whether replay and verify agree."""
     from msg_tools import topics
     from telescope_mount.graph import measured_graph
-    from telescope_mount.night import observe
-    from telescope_mount.replay import replay_log
-    from telescope_mount.verify import verify_log
+    from telescope_mount.log_check import verify_log
+    from telescope_mount.log_replay import replay_log
+    from telescope_mount.whole_night import observe
     good = True
     for reading in INTERPRETATIONS:
         file, _ = write(folder, reading, 0)
@@ -165,9 +165,9 @@ def to_the_bit(folder):
 def nights(folder, reading):
     """The eleven nights with harmonics alone in force: means after calibration by night."""
     from telescope_mount.graph import night_graph
-    from telescope_mount.night import observe
     from telescope_mount.papers.experiment import DRIFTS, REFERENCE_AGE, START, experiment_plan
     from telescope_mount.papers.table_1 import PAPER_TABLE_1, statistics
+    from telescope_mount.whole_night import observe
     plan = experiment_plan(30, 16, 4)
     out = folder / f'nights_{reading}'
     out.mkdir()

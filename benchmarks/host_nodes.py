@@ -20,8 +20,8 @@ def _say(*words):
 
 
 def _observe(folder, specs, asked):
-    from telescope_mount.night import NightFailed, observe
     from telescope_mount.night_files import write_results
+    from telescope_mount.whole_night import NightFailed, observe
     try:
         report = observe(
             folder, specs, asked['plan'], partial(write_results, folder),

@@ -20,7 +20,7 @@ import numpy as np
 from live_mount import GUARD, Night
 
 from msg_tools import topics
-from pointing_model.runs.messages import cloud_to_run
+from pointing_model.runs.run_messages import cloud_to_run
 from telescope_mount.graph import real_graph
 from telescope_mount.observing.plan import parse_plan
 

@@ -51,7 +51,7 @@ def drive(name):
     """A driver: readings at the parameter `rate_hz`, each stamped with the moment it is due."""
     from msg_tools import convert, topics
     from msg_tools.node import MountNode, Param
-    from msg_tools.running import run_node
+    from msg_tools.node_process import run_node
 
     class Driver(MountNode):
         """Of one encoder."""

@@ -101,7 +101,7 @@ def open_large(megabytes, folder):
 
 def recompute(bag):
     """A night from its log."""
-    from telescope_mount.verify import verify_log
+    from telescope_mount.log_check import verify_log
     reader = BagReader(bag)
     span = (reader.end_time - reader.start_time) * 1e-9
     begun = time.process_time()

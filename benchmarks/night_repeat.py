@@ -12,7 +12,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats import read_run
-from telescope_mount.night import run_night
+from telescope_mount.whole_night import run_night
 
 
 def burn():

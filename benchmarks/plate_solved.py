@@ -2,7 +2,7 @@
 
     python benchmarks/plate_solved.py [--nights N] [--images N] [--full]
 
-Nights are simulated by rotations (`encoder_sim.geometry`), with terms from nothing to a degree,
+Nights are simulated by rotations (`encoder_sim.mount_geometry`): terms from nothing to a degree,
 some with a wobble of the azimuth bearing that no term holds, 20 to 80 rows in 1 to 6 hours, noise
 of 0.3 to 5 arcsec. `terms`: the same night as readings with the star centred, and as image centres
 two minutes of arc beside it. `named`: of rows made false, copied, double or of another scale those
@@ -22,7 +22,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
-from encoder_sim.geometry import MountGeometry, azimuth_elevation, direction
+from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation, direction
 from encoder_sim.scenario import MountErrors, Wobble
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.formats import iso_utc
@@ -281,8 +281,8 @@ def _frames(folder, nights):
 def _solver(folder, images):
     from pointing_model.runs.plate_solves.mapping import load_mapping
     from pointing_model.runs.plate_solves.solvers import NoSolver, find_solver
+    from telescope_mount.plate_solver.folder import solve_folder
     from telescope_mount.runs import load_run
-    from telescope_mount.solving.folder import solve_folder
     try:
         solver = find_solver('solve-field', 60.0, (50.0, 70.0))
     except NoSolver as error:

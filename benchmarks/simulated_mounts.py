@@ -18,10 +18,10 @@ import numpy as np
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.fit import fit_terms
-from encoder_sim.camera import Camera
-from encoder_sim.geometry import MountGeometry
 from encoder_sim.incremental import IncrementalEncoder
+from encoder_sim.mount_geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
+from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import through_pole

@@ -21,8 +21,8 @@ from rclpy.serialization import serialize_message
 from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
-from pointing_model.runs.messages import run_to_cloud
-from telescope_mount.verify import _Count, _read
+from pointing_model.runs.run_messages import run_to_cloud
+from telescope_mount.log_check import _Count, _read
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'pointing_model' / 'observing'))
 

@@ -28,16 +28,16 @@ from calibration.session import CalibrationSession
 from calibration.session_diagnosis import Judges
 from encoder_sim import keyed_noise
 from encoder_sim.absolute import AbsoluteEncoder
-from encoder_sim.geometry import MountGeometry
+from encoder_sim.mount_geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.following import Following
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.sky.target import StarTarget
 from pointing_model.zero import Zeros
+from pointing_model.zero_drift import Following
 from telescope_mount.observing.pace import seconds_a_star
 from telescope_mount.observing.star_choice import choose_stars
 

@@ -23,9 +23,9 @@ from calibration.analysis.fit import fit_terms
 from calibration.analysis.zero.polaris_zero import zero_from_polaris
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
-from encoder_sim.geometry import MountGeometry, azimuth_elevation
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount import HOME_ATTEMPTS, SimulatedMount
+from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun

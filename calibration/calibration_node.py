@@ -17,14 +17,14 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.memory import give_back
 from msg_tools.node import MountNode
-from msg_tools.running import run_node
+from msg_tools.node_process import run_node
 from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation
 from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.runs.messages import cloud_to_run, run_to_cloud
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 from pointing_model.zero_message import zero_to_joints
 
@@ -35,9 +35,9 @@ from .analysis.held_out import steps_of
 from .analysis.tracking import TRACK
 from .calibration_params import PARAMS, site_of
 from .distrust import contradicted
-from .finished import document_text
 from .live_apart import LiveApart
 from .nights import NightSeries
+from .power_on_cache import document_text
 from .session import CalibrationSession
 
 #: power-ons whose begin is known: the zero of a later one is published

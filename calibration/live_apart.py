@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from pointing_model.apart import CANNOT, FORMAT, VERSION
-from pointing_model.following import Following
+from pointing_model.zero_drift import Following
 
 from .session_diagnosis import stars_of
 

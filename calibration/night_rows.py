@@ -1,7 +1,7 @@
 """The rows of a night that a calibration takes, one after the other or as a table."""
 
 from msg_tools.status import Taken
-from pointing_model.kept_rows import first_of_last
+from pointing_model.row_retention import first_of_last
 
 from .analysis.sky_model import with_errors
 from .row_store import RowStore

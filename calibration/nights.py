@@ -10,9 +10,9 @@ import numpy as np
 
 from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
-from pointing_model.kept_rows import first_of_last, kept_words
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
+from pointing_model.row_retention import first_of_last, kept_words
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, zero_in_force

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from pointing_model.following import KEY as FOLLOWS
-from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.zero import Zeros
+from pointing_model.zero_drift import KEY as FOLLOWS
+from pointing_model.zero_drift import Following
 
 from .analysis.refit import refitted
 from .estimation.comparison import FEWEST

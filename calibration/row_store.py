@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pointing_model.kept_rows import first_of_last
+from pointing_model.row_retention import first_of_last
 from pointing_model.runs.run import REQUIRED, PointingRun
 
 #: rows for which there is room at first, and by what share it grows

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.following import KEY as FOLLOWS
-from pointing_model.following import Following
-from pointing_model.kept_rows import kept_words
 from pointing_model.model import PointingModel
+from pointing_model.row_retention import kept_words
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
+from pointing_model.zero_drift import KEY as FOLLOWS
+from pointing_model.zero_drift import Following
 from pointing_model.zero_exposures import is_for_zero
 
 from .analysis.encoders.count_drift import followed
@@ -23,8 +23,8 @@ from .analysis.zero.stars_zero import zero_from_exposures
 from .analysis.zero.zero_changes import zero_change, zero_changes, zeros_of_night
 from .distrust import notes_of, reasons
 from .estimation.comparison import FEWEST, judge
-from .finished import Finished, Packed
 from .night_rows import NightRows
+from .power_on_cache import Finished, Packed
 from .publication import Candidate, Published
 from .rows import counts, for_fitting
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
-from pointing_model.following import KEY as FOLLOWS
-from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, Zeros
+from pointing_model.zero_drift import KEY as FOLLOWS
+from pointing_model.zero_drift import Following
 from pointing_model.zero_exposures import is_for_zero
 
 from .analysis.diagnosis import Diagnosis, diagnose

@@ -11,7 +11,7 @@ import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
-from msg_tools.running import run_node
+from msg_tools.node_process import run_node
 
 from .axis_reader import MOUNTS, AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of

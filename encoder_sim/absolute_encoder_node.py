@@ -14,8 +14,8 @@ from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param
+from msg_tools.node_process import run_node
 from msg_tools.power_on import PowerOn, since
-from msg_tools.running import run_node
 
 from .absolute import AbsoluteEncoder
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice

@@ -6,15 +6,15 @@ import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.running import run_node
+from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.sky.params import SKY_PARAMS, sky_of
+from pointing_model.sky.sky_params import SKY_PARAMS, sky_of
 from pointing_model.sky.target import satellite_target
 
-from .camera import Camera
 from .device_params import DEVICE_PARAMS, MountedDevice
-from .geometry import FORWARD, MountGeometry, bent
-from .wind import WindLoad
+from .mount_geometry import FORWARD, MountGeometry, bent
+from .star_camera import Camera
+from .wind_gusts import WindLoad
 
 #: so few samples of an exposure are of axes that move evenly, or say no more
 SMOOTH = 3

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from . import keyed_noise
-from .axes import AXES
+from .axis_motion import AXES
 
 #: so many time constants of the loop are remembered, in pieces of one with 8 nodes each
 _REMEMBERED = 30

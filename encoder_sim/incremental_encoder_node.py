@@ -8,8 +8,8 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
+from msg_tools.node_process import run_node
 from msg_tools.power_on import PowerOn, since
-from msg_tools.running import run_node
 from msg_tools.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice

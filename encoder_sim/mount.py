@@ -7,9 +7,9 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 from pointing_model.sky.places import DEFAULT_SITE
 
-from .axes import MountAxes, Trajectory
+from .axis_motion import MountAxes, Trajectory
 from .drives import Drives
-from .wind import WindLoad
+from .wind_gusts import WindLoad
 
 #: homing begins at least that far before the reference marks, and passes them for that long
 HOME_RUN_UP, HOME_SPAN = 0.5 * DEG, 4.0

@@ -13,9 +13,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import AUTOSTART, ManagedNode
 from msg_tools.node import Param
-from msg_tools.running import run_node
+from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE
 

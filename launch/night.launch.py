@@ -1,7 +1,7 @@
 """A simulated night under ROS launch: the same graph as `telescope-mount night`."""
 
 from telescope_mount.graph import night_graph
-from telescope_mount.launching import description, started
+from telescope_mount.launch_actions import description, started
 from telescope_mount.observing.plan import night_plan, parse_plan
 from telescope_mount.simulator import kind_of_mount
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from telescope_mount.graph import real_graph
-from telescope_mount.launching import description, started
+from telescope_mount.launch_actions import description, started
 from telescope_mount.observing.plan import parse_plan, real_plan
 
 EXAMPLES = Path(__file__).resolve().parents[1] / 'examples'

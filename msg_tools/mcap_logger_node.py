@@ -18,8 +18,8 @@ from .bag.provenance import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
+from .node_process import run_node
 from .readiness import AWAITED
-from .running import run_node
 from .topics import Topic
 
 #: a frame is rendered only for those who ask

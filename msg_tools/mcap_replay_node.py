@@ -14,7 +14,7 @@ from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
 from .node import MountNode, Param
-from .running import run_node
+from .node_process import run_node
 from .topics import Topic, make_qos
 
 #: messages after which a replay as fast as possible waits for the subscribers

@@ -10,16 +10,16 @@ from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
 from . import NAMESPACE
-from .asked_again import Answers
 from .executor import AFTER, ANSWERS, published
 from .gaps import SequenceGaps
-from .parameters import ParameterNode
+from .parameter_events import ParameterNode
 from .params import BadInput, Param
 from .quick_clouds import POINT_CLOUD, CloudWriter
 from .quick_joints import JOINT_STATE, JointReader, JointWriter
 from .quick_tracks import TRAJECTORY, TrackReader, TrackWriter
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports
 from .rivals import INSTANCE, earlier_rival, new_instance
+from .service_retry import Answers
 from .topics import CLOCK, DIAGNOSTICS
 
 __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',

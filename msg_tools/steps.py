@@ -6,7 +6,7 @@ what a condition looks at (a message, a timer, the answer of a service) calls `S
 
 import time
 
-from .asked_again import AGAIN, EARLIEST, PASSED
+from .service_retry import AGAIN, EARLIEST, PASSED
 
 
 class CallRefused(Exception):

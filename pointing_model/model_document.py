@@ -10,10 +10,10 @@ from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from .fitted_effects import FittedEffect
-from .following import KEY as FOLLOWS
 from .harmonics import Harmonics
 from .model import PointingModel
 from .mounts import ALTAZ, OF_MOUNT, Mount, told
+from .zero_drift import KEY as FOLLOWS
 
 FORMAT = 'telescope_mount/pointing_model'
 VERSION = 2

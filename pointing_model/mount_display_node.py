@@ -10,10 +10,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
-from msg_tools.running import run_node
+from msg_tools.node_process import run_node
 
 from .mount_shape import ROOT, STANDS, frames_of, parts_of, placed, urdf
-from .sky.params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
+from .sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 
 PARAMS = (
     KIND_OF_MOUNT, SKY_PARAMS[0],

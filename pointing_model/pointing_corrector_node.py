@@ -8,16 +8,16 @@ from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
+from msg_tools.node_process import run_node
 from msg_tools.power_on import start_of
 from msg_tools.quick_tracks import joint_track
-from msg_tools.running import run_node
 from msg_tools.units import ARCSEC, wrap
 
+from .active_calibration import time_driver, tracked_sigma, wander_sigma
+from .active_topics import MODEL_FILE, in_force_of
 from .context import Context
-from .following import Difference, Following
-from .in_force import time_driver, tracked_sigma, wander_sigma
 from .in_force_message import pair_to_text
-from .in_force_topics import MODEL_FILE, in_force_of
+from .zero_drift import Difference, Following
 
 PARAMS = (MODEL_FILE,)
 #: step of the difference that turns sky rates into encoder rates, s

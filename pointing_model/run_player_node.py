@@ -11,15 +11,15 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
+from msg_tools.node_process import run_node
 from msg_tools.readiness import unmatched
-from msg_tools.running import run_node
 from msg_tools.status import Progress, Taken
 from msg_tools.steps import Steps, call
 
-from .kept_rows import first_of_last
+from .row_retention import first_of_last
 from .runs.formats import read_run
-from .runs.messages import run_to_cloud
 from .runs.run import COLUMNS, PointingRun
+from .runs.run_messages import run_to_cloud
 
 #: rows published between two looks at what else there is to do
 BATCH = 200

@@ -31,7 +31,7 @@ from calibration.analysis.fit import fit_terms
 from calibration.analysis.fit_document import fit_document
 from calibration.analysis.sky_model import settled, settled_together
 from msg_tools.units import ARCSEC, DEG
-from pointing_model import apply as _apply
+from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
 from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
@@ -402,7 +402,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
     model : Fit, Diagnosis, PointingModel, str or Path
         A path: a model file of ours, or of another program.
     az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
-        As of `pointing_model.apply.apply`, which does the work: ``temperature_c=4.5``, ...
+        As of `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
 
     Returns
     -------

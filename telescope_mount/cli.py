@@ -24,14 +24,14 @@ def main(argv=None):
     command = ''
     try:
         with interrupted_in_order(program=argv is None):
-            from .parsing import parsed
+            from .command_parser import parsed
             args = parsed(sys.argv[1:] if argv is None else list(argv))
             command = args.command
             return _run(args)
     except KeyboardInterrupt as end:
         import signal
 
-        from .parsing import module_of
+        from .command_parser import module_of
         number = end.args[0] if end.args else signal.SIGINT
         by = 'Ctrl-C' if number == signal.SIGINT else signal.Signals(number).name
         logged = '; what was logged is closed and readable' if command and hasattr(
@@ -66,9 +66,9 @@ def _say_no_more():
 
 def _run(args):
     """Check what can be checked before the work, do it, and give the exit code."""
+    from .command_parser import module_of
     from .commands import options
     from .commands.console import ProgressLine
-    from .parsing import module_of
     module = module_of(args.command.replace('-', '_'))
     if getattr(module, 'NEEDS_ROS', False) and not options.is_list(args):
         from .ros import check

@@ -42,7 +42,8 @@ def preload():
     import rclpy
     from rclpy.type_support import check_for_type_support
 
-    from msg_tools import running, topics  # noqa: F401
+    from msg_tools import node_process as running  # noqa: F401
+    from msg_tools import topics
     for topic in topics.ALL:
         check_for_type_support(topic.message)
     rclpy.get_rmw_implementation_identifier()  # loads DDS

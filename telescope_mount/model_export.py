@@ -120,7 +120,7 @@ def _with_zero(model, wanted):
     import numpy as np
 
     from msg_tools.units import ARCSEC
-    from pointing_model.apply import zeros_of_rows
+    from pointing_model.model_application import zeros_of_rows
     from pointing_model.zero import zeros_in_force
     (az, el), applied = zeros_of_rows(model, wanted)
     known = zeros_in_force(model)

@@ -50,7 +50,7 @@ def write_results(folder, results, kept=None, incomplete=None):
     from msg_tools.units import ARCSEC
     from pointing_model.model import PointingModel
     from pointing_model.runs.formats import write_csv
-    from pointing_model.runs.messages import cloud_to_run
+    from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.sky.earth import earth_orientation
 
     run = cloud_to_run(results[topics.OBSERVATIONS.name])

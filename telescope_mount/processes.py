@@ -240,7 +240,7 @@ class Processes:
             if len(group) == 1:
                 self.start(group[0])
             else:
-                self._start(name, 'msg_tools.running', group,
+                self._start(name, 'msg_tools.node_process', group,
                             ','.join(spec.module for spec in group))
 
     def start(self, spec):

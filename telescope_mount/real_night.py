@@ -8,10 +8,11 @@ from telescope_mount.observing.clocks import sentence
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan, real_plan
 
-from . import domain, night
+from . import domain
+from . import whole_night as night
 from .graph import real_graph
-from .night import STATE
 from .night_files import diagnosing, write_page, write_results
+from .whole_night import STATE
 
 #: wall seconds without any progress after which it is given up: a slew through half a turn of a
 #: slow mount, and some clouds

@@ -349,7 +349,7 @@ def few_partitions():
 @pytest.fixture(scope='session', autouse=True)
 def one_parser():
     """The parser of all commands once, as in a process of a user."""
-    from telescope_mount import parsing
+    from telescope_mount import command_parser as parsing
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(parsing, 'make_parser', functools.cache(parsing.make_parser))
         yield

@@ -9,7 +9,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, zero_in_force
 from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
 
-from ..finished import Finished
+from ..power_on_cache import Finished
 from ..rows import by_run
 from .fit import fit_terms
 from .harmonic_fit import Recipe

@@ -7,8 +7,8 @@ from msg_tools.bag.names import prefix_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text
 from pointing_model.model import PointingModel
-from pointing_model.runs.messages import cloud_to_run
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run
 
 from .night_page import FILES, render_night, told_of
 

@@ -15,9 +15,9 @@ from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
-from pointing_model.following import Following
 from pointing_model.model import PointingModel
 from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
+from pointing_model.zero_drift import Following
 from pointing_model.zero_exposures import is_for_zero
 
 from .drawing import clean

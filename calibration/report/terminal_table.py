@@ -5,7 +5,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from msg_tools.spelling import spelled
+from msg_tools.terminal_signs import spelled
 
 #: spaces between two columns, and on the left of a table
 _GAP, _MARGIN = 3, 1

@@ -120,8 +120,8 @@ def declared(folder):
     """
     import rclpy
 
-    from msg_tools.lifecycle import ManagedNode
-    from msg_tools.running import node_of
+    from msg_tools.node_lifecycle import ManagedNode
+    from msg_tools.node_process import node_of
     from telescope_mount.graph import NODES
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=int(os.environ.get('ROS_DOMAIN_ID', 77)))

@@ -40,7 +40,7 @@ def add(commands):
 
 def run(args):
     """Read, turn, write, say what was not known."""
-    from pointing_model.apply import NEWEST, NO_ZEROS
+    from pointing_model.model_application import NEWEST, NO_ZEROS
     from pointing_model.mounts import ALTAZ
     from pointing_model.runs.model_files import read_model
 
@@ -70,8 +70,8 @@ def _apply(model, args):
     import numpy as np
 
     from msg_tools.units import DEG
-    from pointing_model.apply import turned, zeros_of_rows
     from pointing_model.context import Context
+    from pointing_model.model_application import turned, zeros_of_rows
     from pointing_model.runs.formats.table import decimal_points
     from pointing_model.runs.run import column_name
     name, table = _table(args.file)
@@ -223,8 +223,8 @@ def _drivers(name, lines, cells, pair, places, args, reasons):
 def _said_of_zeros(model, applied, run, wanted):
     """What was done with the zeros that the model carries."""
     from msg_tools.units import ARCSEC
-    from pointing_model.following import KEY
     from pointing_model.zero import zeros_in_force
+    from pointing_model.zero_drift import KEY
     if not zeros_in_force(model):
         return []
     if not applied:

@@ -51,7 +51,7 @@ def run(args):
         used_sentence,
     )
 
-    from ..close_the_loop import ALL, close_all, close_the_loop
+    from ..loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
     from .console import ProgressLine, end_of_night, new_console, print_lines
     if options.is_list(args):

@@ -54,7 +54,7 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..night import is_server, run_night
+    from ..whole_night import is_server, run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)

@@ -24,7 +24,7 @@ def add(commands):
 
 def run(args):
     """Replay, print, write."""
-    from ..replay import replay_log
+    from ..log_replay import replay_log
     from .console import (
         ProgressLine,
         new_console,

@@ -35,7 +35,7 @@ def run(args):
     from pointing_model.runs.plate_solves.mapping import load_mapping
     from pointing_model.runs.plate_solves.solvers import find_solver
 
-    from ..solving.folder import FAILED, HUNG, SOLVED, solve_folder
+    from ..plate_solver.folder import FAILED, HUNG, SOLVED, solve_folder
     from .console import ProgressLine, new_console, print_files, print_lines, write_outputs
     options.check_target(args.json)
     if not args.folder.is_dir():

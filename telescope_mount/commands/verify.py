@@ -21,7 +21,7 @@ def add(commands):
 
 def run(args):
     """Compute, compare, print; 1 if something differs."""
-    from ..verify import verify_log
+    from ..log_check import verify_log
     from .console import ProgressLine, new_console, print_lines, write_outputs
     options.check_target(args.json)
     with ProgressLine(unit='rows', first='reading the log') as progress:

@@ -49,7 +49,7 @@ def run(args):
 def _log(args):
     from msg_tools.bag.sqlite import open_bag
 
-    from ..watching.log import of_log
+    from ..dashboard.log_state import of_log
     from .export import time_of
     bag = open_bag(args.log)
     if args.at is None or bag.start_time is None:
@@ -62,7 +62,7 @@ def _log(args):
 
 def _tell(args, state):
     """The state, once."""
-    from ..watching.drawing import Dashboard
+    from ..dashboard.terminal_view import Dashboard
     from .console import new_console
     new_console().print(Dashboard(state))
     if args.json:
@@ -104,7 +104,7 @@ def listen(graph, source, namespace):
     """
     from msg_tools import topics
 
-    from ..watching.state import HEARD, LastMessages
+    from ..dashboard.graph_state import HEARD, LastMessages
     heard = LastMessages(source, namespace)
     # of a thousand readings a second the last is enough, and a clock is as fast
     latest = topics.make_qos(1, reliable=False)
@@ -121,7 +121,7 @@ def _dashboard(graph, heard):
     """Draw until Ctrl-C, SIGTERM or SIGHUP."""
     from rich.live import Live
 
-    from ..watching.drawing import Dashboard
+    from ..dashboard.terminal_view import Dashboard
     from .console import new_console, step_aside
     step_aside(for_good=True)
     begin, lost = time.monotonic(), ''

@@ -9,8 +9,8 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
-from pointing_model.sky.params import SKY_PARAMS
 from pointing_model.sky.places import Site
+from pointing_model.sky.sky_params import SKY_PARAMS
 from telescope_mount.observing.allowed_sky import AllowedSky
 
 from ..graph_client import GraphClient

@@ -12,9 +12,9 @@ import numpy as np
 from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
+from .axis_track import resting
 from .keeper import KNOT, OK, Keeper
 from .motion import AxisState
-from .track import resting
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
 LONGEST = 150.0 * DEG

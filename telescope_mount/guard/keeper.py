@@ -18,10 +18,10 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .axis_readings import AxisReadings
+from .axis_track import resting
 from .limits import safe_travel
 from .motion import AxisState, moment, plan_move
 from .rest import braked, ended
-from .track import resting
 from .track_judgement import Judge
 from .verdicts import Allowed, Refused
 from .way import around, lead

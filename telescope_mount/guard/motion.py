@@ -11,8 +11,8 @@ import numpy as np
 
 from msg_tools.units import DEG
 
+from .axis_track import BENT, STEP
 from .boxes import Boxes, points
-from .track import BENT, STEP
 
 #: the boxes of a slew are not more than so many
 MOST = 120

@@ -9,14 +9,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 
 from msg_tools import convert, topics
-from msg_tools.lifecycle import ACTIVATION, AUTOSTART, ManagedNode
 from msg_tools.node import Param
+from msg_tools.node_lifecycle import ACTIVATION, AUTOSTART, ManagedNode
+from msg_tools.node_process import run_node
 from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import drives
-from msg_tools.running import run_node
 from msg_tools.units import DEG
-from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 from pointing_model.sky.places import Site
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.sun import Sun, sun_place
 

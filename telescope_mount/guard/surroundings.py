@@ -8,8 +8,8 @@ from msg_tools.units import DEG
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.sun import turned
 
+from .axis_track import BENT
 from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
-from .track import BENT
 
 _TURN = 2.0 * np.pi
 #: what is so near to a limit counts as beyond it, rad

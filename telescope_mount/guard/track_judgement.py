@@ -7,9 +7,9 @@ import numpy as np
 
 from msg_tools.units import DEG
 
+from .axis_track import BENT, Cubic, resting
 from .motion import FAST, AxisState, Slew
 from .surroundings import Surroundings
-from .track import BENT, Cubic, resting
 from .verdicts import Allowed, Refused
 
 _TURN = 2.0 * np.pi

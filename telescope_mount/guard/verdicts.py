@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from .track import Cubic
+from .axis_track import Cubic
 
 
 class Allowed(NamedTuple):

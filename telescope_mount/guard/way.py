@@ -10,9 +10,9 @@ from msg_tools.units import DEG
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.sun import turned
 
+from .axis_track import resting
 from .boxes import Boxes
 from .motion import AxisState, plan_move
-from .track import resting
 from .track_judgement import Judge
 from .verdicts import Allowed
 

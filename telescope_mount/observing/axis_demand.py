@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import wrap
-from pointing_model.in_force import pointing_context
+from pointing_model.active_calibration import pointing_context
 from pointing_model.mounts import ALTAZ, through_pole
 
 #: seconds between the knots of a commanded track; the cubic between them is good to 1e-3 arcsec

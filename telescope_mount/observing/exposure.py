@@ -9,9 +9,9 @@ from calibration.analysis.camera_faults import turned_rows
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun
 
+from .axis_check import FollowingCheck
 from .axis_demand import Conditions, Pointing, track_to
 from .clocks import Drifting, on_sky, row_of
-from .following_check import FollowingCheck
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second

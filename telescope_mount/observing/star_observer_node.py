@@ -17,24 +17,24 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
+from msg_tools.node_process import run_node
 from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import PUBLISHES, unmatched
-from msg_tools.running import run_node
 from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
+from pointing_model.active_topics import in_force_of
 from pointing_model.apart import Asked
-from pointing_model.in_force_topics import in_force_of
-from pointing_model.kept_rows import KEPT_POWER_ONS
-from pointing_model.runs.messages import cloud_to_run, run_to_cloud, run_to_quick_cloud
-from pointing_model.sky.params import KIND_OF_MOUNT, mount_of, sky_of
+from pointing_model.row_retention import KEPT_POWER_ONS
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud, run_to_quick_cloud
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
 
 from .allowed_sky import AllowedSky
 from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile, NoFile
+from .night_table import NightTable
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
-from .table import NightTable
 
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',

@@ -1,9 +1,9 @@
 """Parameters of the star observer."""
 
 from msg_tools.node import Param
-from pointing_model.in_force_topics import MODEL_FILE
-from pointing_model.kept_rows import KEPT_POWER_ONS
-from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS
+from pointing_model.active_topics import MODEL_FILE
+from pointing_model.row_retention import KEPT_POWER_ONS
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 from pointing_model.sky.target import satellite_target
 
 from .plan import night_plan, parse_plan

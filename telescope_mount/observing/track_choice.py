@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from pointing_model.term_drift import KEY, walks_of
 from pointing_model.terms import design
-from pointing_model.tracked import KEY, walks_of
 
 from .next_star import SlewTime, next_star, until
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.steps import CallRefused
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.tracked import KEY
+from pointing_model.term_drift import KEY
 
 from .track_choice import TrackedModel, choose_next, next_time
 

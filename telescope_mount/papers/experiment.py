@@ -7,7 +7,7 @@ from msg_tools.output import beside, tried, write_text
 from telescope_mount.observing.plan import parse_plan
 
 from ..graph import night_graph
-from ..night import observe, prepare_folder
+from ..whole_night import observe, prepare_folder
 from .experiment_page import write_experiment_page
 
 #: how the zero moves at a power-on -> scenario
@@ -121,7 +121,7 @@ def _write(folder, nights, said, kept, incomplete, latest):
     from msg_tools import topics
     from pointing_model.runs.formats import write_csv
     from pointing_model.runs.formats.cells import write_rows
-    from pointing_model.runs.messages import cloud_to_run
+    from pointing_model.runs.run_messages import cloud_to_run
     from telescope_mount.papers.table_1 import COLUMNS, compare_with_paper
 
     kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])

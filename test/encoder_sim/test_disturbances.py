@@ -5,10 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.camera import Camera
 from encoder_sim.drives import Drives, ShaftCouplings
-from encoder_sim.geometry import FORWARD, MountGeometry, azimuth_elevation, bent, direction
 from encoder_sim.mount import RESTLESS_RATE, SimulatedMount
+from encoder_sim.mount_geometry import FORWARD, MountGeometry, azimuth_elevation, bent, direction
 from encoder_sim.scenario import AirLayers, MountErrors, Runout, Scenario, Seeing, Wind
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from encoder_sim.seeing import (
@@ -19,7 +18,8 @@ from encoder_sim.seeing import (
     seeing_sigma,
 )
 from encoder_sim.slow_noise import SlowNoise, ar_noise
-from encoder_sim.wind import WindLoad, von_karman
+from encoder_sim.star_camera import Camera
+from encoder_sim.wind_gusts import WindLoad, von_karman
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue

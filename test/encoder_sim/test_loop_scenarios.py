@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.camera import Camera
+from encoder_sim.star_camera import Camera
 from encoder_sim.encoder_scale import disc_angle, tilted_angle
-from encoder_sim.geometry import MountGeometry, azimuth_elevation
+from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
 from encoder_sim.scenario import CameraErrors, MountErrors, Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from msg_tools.units import ARCSEC, DEG, wrap

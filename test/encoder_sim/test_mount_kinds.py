@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from encoder_sim.camera import Camera
-from encoder_sim.geometry import MountGeometry, direction
+from encoder_sim.mount_geometry import MountGeometry, direction
 from encoder_sim.scenario import MountErrors, Scenario
 from encoder_sim.scenario_file import load_scenario
+from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import parse_mount
@@ -116,7 +116,7 @@ def test_the_pole_is_that_of_the_place_where_it_stands():
 
 def test_a_free_frame_that_is_the_horizon_is_an_alt_azimuth_mount():
     """All that a scenario may do to a mount, and the wind, in either way of saying it."""
-    from encoder_sim.wind import WindLoad
+    from encoder_sim.wind_gusts import WindLoad
     base = load_scenario('loop_two_effects').mount
     base = replace(base, bumps=load_scenario('loop_track_bump').mount.bumps, creep=9 * ARCSEC,
                    backlash_azimuth=7 * ARCSEC, tf_rate=1e-9,

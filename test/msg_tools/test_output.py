@@ -19,7 +19,7 @@ OTHERS = {
     'msg_tools/bag/metadata.py': 'beside and put in place, and on the disk with its folder',
     'msg_tools/forks.py': 'a pipe',
     'telescope_mount/observing/night_file.py': 'grows by lines',
-    'telescope_mount/solving/folder.py': 'grows by lines',
+    'telescope_mount/plate_solver/folder.py': 'grows by lines',
     'telescope_mount/processes.py': 'parameters of nodes, made for each night',
     'telescope_mount/cli.py': 'nobody',
     'telescope_mount/commands/options.py': 'nobody, and the standard output',

@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.asked_again import AGAIN, PASSED
+from msg_tools.service_retry import AGAIN, PASSED
 from msg_tools.steps import PATIENCE, CallRefused, ServiceCall, Steps, call
 
 

@@ -2,10 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from pointing_model.context import Context
-from pointing_model.effects import PERIODS, effect
-from pointing_model.fitted_effects import FittedEffect
-from pointing_model.in_force import (
+from pointing_model.active_calibration import (
     HORIZON,
     Gauge,
     demand_angles,
@@ -13,6 +10,9 @@ from pointing_model.in_force import (
     time_driver,
     travelled,
 )
+from pointing_model.context import Context
+from pointing_model.effects import PERIODS, effect
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.observing.blind_checks import blind_summary

@@ -239,8 +239,8 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
 
 
 def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
-    from pointing_model.following import KEY, AxisFollowing, Following
     from pointing_model.zero import RunZero
+    from pointing_model.zero_drift import KEY, AxisFollowing, Following
     from pointing_model.zero_message import zero_to_joints
     follows = Following({'el': AxisFollowing(
         np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})

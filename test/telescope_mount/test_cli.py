@@ -82,7 +82,7 @@ def test_bad_options_are_one_line(refused, words, text):
 
 
 def test_git_ignores_what_is_written_by_default():
-    from telescope_mount.parsing import make_parser
+    from telescope_mount.command_parser import make_parser
     commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     folders = [str(parser.get_default('out')) for parser in commands.values()
                if parser.get_default('out')]
@@ -130,7 +130,7 @@ def test_files_that_are_not_there(refused, tmp_path):
 
 
 def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
-    from telescope_mount import night
+    from telescope_mount import whole_night as night
     (tmp_path / 'p.yaml').write_text('')
     asked, given = [], night.run_night
 
@@ -362,7 +362,7 @@ def test_a_folder_of_images_points_to_what_says_what_they_are(refused, tmp_path)
 
 def test_an_option_means_one_thing_in_all_commands():
     """The same kind of value, the same choices; but --out may be a folder or a table."""
-    from telescope_mount.parsing import RENAMED, make_parser
+    from telescope_mount.command_parser import RENAMED, make_parser
     commands = next(a.choices for a in make_parser()._actions if a.dest == 'command')
     meanings = {}
     for name, parser in commands.items():

@@ -43,8 +43,8 @@ def stand_in(monkeypatch):
              'launch.substitutions': ('LaunchConfiguration',), 'launch_ros': (),
              'launch_ros.actions': ('Node',)}
     # imported anew here, and forgotten afterwards
-    monkeypatch.setitem(sys.modules, 'telescope_mount.launching', None)
-    del sys.modules['telescope_mount.launching']
+    monkeypatch.setitem(sys.modules, 'telescope_mount.launch_actions', None)
+    del sys.modules['telescope_mount.launch_actions']
     for module, classes in names.items():
         made = ModuleType(module)
         for name in classes:
@@ -179,7 +179,7 @@ def test_bad_arguments_of_a_real_mount_are_refused(real, arguments, words):
 
 def test_a_node_that_ends_ends_all(monkeypatch):
     stand_in(monkeypatch)
-    from telescope_mount.launching import end_all
+    from telescope_mount.launch_actions import end_all
     running, ending = SimpleNamespace(is_shutdown=False), SimpleNamespace(is_shutdown=True)
     well = SimpleNamespace(process_name='camera-4', returncode=0)
     refused = SimpleNamespace(process_name='camera-4', returncode=2)
@@ -245,7 +245,7 @@ def test_the_exit_code_of_launch(code, wanted):
     from launch.event_handlers import OnProcessExit
 
     from launch import LaunchDescription, LaunchService
-    from telescope_mount.launching import end_all
+    from telescope_mount.launch_actions import end_all
     service = LaunchService()
     service.include_launch_description(LaunchDescription([
         RegisterEventHandler(OnProcessExit(on_exit=end_all)),

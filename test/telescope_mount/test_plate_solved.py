@@ -287,7 +287,7 @@ def test_false_solves_and_frames_of_a_german_mount_are_named(german, tmp_path):
 
 
 def test_what_is_played_to_the_graph_is_the_judged_run(night, tmp_path):
-    from telescope_mount.close_the_loop import _player, _sound_run
+    from telescope_mount.loop import _player, _sound_run
     columns = columns_of(night)
     columns['ra_deg'] = columns['ra_deg'].copy()
     columns['ra_deg'][3] += 40.0

@@ -4,9 +4,9 @@ import pytest
 
 from msg_tools.status import Progress
 from telescope_mount import domain
-from telescope_mount.night import STATE
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.real_night import _folder, _free
+from telescope_mount.whole_night import STATE
 
 
 def test_a_driver_that_is_no_file_is_refused(refused, tmp_path):

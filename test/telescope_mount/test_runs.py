@@ -13,9 +13,9 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
+from telescope_mount.log_check import verify_log
 from telescope_mount.observing.pairing import centred
 from telescope_mount.runs import _readings, load_run, load_runs
-from telescope_mount.verify import verify_log
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
@@ -203,7 +203,7 @@ def test_the_truth_is_refused(night):
 def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
     serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
     from msg_tools.topics import OBSERVATION
-    from pointing_model.runs.messages import run_to_cloud
+    from pointing_model.runs.run_messages import run_to_cloud
     rng = np.random.default_rng(7)
     miss = rng.normal(size=(2, 20)) * ARCSEC
     miss[:, 12:] = 0.0
@@ -225,7 +225,7 @@ def test_what_a_lying_camera_found_is_left_out_of_a_log(tmp_path):
 def test_a_log_that_recorded_what_another_played_has_each_observation_once(tmp_path):
     serialization = pytest.importorskip('rclpy.serialization', exc_type=ImportError)
     from msg_tools.topics import OBSERVATION
-    from pointing_model.runs.messages import run_to_cloud
+    from pointing_model.runs.run_messages import run_to_cloud
     rng = np.random.default_rng(8)
     az, el = rng.uniform(0.0, 6.0, 60), rng.uniform(0.3, 1.4, 60)
     rows = [PointingRun({name: np.array([value]) for name, value in {

@@ -9,15 +9,15 @@ from fake_server import TELESCOPE, FakeServer, switch
 from msg_tools.status import Progress
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
-from telescope_mount import night
+from telescope_mount import whole_night as night
 from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
 from telescope_mount.bridges.indi.server import SIMULATOR
 from telescope_mount.bridges.indi.two_axes import TwoAxes
-from telescope_mount.night import STATE
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.real_night import run_server_night
 from telescope_mount.server_night import ask_server, nodes_of, parse_camera, server_plan
+from telescope_mount.whole_night import STATE
 
 INFO = '<defText name="DRIVER_INTERFACE">5</defText>'
 SIMULATED = TELESCOPE.replace(INFO, f'{INFO}<defText name="DRIVER_EXEC">{SIMULATOR}</defText>')

@@ -13,7 +13,12 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
 from pointing_model.runs.formats import iso_utc, read_run
-from pointing_model.runs.plate_solves.images import NotThere, frame_of, read_header, solution_of
+from pointing_model.runs.plate_solves.fits_images import (
+    NotThere,
+    frame_of,
+    read_header,
+    solution_of,
+)
 from pointing_model.sky.places import Site, Weather, observed_to_icrs
 from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run

@@ -15,7 +15,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.effects.base import effect
 from pointing_model.effects.hysteresis import MEMORIES
-from pointing_model.following import AxisFollowing, Following, harmonic_columns
+from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 
 from ...estimation.group_columns import GroupColumns
 from ...estimation.restricted_likelihood import restricted

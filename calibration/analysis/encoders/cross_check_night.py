@@ -8,10 +8,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
-from pointing_model.following import harmonic_columns
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
+from pointing_model.zero_drift import harmonic_columns
 from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
 from ...estimation.group_columns import GroupColumns, Moves
@@ -23,7 +23,7 @@ from ...estimation.step_scan import (
     robust_fit,
     two_sided,
 )
-from ...finished import Finished
+from ...power_on_cache import Finished
 from ..fit import fit_terms
 from ..zero.polaris_zero import zero_from_polaris
 from .cross_check_noise import Colour, colour_of, inflation, strongest

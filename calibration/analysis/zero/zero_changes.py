@@ -7,7 +7,7 @@ import numpy as np
 from pointing_model.model import PointingModel
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
-from ...finished import Finished
+from ...power_on_cache import Finished
 from ...rows import by_run, zero_exposures_by_run
 from ..fit import fit_terms
 from .stars_zero import is_alone, zero_from_exposures, zeros_of_power_ons

@@ -5,7 +5,7 @@ from collections import Counter
 
 import numpy as np
 
-from pointing_model.runs.plate_solves.images import (
+from pointing_model.runs.plate_solves.fits_images import (
     NotThere,
     read_header,
     row_of,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .images import NotThere, astropy_fits, read_header, solution_of
+from .fits_images import NotThere, astropy_fits, read_header, solution_of
 
 #: solver -> names of its program, and where it comes from
 PROGRAMS = {
@@ -76,7 +76,7 @@ class PlateSolver:
 
         Returns
         -------
-        solution : pointing_model.runs.plate_solves.images.Solution
+        solution : pointing_model.runs.plate_solves.fits_images.Solution
         sigma_arcsec : float
             1-sigma error of the place, an axis, from the scatter of the matched stars; NaN where
             the solver tells none.

@@ -2,11 +2,11 @@
 
 import sys
 
-from msg_tools.lifecycle import AUTOSTART
 from msg_tools.node import Param
-from msg_tools.running import run_node
+from msg_tools.node_lifecycle import AUTOSTART
+from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC
-from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
 from ..indi.indi_mount_node import IndiMount
 from .driver import AlpacaDriver

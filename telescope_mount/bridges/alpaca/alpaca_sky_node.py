@@ -5,9 +5,9 @@ What a driver of a real mount reports is what it believes, and no camera: that n
 
 import sys
 
-from msg_tools.lifecycle import AUTOSTART
-from msg_tools.running import run_node
-from pointing_model.sky.params import KIND_OF_MOUNT, SKY_PARAMS
+from msg_tools.node_lifecycle import AUTOSTART
+from msg_tools.node_process import run_node
+from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 
 from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
 from .params import SERVER_PARAMS

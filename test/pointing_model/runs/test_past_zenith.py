@@ -14,7 +14,8 @@ from calibration.analysis.diagnosis.input_check import (
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.solves import judge_solves
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model import apply, geometry
+from pointing_model import geometry
+from pointing_model import model_application as apply
 from pointing_model.context import Context
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole

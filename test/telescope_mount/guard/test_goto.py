@@ -11,10 +11,10 @@ from msg_tools.units import DEG
 from pointing_model.mounts import Mount
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
+from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
 from telescope_mount.guard.guard_settings import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
-from telescope_mount.guard.track import Cubic
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')
 

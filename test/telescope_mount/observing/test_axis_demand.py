@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.in_force import InForce
+from pointing_model.active_calibration import InForce
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero

@@ -6,11 +6,11 @@ import pytest
 from bench import SECOND, START, Bench
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.following import KEY, AxisFollowing, Following
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.zero import RunZero
+from pointing_model.zero_drift import KEY, AxisFollowing, Following
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT
 
 

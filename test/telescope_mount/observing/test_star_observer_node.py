@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
-from pointing_model.runs.messages import cloud_to_run
+from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.sky.target import satellite_target

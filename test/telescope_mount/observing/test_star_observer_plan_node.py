@@ -20,8 +20,8 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
-from pointing_model.runs.messages import cloud_to_run, run_to_cloud
 from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 

@@ -8,7 +8,7 @@ from bench import START, Bench
 
 from calibration.analysis.tracking.tracked_night import TrackedNight
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.in_force import tracked_sigma
+from pointing_model.active_calibration import tracked_sigma
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero

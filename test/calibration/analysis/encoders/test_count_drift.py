@@ -5,11 +5,11 @@ from calibration.analysis.encoders.count_drift import find_walk, followed
 from calibration.analysis.encoders.cross_check import check_witnesses
 from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.following import KEY, Following
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.terms import PHYSICAL
+from pointing_model.zero_drift import KEY, Following
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START = 1_768_482_000.0

@@ -1,0 +1,229 @@
+"""The star camera: where the brightest star of the field lies on the chip."""
+
+from dataclasses import astuple, replace
+from typing import NamedTuple
+
+import erfa
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.sky.earth import TURN_RATE
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+
+from . import keyed_noise
+from .mount_geometry import FORWARD, RIGHT, UP, direction
+from .seeing import WanderingRefraction, seeing_sigma
+
+#: a coarse place leaves out refraction, precession and aberration since the first exposure
+_MARGIN = 0.5 * DEG
+_CHUNK = 64
+#: s, of a satellite: for how long its coarse places are kept, and how far they are apart
+_PASS, _STEP = 600.0, 30.0
+
+
+class ExposureTimes(NamedTuple):
+    """What the camera measured in n exposures.
+
+    Attributes
+    ----------
+    miss : ndarray, shape (n, 2)
+        Star - boresight to the right and up as the tube has them (of a perfect mount that is not
+        through its pole, toward rising angles), rad in the tangent plane; NaN without a star.
+    hip : ndarray of int, shape (n,)
+        The star, 0: none. The camera of a real mount does not know it: for tests.
+    mag : ndarray, shape (n,)
+        Magnitude, NaN without a star.
+    """
+
+    miss: np.ndarray
+    hip: np.ndarray
+    mag: np.ndarray
+
+
+class Camera:
+    """Camera in the tube.
+
+    Parameters
+    ----------
+    scenario : scenario.Scenario
+    seed : int
+    site : sky.Site
+        Where the mount is, if the scenario does not say.
+    weather : sky.Weather
+        The same of the air.
+    start : float
+        Start of the night, UTC s, from which the temperature changes.
+    satellite : target.SatelliteTarget, optional
+        One more light in the sky, bright enough to be seen.
+    exposure : float
+        Length of an exposure, s, for the noise.
+    """
+
+    def __init__(self, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=0.0,
+                 satellite=None, exposure=1.0):
+        self.params, self.clock_offset = scenario.camera, scenario.clock_offset
+        self.seed, self.start, self.satellite = seed, start, satellite
+        self.site, self.weather, self._true_air = site, weather, scenario.weather
+        self._seeing, self._exposure = scenario.seeing, exposure
+        if scenario.site is not None:
+            self.site = Site(*astuple(scenario.site))
+        if scenario.weather is not None:
+            air = scenario.weather
+            self.weather = Weather(
+                air.pressure, air.temperature, air.humidity, air.wavelength * 1e6)
+        self._layers = WanderingRefraction(
+            scenario.layers, refraction_constant(self.weather), seed)
+        self._stars = load_catalogue(self.params.mag_limit)
+        self._coarse = None  # (time, unit vectors of all stars then, which, sine of declination)
+        self._pass = None  # (begin, unit vectors of the satellite each `_STEP`, largest step)
+
+    def expose(self, stamps, frames):
+        """Measure the brightest star of the field.
+
+        Parameters
+        ----------
+        stamps : int or ndarray of int, shape (n,)
+            ns, of the middle of the exposure.
+        frames : ndarray, shape (n, 3, 3)
+            Of the tube, from `geometry.MountGeometry.frames`.
+
+        Returns
+        -------
+        ExposureTimes
+        """
+        stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        frames = np.asarray(frames, dtype=float).reshape(-1, 3, 3)
+        n = len(stamps)
+        miss, hip, mag = np.full((n, 2), np.nan), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
+        if n == 0:
+            return ExposureTimes(miss, hip, mag)
+        time = stamps * 1e-9 + self.clock_offset
+        exposure, star = self._candidates(time, frames[:, FORWARD])
+        if len(exposure):
+            exposure, star, place, height = self._in_field(time, frames, exposure, star)
+            # brightest first, then the first candidate of each exposure
+            order = np.lexsort((self._stars.mag[star], exposure))
+            seen, first = np.unique(exposure[order], return_index=True)
+            chosen = order[first]
+            hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
+            miss[seen] = self._measure(
+                stamps[seen], place[chosen], height[chosen], mag[seen])
+        return ExposureTimes(miss, hip, mag)
+
+    def expose_satellite(self, stamps, frames):
+        """Measure the satellite.
+
+        Parameters
+        ----------
+        stamps, frames
+            As for `expose`.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            As `ExposureTimes.miss`; NaN where there is none in the field.
+        """
+        stamps = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
+        miss = np.full((len(stamps), 2), np.nan)
+        if self.satellite is None or len(stamps) == 0:
+            return miss
+        time = stamps * 1e-9 + self.clock_offset
+        if not self._satellite_near(time, frames[:, FORWARD]):
+            return miss
+        place = self.satellite.place(time, self.site, self._air(time))
+        inside, tangent = self._on_chip(self._seen(time, place), frames)
+        miss[inside] = self._measure(stamps[inside], tangent[inside], place[1][inside])
+        return miss
+
+    def _satellite_near(self, time, boresight):
+        """Whether the satellite may be in the field, so that it is worth an exact place."""
+        begin = np.floor(time[0] / _PASS) * _PASS
+        if self._pass is None or self._pass[0] != begin:
+            moments = begin + np.arange(0.0, _PASS + 1.5 * _STEP, _STEP)
+            places = direction(*self.satellite.place(moments, self.site, self.weather))
+            step = np.arccos(np.clip(np.einsum('ij,ij->i', places[1:], places[:-1]), -1.0, 1.0))
+            self._pass = begin, places, step.max()
+        _, places, step = self._pass
+        nearest = np.rint((time - begin) / _STEP).astype(int)
+        if nearest.max() >= len(places) or nearest.min() < 0:
+            return True
+        reach = self.params.field_of_view / np.sqrt(2.0) + _MARGIN + step
+        cosine = np.einsum('ij,ij->i', places[nearest], boresight)
+        return bool(reach > np.pi or (cosine > np.cos(reach)).any())
+
+    def _candidates(self, time, boresight):
+        """Pairs (exposure, star) that lie near enough to be worth an exact place."""
+        pole = np.array([0.0, np.cos(self.site.latitude), np.sin(self.site.latitude)])
+        if self._coarse is None:
+            no_air = replace(self.weather, pressure_hpa=0.0)
+            stars = direction(*observed_place(self._stars, time[0], self.site, no_air))
+            order = np.argsort(stars @ pole)
+            self._coarse = time[0], stars[order], order, stars[order] @ pole
+        when, stars, order, height = self._coarse
+        # turn the boresight back with the sky, about the pole
+        angle = (TURN_RATE * (time - when))[:, np.newaxis]
+        back = (
+            np.cos(angle) * boresight
+            + np.sin(angle) * np.cross(pole, boresight)
+            + (1.0 - np.cos(angle)) * (boresight @ pole)[:, np.newaxis] * pole
+        )
+        reach = self.params.field_of_view / np.sqrt(2.0) + _MARGIN
+        parts = []
+        for i in range(0, len(time), _CHUNK):
+            some = back[i : i + _CHUNK]
+            # the heights above the equator that are near enough are a stretch of the stars
+            ends = np.clip((some @ pole).min() - reach, -1.0, 1.0), (some @ pole).max() + reach
+            first, last = np.searchsorted(height, ends)
+            rows, columns = np.nonzero(some @ stars[first:last].T > np.cos(reach))
+            parts.append((rows + i, order[first + columns]))
+        return tuple(np.concatenate(one) for one in zip(*parts))
+
+    def _in_field(self, time, frames, exposure, star):
+        """Candidates within the field, their place in the tangent plane, elevation, rad."""
+        moments = time[exposure]
+        place = observed_place(
+            self._stars.select(star), moments, self.site, self._air(moments))
+        inside, tangent = self._on_chip(self._seen(moments, place), frames[exposure])
+        return exposure[inside], star[inside], tangent[inside], place[1][inside]
+
+    def _seen(self, moments, place):
+        """Directions (n, 3) through layers of the air that are not level."""
+        return self._layers.bent(moments - self.start, direction(*place))
+
+    def _air(self, moments):
+        if self._true_air is None:
+            return self.weather
+        return replace(
+            self.weather, temperature_c=self._true_air.temperature_at(moments, self.start))
+
+    def _on_chip(self, towards, frames):
+        """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""
+        seen = np.einsum('nij,nj->ni', frames, towards)
+        ahead = np.maximum(seen[:, FORWARD], 1e-9)
+        tangent = np.stack([seen[:, RIGHT] / ahead, seen[:, UP] / ahead], axis=1)
+        inside = np.all(np.abs(tangent) <= 0.5 * self.params.field_of_view, axis=1)
+        inside &= (towards[:, 2] > 0.0) & (seen[:, FORWARD] > 0.0)
+        return inside, tangent
+
+    def _measure(self, stamps, place, elevation, mag=4.0):
+        """The camera's own scale, rotation, trail and noise."""
+        p = self.params
+        c, s = np.cos(p.rotation), np.sin(p.rotation)
+        turned = place @ np.array([[c, s], [-s, c]])
+        if p.trail:
+            turned[:, 0] += p.trail * 10.0 ** (0.04 * (mag - 4.0))
+        noise, sigma = 0.0, p.star_noise
+        if self._seeing.fwhm > 0.0:
+            sigma = np.hypot(sigma, seeing_sigma(
+                self._seeing, elevation, mag, self._exposure,
+                1e-6 * self.weather.wavelength_um))[:, np.newaxis]
+        if np.any(sigma):
+            noise = sigma * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)
+        return (1.0 + p.scale_error) * turned + noise
+
+
+def refraction_constant(weather):
+    """Refraction at 45 deg of zenith distance, but for its cube, rad."""
+    return float(erfa.refco(weather.pressure_hpa, weather.temperature_c, weather.humidity,
+                            weather.wavelength_um)[0])

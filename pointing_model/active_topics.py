@@ -1,0 +1,57 @@
+"""The topics and the parameter from which a node knows what is in force."""
+
+from functools import partial
+
+from msg_tools import convert, topics
+from msg_tools.homing import cloud_to_homing
+from msg_tools.node import Param
+
+from .active_calibration import InForce
+from .model import PointingModel
+from .zero_message import joints_to_zero
+
+MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON or YAML)',
+                   fixed=True)
+
+
+def in_force_of(node, changed=lambda topic: None, mount=None):
+    """What is in force for `node`, kept up to date.
+
+    Parameters
+    ----------
+    node : MountNode
+        With the parameter `MODEL_FILE`.
+    changed : callable
+        Called with ``topics.MODEL``, ``topics.ZERO`` or ``topics.HOMING`` after each of them.
+    mount : Mount, optional
+        Of which the models must be.
+
+    Returns
+    -------
+    InForce
+    """
+    file = node.value(MODEL_FILE.name)
+    load = PointingModel.load if mount is None else partial(PointingModel.load_for, mount=mount)
+    now = InForce(load(file) if file else None, mount)
+
+    def on_temperature(message):
+        now.thermometer.take(*convert.read_temperature(message))
+
+    def on_model(message):
+        now.take_model(message.data)
+        changed(topics.MODEL)
+
+    def on_homing(message):
+        azimuth = cloud_to_homing(message).get('azimuth')
+        now.take_power_on(azimuth and azimuth.identity)
+        changed(topics.HOMING)
+
+    def on_zero(message):
+        now.take_zero(*joints_to_zero(message))
+        changed(topics.ZERO)
+
+    # of what waits to be taken, the thermometer comes first, and the model before its zero
+    for topic, callback in ((topics.AMBIENT, on_temperature), (topics.HOMING, on_homing),
+                            (topics.MODEL, on_model), (topics.ZERO, on_zero)):
+        node.subscribe(topic, callback)
+    return now

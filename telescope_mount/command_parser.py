@@ -1,0 +1,112 @@
+"""The parser of the command line, and what it says of words that it does not know."""
+
+import argparse
+import os
+import re
+import sys
+from difflib import get_close_matches
+from importlib import import_module
+
+from msg_tools.terminal_signs import spell_out
+
+from .commands import COMMANDS, PAPERS
+from .commands.options import json_given
+
+#: options that are called otherwise than once, by command
+RENAMED = {
+    ('diagnose', '--driver'): '--cause', ('season', '--driver'): '--cause',
+    ('solve', '--mount'): '--keywords', ('replay', '--out'): '--save',
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        # one line: what is wrong and where to read on
+        print(f'error: {_with_hint(message)} (see {self.prog} --help)', file=sys.stderr)
+        raise SystemExit(2)
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser, namespace, values, option_string=None):
+        print(f'telescope-mount {_version()}')
+        raise SystemExit(0)
+
+
+def _version():
+    from importlib.metadata import PackageNotFoundError, version
+    try:
+        return version('telescope_mount')
+    except PackageNotFoundError:
+        return 'of a folder that is not installed'
+
+
+def make_parser():
+    """The parser of the command line.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+    """
+    parser = _Parser(prog='telescope-mount',
+                     description='Measure a telescope mount: observe, fit, check, log, replay.',
+                     epilog='Exit codes: 0 done, 1 a check found something, 2 bad input, 130 ended '
+                     'by Ctrl-C. What options mean everywhere: docs/command_line.md.')
+    parser.add_argument('--version', action=_Version, nargs=0, help='print the version and end')
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    for name in COMMANDS:
+        module_of(name).add(commands)
+    return parser
+
+
+def module_of(name):
+    """The module of a command."""
+    return import_module(f'telescope_mount.{PAPERS.get(name, "commands." + name)}')
+
+
+def parsed(argv):
+    """The arguments of a command line.
+
+    Raises
+    ------
+    SystemExit
+        They are wrong, which is told; or help was asked for.
+    """
+    parser = make_parser()
+    for stream in (sys.stdout, sys.stderr):
+        spell_out(stream)
+    if '_ARGCOMPLETE' in os.environ:
+        import argcomplete
+        argcomplete.autocomplete(parser, always_complete_options=False)
+    args, unknown = parser.parse_known_args(json_given(argv))
+    if unknown:  # of the command: its own help says what it takes
+        _refuse(parser, args.command, unknown)
+    return args
+
+
+def _refuse(parser, command, unknown):
+    """End with what is unknown to a command, and what may be meant."""
+    own = next(a.choices for a in parser._actions if a.dest == 'command')[command]
+    options = [text for action in own._actions for text in action.option_strings]
+    first = unknown[0].partition('=')[0]
+    hint = ''
+    if (command, first) in RENAMED:
+        hint = f'; it is called {RENAMED[command, first]}'
+    elif first.startswith('-'):
+        hint = _meant(first, options)
+    elif first.lower().endswith(('.json', '.txt')) and '--json' in options:
+        hint = '; a file for --json has a name that ends in .json'
+    own.error(f'unrecognized arguments: {" ".join(unknown)}{hint}')
+
+
+def _with_hint(message):
+    """A choice that argparse refuses, with the nearest of those that it names."""
+    found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)$", message)
+    if found is None:
+        return message
+    return message + _meant(found[1], [word.strip("' ") for word in found[2].split(',')])
+
+
+def _meant(word, words):
+    bare = {other.lstrip('-'): other for other in words}
+    near = get_close_matches(word.lstrip('-'), bare, 1, 0.6)
+    return f'; did you mean {bare[near[0]]}?' if near else ''

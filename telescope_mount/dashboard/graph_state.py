@@ -1,0 +1,426 @@
+"""The state of a graph, of the messages that were heard last: live ones or those of a log.
+
+Needs no ROS: the messages of a log have the same fields.
+"""
+
+import json
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timedelta, timezone
+
+import numpy as np
+
+from msg_tools import NAMESPACE, convert, topics
+from msg_tools.power_on import read_frame
+from msg_tools.readiness import is_count
+from msg_tools.status import Progress
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.in_force_message import text_to_pair
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ
+from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.zero_message import joints_to_zero
+
+#: of which the last message is kept
+LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
+        topics.MISS_DISTANCE, topics.AMBIENT, topics.OBSERVATIONS, topics.OBSERVER_STATUS,
+        topics.ZERO, topics.IN_FORCE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
+#: all that is listened to
+HEARD = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
+#: s by which readings of the two encoders may be apart, and be compared by their rates
+APART = 0.5
+#: s without a report after which a node is called silent; each reports once a second
+SILENT = 5.0
+#: stars that are drawn at most
+STARS = 500
+_LEVELS = ('ok', 'warning', 'error', 'silent')
+
+
+@dataclass
+class StarRows:
+    """The last stars, a list each.
+
+    Attributes
+    ----------
+    time_s : list of float
+        UTC, s since 1970.
+    power_on : list of float
+        Of the incremental encoder; 0 where the row does not say.
+    az_deg, el_deg : list of float
+        On the sky, azimuth from north through east.
+    offset_x_arcsec, offset_y_arcsec : list of float
+        Encoder - catalogue on the sky, as read.
+    left_x_arcsec, left_y_arcsec : list of float
+        What zero and model in force leave of it; NaN for stars of another power-on.
+    encoders_first_arcsec, encoders_second_arcsec : list of float
+        Incremental - absolute encoder.
+    """
+
+    time_s: list = field(default_factory=list)
+    power_on: list = field(default_factory=list)
+    az_deg: list = field(default_factory=list)
+    el_deg: list = field(default_factory=list)
+    offset_x_arcsec: list = field(default_factory=list)
+    offset_y_arcsec: list = field(default_factory=list)
+    left_x_arcsec: list = field(default_factory=list)
+    left_y_arcsec: list = field(default_factory=list)
+    encoders_first_arcsec: list = field(default_factory=list)
+    encoders_second_arcsec: list = field(default_factory=list)
+
+
+@dataclass
+class WatchState:
+    """What is known of a graph; None is not known. Pairs are of the first and the second axis.
+
+    Attributes
+    ----------
+    source : str
+        The graph, or the log.
+    time_utc : str or None
+        Of the newest message, ISO 8601.
+    joints : tuple of str
+    reading_deg, rate_deg_s, wanted_deg : list of float or None
+        Of the incremental encoder; what is asked for at the time of the reading.
+    looks_at_deg, sent_to_deg : list of float or None
+        Azimuth and elevation on the sky, by the readings.
+    power_on : int or None
+        Of the incremental encoder.
+    zero_arcsec, zero_sigma_arcsec : list of float or None
+    zero_power_on : int or None
+        For which it holds.
+    zero_by : str or None
+        Way by which it was got.
+    encoders_arcsec : list of float or None
+        Incremental - absolute encoder.
+    miss_arcsec : list of float or None
+        The last miss distance.
+    temperature_c : float or None
+    plan : dict
+        The rows of `Progress`; empty without an observer.
+    said : dict of str to str
+        What ``observer``, ``guard`` and ``calibration`` say.
+    guard : str or None
+        Its state.
+    left_by : str
+        ``zero and model``, ``zero``, or '' where nothing is in force.
+    stars : StarRows
+    nodes : dict of str to dict
+        By name ``level`` (ok, warning, error, silent) and ``said``.
+    alarms : list of dict
+        ``level`` and ``said``, the worst first.
+    """
+
+    source: str
+    time_utc: str | None = None
+    joints: tuple = convert.AXES
+    reading_deg: list | None = None
+    rate_deg_s: list | None = None
+    wanted_deg: list | None = None
+    looks_at_deg: list | None = None
+    sent_to_deg: list | None = None
+    power_on: int | None = None
+    zero_arcsec: list | None = None
+    zero_sigma_arcsec: list | None = None
+    zero_power_on: int | None = None
+    zero_by: str | None = None
+    encoders_arcsec: list | None = None
+    miss_arcsec: list | None = None
+    temperature_c: float | None = None
+    plan: dict = field(default_factory=dict)
+    said: dict = field(default_factory=dict)
+    guard: str | None = None
+    left_by: str = ''
+    stars: StarRows = field(default_factory=StarRows)
+    nodes: dict = field(default_factory=dict)
+    alarms: list = field(default_factory=list)
+
+    def document(self):
+        """The state for JSON, dict."""
+        return asdict(self)
+
+
+class LastMessages:
+    """Takes messages and tells the state.
+
+    Parameters
+    ----------
+    source : str
+        Named in the state.
+    namespace : str
+        Of the graph; what nodes of another one report is left alone.
+    """
+
+    def __init__(self, source, namespace=NAMESPACE):
+        self._source, self._within = source, f'{namespace.rstrip("/")}/'
+        self.last = {}
+        self._newest = self._clock = 0
+        self._nodes = {}  # name -> status, when it came (s) or None
+        self._rows, self._bad = [], {}
+
+    @property
+    def any(self):
+        """Whether anything of the graph was heard; what is in no namespace does not count."""
+        return bool(self.last or self._nodes)
+
+    def take(self, name, message, ns=0, arrived=None):
+        """Keep a message.
+
+        Parameters
+        ----------
+        name : str
+            Of its topic, as in `msg_tools.topics`.
+        message : object
+        ns : int
+            Its time in a log; else that of its stamp is taken.
+        arrived : float, optional
+            Monotonic time, s; None in a log: then no node is called silent.
+        """
+        if name == topics.CLOCK.name:
+            self._clock = convert.from_stamp(message.clock)
+            return
+        stamp = getattr(getattr(message, 'header', None), 'stamp', None)
+        self._newest = max(self._newest, ns or (convert.from_stamp(stamp) if stamp else 0))
+        if name == topics.DIAGNOSTICS.name:
+            for status in message.status:
+                if status.name.startswith(self._within) or not status.name.startswith('/'):
+                    self._nodes[status.name] = status, arrived
+            return
+        self.last[name] = message
+        if name in (topics.OBSERVATION.name, topics.OBSERVATIONS.name):
+            self._take_rows(name, message)
+
+    def _take_rows(self, name, message):
+        try:
+            run = cloud_to_run(message)
+            if 'time' not in run:
+                raise ValueError('no column time')
+        except ValueError as error:
+            self._bad[name] = str(error)
+            return
+        self._bad.pop(name, None)
+        if not len(run):
+            return
+        if name == topics.OBSERVATIONS.name:
+            self._rows = [run]  # all of the night
+        elif not self._rows or run['time'][0] > self._rows[-1]['time'][-1]:
+            if self._rows and not self._rows[-1].mount.agrees(run.mount):
+                self._rows = []
+            self._rows.append(run)
+        if len(self._rows) > STARS:
+            del self._rows[:-STARS]
+
+    def state(self, now=None):
+        """The state.
+
+        Parameters
+        ----------
+        now : float, optional
+            Monotonic time, s, for nodes that are silent.
+
+        Returns
+        -------
+        WatchState
+        """
+        state = WatchState(self._source, time_utc=_utc(self._clock or self._newest))
+        self._run = self._all_rows()
+        for name, part in (('axes', self._axes), ('zero', self._zero),
+                           ('encoders', self._encoders), ('sky', self._sky),
+                           ('camera or temperature', self._small), ('stars', self._stars),
+                           ('status', self._statuses)):
+            self._bad.pop(name, None)
+            try:
+                part(state)
+            except ValueError as error:
+                self._bad[name] = str(error)
+        self._alarms(state, now)
+        return state
+
+    def _all_rows(self):
+        if not self._rows:
+            return None
+        if len(self._rows) > 1:
+            self._rows = [PointingRun.concatenate(self._rows)]
+        if len(self._rows[0]) > STARS:
+            self._rows = [self._rows[0].select(slice(-STARS, None))]
+        return self._rows[0]
+
+    def _get(self, topic):
+        return self.last.get(topic.name)
+
+    def _axes(self, state):
+        message = self._get(topics.INCREMENTAL)
+        if message is None:
+            return
+        state.joints = convert.joints_of(message.name)
+        stamp, angles, rates, _ = convert.read_joints(message)
+        state.reading_deg = _scaled(angles, DEG)
+        state.rate_deg_s = _scaled(rates, DEG)
+        power_on = read_frame(message.header.frame_id)
+        state.power_on = power_on and power_on.number
+        request = self._get(topics.REQUEST)
+        if request is not None and request.points:
+            start, times, wanted, _ = convert.read_trajectory(request)
+            at = (stamp - start) * 1e-9
+            state.wanted_deg = [float(np.interp(at, times, axis)) / DEG for axis in wanted.T]
+
+    def _zero(self, state):
+        zero, model = self._in_force()
+        if zero is None:
+            return
+        state.zero_arcsec = _scaled(zero.angles, ARCSEC)
+        state.zero_sigma_arcsec = _scaled(zero.sigma, ARCSEC)
+        state.zero_power_on = None if zero.run is None else int(zero.run)
+        state.zero_by = zero.by
+        state.left_by = 'zero and model' if model is not None else 'zero'
+
+    def _in_force(self):
+        """The zero and the model that go together; None where there is none."""
+        pair, zero = self._get(topics.IN_FORCE), self._get(topics.ZERO)
+        if pair is not None:
+            text, _, zero = text_to_pair(pair.data)
+            return zero, PointingModel.from_json(text) if text else None
+        return (None, None) if zero is None else (joints_to_zero(zero)[1], None)
+
+    def _encoders(self, state):
+        """Their difference, where both were read at about one time."""
+        messages = self._get(topics.INCREMENTAL), self._get(topics.ABSOLUTE)
+        if None in messages:
+            return
+        (here, first, rates, _), (there, second, _, _) = map(convert.read_joints, messages)
+        apart = (there - here) * 1e-9
+        moved = np.nan_to_num(rates) * apart
+        if abs(apart) > APART or not np.isfinite([*first, *second]).all():
+            return
+        difference = wrap(np.array(first) + moved - np.array(second))
+        state.encoders_arcsec = _scaled(difference, ARCSEC)
+
+    def _sky(self, state):
+        mount = self._run.mount if self._run is not None else (
+            ALTAZ if state.joints == convert.AXES else None)
+        if mount is None:
+            return
+        for angles, name in ((state.reading_deg, 'looks_at_deg'),
+                             (state.wanted_deg, 'sent_to_deg')):
+            if angles and np.isfinite(angles).all():
+                setattr(state, name, _on_sky(mount, *(angle * DEG for angle in angles)))
+
+    def _small(self, state):
+        miss, air = self._get(topics.MISS_DISTANCE), self._get(topics.AMBIENT)
+        if miss is not None:
+            state.miss_arcsec = _scaled((miss.vector.x, miss.vector.y), ARCSEC)
+        if air is not None:
+            state.temperature_c = convert.read_temperature(air)[1]
+
+    def _stars(self, state):
+        run = self._run
+        if run is None:
+            return
+        az, el = np.array([_on_sky(run.mount, *place) for place in zip(run['az'], run['el'])]).T
+        offset = run.offsets()
+        left = np.full((2, len(run)), np.nan)
+        zero, model = self._in_force()
+        if zero is not None:
+            held = np.full(len(run), True) if zero.run is None else run.get('run') == zero.run
+            if zero.started is not None and 'encoder_start' in run:
+                held = held & (np.abs(run['encoder_start'] - zero.started) < 1e-3)
+            if held.any():
+                model = model or PointingModel({}, mount=run.mount)
+                left[:, held] = model.residuals(run.select(held), zero=zero)
+        difference = [wrap(run[f'{axis}_enc'] - run.get(f'{axis}_abs')) for axis in ('az', 'el')]
+        state.stars = StarRows(
+            run['time'].tolist(), run.get('run', 0.0).tolist(), az.tolist(), el.tolist(),
+            *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))
+
+    def _statuses(self, state):
+        for key, topic in (('observer', topics.OBSERVER_STATUS), ('guard', topics.GUARD_STATUS),
+                           ('calibration', topics.CALIBRATION_STATUS)):
+            message = self._get(topic)
+            if message is not None:
+                state.said[key] = message.message
+        guard = self._get(topics.GUARD_STATUS)
+        state.guard = guard and _rows(guard).get('state')
+        observer = self._get(topics.OBSERVER_STATUS)
+        if observer is not None:
+            state.plan = Progress.read(observer).rows()
+
+    def _alarms(self, state, now):
+        found = [(1, f'{name}: a message that cannot be used: {error}')
+                 for name, error in self._bad.items()]
+        silent = {} if now is None else {
+            name: now - arrived for name, (_, arrived) in self._nodes.items()
+            if arrived is not None and now - arrived > SILENT}
+        if len(silent) == len(self._nodes) > 1:
+            found.append((3, f'all {len(silent)} nodes are silent for {min(silent.values()):.0f} '
+                          's: the graph has ended, or is not heard any more'))
+        else:
+            found += [(3, f'{name}: silent for {age:.0f} s')
+                      for name, age in sorted(silent.items())]
+        for name, (status, _) in sorted(self._nodes.items()):
+            level = _level(status)
+            if name in silent:
+                state.nodes[name] = {'level': 'silent', 'said': status.message}
+                continue
+            state.nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
+            if level:
+                found.append((level, f'{name}: {status.message}'))
+            lost = sum(int(value) for key, value in _rows(status).items()
+                       if key.startswith('gaps ') and is_count(value))
+            if lost:
+                found.append((1, f'{name}: {lost} messages lost'))
+        for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
+            message = self._get(topic)
+            # a node that has a status says the same on /diagnostics, with more about it
+            if message is not None and _level(message) and (
+                    state.nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
+                found.append((_level(message), f'{topic.name}: {message.message}'))
+        if state.reading_deg and not np.isfinite(state.reading_deg).all():
+            found.append((1, 'the incremental encoder is not homed'))
+        if None not in (state.power_on, state.zero_power_on) \
+                and state.power_on != state.zero_power_on:
+            found.append((1, f'the zero is of power-on {state.zero_power_on}, and this is '
+                          f'power-on {state.power_on}'))
+        found += [(2, sentence) for sentence in self._witnesses()]
+        found = dict.fromkeys(sorted(found, key=lambda row: -row[0]))
+        state.alarms = [{'level': _LEVELS[min(level, 3)], 'said': said} for level, said in found]
+
+    def _witnesses(self):
+        """Alarms of the last report of the calibration."""
+        message = self._get(topics.CALIBRATION_REPORT)
+        try:
+            return json.loads(message.data)['witnesses']['alarms'] if message else []
+        except (ValueError, KeyError, TypeError):
+            return []
+
+
+def full_name(namespace, topic):
+    """Of a topic in a namespace."""
+    return topic.name if topic.name.startswith('/') else f'{namespace.rstrip("/")}/{topic.name}'
+
+
+def _scaled(values, unit):
+    return [float(value) / unit for value in values]
+
+
+def _on_sky(mount, first, second):
+    """Azimuth (0 to 360) and elevation, deg."""
+    az, el = mount.horizon_of(first, second)
+    return [float(az) / DEG % 360.0, float(el) / DEG]
+
+
+def _level(status):
+    """Of a DiagnosticStatus: one byte live, a number in a log."""
+    return status.level[0] if isinstance(status.level, bytes) else int(status.level)
+
+
+def _rows(status):
+    return {row.key: row.value for row in status.values}
+
+
+def _utc(ns):
+    if not ns:
+        return None
+    try:
+        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
+    except OverflowError:
+        return f'{ns} ns since 1970'
+    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')

@@ -1,0 +1,68 @@
+"""The state that a log tells, at its end or at a time."""
+
+from collections import deque
+
+from msg_tools import topics
+
+from .graph_state import HEARD, STARS, LastMessages, full_name
+
+
+def of_log(bag, namespace, end=None):
+    """What a log says at a time.
+
+    Parameters
+    ----------
+    bag : BagReader or another that `open_bag` gives
+    namespace : str
+        Of the graph.
+    end : int, optional
+        ns since 1970; by default the end of the log.
+
+    Returns
+    -------
+    LastMessages
+
+    Raises
+    ------
+    ValueError
+        It holds no topic of such a graph.
+    """
+    before = 2**63 - 1 if end is None else end + 1
+    types = {full_name(namespace, topic): topic.type for topic in HEARD}
+    names = {full_name(namespace, topic): topic.name for topic in HEARD}
+    there = {topic.name for topic in bag.topics
+             if topic.count and types.get(topic.name) == topic.type}
+    if not there & {name for name in names if name.startswith(f'{namespace}/')}:
+        raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
+                         'name another with --namespace; `telescope-mount info` lists its topics')
+    heard = LastMessages(str(bag.path), namespace)
+    # a log has a time of its own
+    wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
+    messages = bag.last_before(wanted, before)
+    newest = {message.topic: message.log_time for message in messages}
+    # rows that were published together are not looked for one by one
+    table = newest.get(full_name(namespace, topics.OBSERVATIONS), bag.start_time)
+    for topic, first in ((topics.OBSERVATION, table), (topics.DIAGNOSTICS, bag.start_time)):
+        name = full_name(namespace, topic)  # of these the last one is not enough
+        if name in newest:
+            messages = [message for message in messages if message.topic != name]
+            messages += _last(bag, name, first, newest[name])
+    messages = [message for message in messages if message.type == types[message.topic]]
+    for message in sorted(messages, key=lambda message: message.log_time):
+        decoded = bag.decode(message)
+        if decoded is not None:
+            heard.take(names[message.topic], decoded, message.log_time)
+    return heard
+
+
+def _last(bag, name, first, newest):
+    """The last `STARS` messages of a topic between two times, none decoded.
+
+    Far back only where they are few.
+    """
+    span = 60 * 10**9
+    while True:
+        found = deque(bag.messages(name, max(newest - span, first), newest + 1), STARS)
+        if len(found) == STARS or newest - span <= first:
+            return found
+        span *= 8

@@ -1,0 +1,444 @@
+"""Every derived number of a log, computed again from what it was derived from."""
+
+import copy
+import json
+from collections import Counter, deque
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from calibration.analysis.encoders.cross_check import (
+    encoder_diagnostics,
+    homings_from_diagnostics,
+    homings_of,
+)
+from calibration.analysis.harmonic_fit import choice_of, choice_of_report
+from calibration.analysis.tracking import TRACK
+from calibration.analysis.tracking.live_tracking import LiveTracking
+from calibration.analysis.tracking.tracked_night import KEY
+from calibration.live_apart import LiveApart
+from calibration.nights import NightSeries
+from calibration.session import CalibrationSession
+from msg_tools import topics
+from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
+from msg_tools.bag.parameters import parameters_of
+from msg_tools.convert import from_stamp
+from msg_tools.homing import cloud_to_homing
+from msg_tools.units import DEG
+from pointing_model.model import PointingModel
+from pointing_model.runs.run_messages import cloud_to_run
+from pointing_model.zero_message import joints_to_zero
+from telescope_mount.observing.clocks import offset_of
+
+from .log_check_rows import RAW, Pairing, at_time, began_anew
+from .runs import declared_by
+
+#: what the encoders said of their marks around a fit, so many are tried for its report
+_STATES = 3
+
+
+def verify_log(bag, *, reference=None, seed=None, progress=None):
+    """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
+
+    Encoder readings and miss distances give the observations; the observations give the rest, in
+    a calibration of their own, without a ROS graph. A number is right if it is the same to the
+    bit.
+
+    Parameters
+    ----------
+    bag : str or Path
+        Log of a night.
+    reference : str or Path, optional
+        The reference model that the night had; by default what the log says of it.
+    seed : int, optional
+        Of the choice of held-out stars; by default that of the log, or 1.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        ``checked`` (kind -> count), ``differences`` and ``unchecked``, a line each; ``damaged``,
+        whether the log is.
+
+    Raises
+    ------
+    ValueError
+        Nothing derived is in the log, it holds the simulator's truth, its time went back, or the
+        reference is gone.
+    OSError
+        It may not be read.
+    """
+    log = BagReader(bag)
+    if log.has_truth:
+        raise ValueError(f'{bag} holds the truth of the simulator; verify the log beside it')
+    prefix = prefix_of(log)
+    if not any(t.name == f'{prefix}{topics.OBSERVATION.name}' and t.count for t in log.topics):
+        raise ValueError(f'{bag} has no observation in it; it is no log of a night')
+    back = began_anew(log)
+    if back:
+        raise ValueError(
+            f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])} (a simulator '
+            f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
+            'which cannot be told apart; start the whole graph anew with it, in another folder')
+    check = _Count()
+    rows = _read(log, prefix, check)
+    parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
+    if not parameters:
+        check.unchecked.append('the log does not tell the parameters of the calibration: its '
+                               'defaults are taken, and all power-ons kept (see --seed, '
+                               '--reference)')
+    declared = declared_by(parameters, check.unchecked)
+    for part in (*rows.observations.values(), *rows.tables.values()):
+        part.meta |= declared
+    session = _session(log, parameters, reference, seed, rows)
+    if isinstance(session, NightSeries):
+        for _, homings in rows.homings:
+            session.hear(homings(0))
+    _calibrate(rows, session, parameters, check, *([progress] if progress else []))
+    if not check.checked:
+        raise ValueError(f'{bag} has nothing derived in it that could be verified')
+    check.unchecked += log.problems
+    return {'checked': dict(check.checked), 'differences': check.differences,
+            'unchecked': check.unchecked, 'damaged': bool(log.problems)}
+
+
+class _Count:
+    """Counts what was compared, and keeps a line for what differs."""
+
+    def __init__(self):
+        self.checked = Counter()
+        self.differences = []
+        self.unchecked = []
+
+    def compare(self, kind, logged, computed, where):
+        """Compare texts, or numbers bit by bit."""
+        self.checked[kind] += 1
+        if isinstance(logged, str):
+            same = _same(logged, computed)
+        else:
+            logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
+            same = logged.shape == computed.shape and np.array_equal(
+                logged, computed, equal_nan=True)
+        if not same:
+            self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
+
+
+#: entries of a document that say its numbers in a sentence: another version in other words
+_WORDS = ('statement', 'text')
+
+
+def _same(logged, computed):
+    """Whether two texts are the same; of documents, whether all but their sentences is."""
+    if logged == computed or logged is None or computed is None:
+        return logged == computed
+    try:
+        return _without_words(json.loads(logged)) == _without_words(json.loads(computed))
+    except ValueError:
+        return False
+
+
+def _without_words(value):
+    if isinstance(value, dict):
+        return {key: _without_words(one) for key, one in value.items() if key not in _WORDS}
+    return [_without_words(one) for one in value] if isinstance(value, list) else value
+
+
+def _difference(logged, computed):
+    if isinstance(logged, str):
+        try:
+            return _first_difference(*(_without_words(json.loads(text))
+                                       for text in (logged, computed or 'null')))
+        except ValueError:
+            return 'another text'
+    return f'logged {logged.tolist()}, computed {computed.tolist()}'
+
+
+def _first_difference(a, b, path=''):
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(k for k in b if k not in a)]:
+            if key not in a or key not in b:
+                return f'{path}{key} is only in one of them'
+            if a[key] != b[key]:
+                return _first_difference(a[key], b[key], f'{path}{key}.')
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for number, (one, other) in enumerate(zip(a, b)):
+            if one != other:
+                return _first_difference(one, other, f'{path}{number}.')
+    return f'{path.rstrip(".") or "document"}: logged {str(a)[:60]}, computed {str(b)[:60]}'
+
+
+# --- the log, read once --------------------------------------------------------------------------
+
+
+class _Rows:
+    """What of a log the calibration heard and said."""
+
+    def __init__(self):
+        self.observations = {}  # stamp -> PointingRun
+        self.tables = {}  # stamp -> PointingRun
+        self.said = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
+                                           'apart')}
+        #: (log time, callable that gives the homings of a run); of old logs from diagnostics
+        self.homings, self.diagnosed = [], []
+
+
+def _read(log, prefix, check):
+    """One pass; observations are compared with their readings on the way."""
+    rows, pairing = _Rows(), Pairing(log, prefix, check)
+    names = (*rows.said, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
+             'incremental/homing', 'observer/checks')
+    clocks = {}
+    for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
+        name = message.topic.removeprefix(prefix)
+        if name in RAW:
+            pairing.reading(RAW[name], message)
+            continue
+        data = log.decode(message)
+        if data is None:
+            continue
+        if name in rows.said:
+            rows.said[name].append((message.log_time, data))
+        elif name == 'observation':
+            stamp = from_stamp(data.header.stamp)
+            rows.observations[stamp] = cloud_to_run(data)
+            pairing.observation(stamp, rows.observations[stamp])
+        elif name == 'observations':
+            if data.width:
+                rows.tables[from_stamp(data.header.stamp)] = cloud_to_run(data)
+        elif name == 'offset':
+            pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name == 'camera/miss_distance':
+            pairing.frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name == 'observer/checks':
+            found = _document(data.data).get('clocks')
+            if found:
+                clocks[str(found['exposures'])] = found
+        elif name == 'incremental/homing':
+            rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
+        else:
+            rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
+                               for values in encoder_diagnostics(data, prefix)]
+    pairing.finish(rows.observations)
+    for found in clocks.values():
+        check.compare('clocks', json.dumps([found['found'], found['absolute']]), json.dumps(
+            [offset_of(found[name]) for name in ('exposures', 'absolute_exposures')]),
+            f'star {found["star"]}')
+    return rows
+
+
+# --- the calibration, once more ------------------------------------------------------------------
+
+
+def _session(log, parameters, reference, seed, rows):
+    seed = seed if seed is not None else parameters.get('split_seed', 1)
+    model = None
+    if reference is not None:
+        model = PointingModel.load(reference)
+    elif parameters.get('model_file'):
+        if any(a.name == 'reference_model.json' for a in log.attachments):
+            model = PointingModel.from_json(log.read_attachment('reference_model.json').decode())
+        elif Path(parameters['model_file']).is_file():
+            model = PointingModel.load(parameters['model_file'])
+        else:
+            raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
+                             'which is not there: give it with --reference')
+    age = parameters.get('reference_age', 0)
+    harmonics = choice_of(parameters)
+    reports = rows.said['calibration/report']
+    if not parameters and reports:
+        harmonics = choice_of_report(_document(reports[-1][1].data))
+    kept = parameters.get('kept_power_ons', 0)
+    return (NightSeries(age, model, seed, harmonics, kept) if age
+            else CalibrationSession(model, seed, harmonics=harmonics, power_ons=kept))
+
+
+def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
+    """Feed the observations one by one, and repeat what was asked for after each."""
+    zeros, models = {}, {}
+    for _, data in rows.said['zero']:
+        zeros.setdefault(from_stamp(data.header.stamp), []).append(data)
+    for log_time, data in rows.said['model']:
+        try:
+            stamp = json.loads(data.data)['provenance'].get('last_stamp_ns', 0)
+        except (ValueError, KeyError, AttributeError, TypeError):
+            check.unchecked.append('a model that is no document of ours')
+            continue
+        models.setdefault(stamp, []).append((log_time, data.data))
+    replay = _Replay(session, rows, parameters, check)
+    stamps = sorted({*rows.observations, *zeros, *models, *rows.tables})
+    for done, stamp in enumerate(stamps):
+        progress('computing again', done, len(stamps))
+        if stamp in rows.observations:
+            replay.session.add(rows.observations[stamp], stamp)
+            replay.asked()
+            replay.track(rows.observations[stamp])
+        elif stamp in rows.tables:
+            replay.session.take_table(rows.tables[stamp], stamp)
+            replay.track(rows.tables[stamp])
+        if stamp in zeros or stamp in models:
+            replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
+
+
+class _Replay:
+    """What the calibration was asked for at one stamp, done again and compared."""
+
+    def __init__(self, session, rows, parameters, check):
+        self.session, self._rows, self._check = session, rows, check
+        self._parameters = parameters
+        self._tracking = LiveTracking() if parameters.get('mode') == TRACK else None
+        self._apart, self._asked = LiveApart(), {}
+        for _, data in rows.said['apart']:
+            told = _document(data.data)
+            self._asked.setdefault((told.get('diagnosed_ns'), told.get('last_stamp_ns')),
+                                   []).append(data.data)
+        self._reports, self._diagnoses = (
+            deque(data.data for _, data in rows.said[name])
+            for name in ('calibration/report', 'diagnosis'))
+
+    def track(self, rows):
+        """Rows have come, where the mount is tracked."""
+        if self._tracking:
+            self._tracking.observed(self.session, rows)
+
+    def asked(self, text=None):
+        """What is asked for to tell causes apart, after a row or (`text`) a diagnosis."""
+        text = text or self._apart.observed(self.session)
+        if not text:
+            return
+        made = json.loads(text)
+        key = made['diagnosed_ns'], made['last_stamp_ns']
+        for logged in self._asked.pop(key, ()):
+            self._check.compare('stars asked for', logged, text, at_time(key[1]))
+
+    def at(self, stamp, zeros, models):
+        """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
+        if self.session.last_stamp != stamp:
+            self._check.unchecked.append(
+                f'what was derived at {at_time(stamp)}: its observation is not in the log')
+            return
+        made = models[sum(self._is_dated_reference(text) for _, text in models):]
+        calibrated = max(0, len(zeros) - len(made))
+        computed = []
+        if calibrated:
+            try:
+                run, zero = self.session.calibrate_zero()
+            except ValueError as error:
+                self._check.differences.append(f'zero of {at_time(stamp)}: {error}')
+                return
+            computed += [(zero, True)] * calibrated
+        for log_time, text in made:
+            told = json.loads(text)['provenance']
+            if KEY in told and self._tracking and self._tracking.night:
+                model, zero = self._tracking.pair(self.session)
+                self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
+                computed.append((zero, False))
+                continue
+            if 'refit' in told:
+                model = self._fit(stamp, log_time)
+            elif 'judged' in told:
+                model = self._diagnose(stamp, again=True)
+            elif 'verdict' in told:
+                model = self._diagnose(stamp)
+            else:
+                model = self._fit(stamp, log_time)
+            self._check.compare('model', text, model.to_json(), at_time(stamp))
+            self.session.in_force = model
+            if self._tracking:
+                self._tracking.begin(self.session)
+            computed.append((self.session.zeros_in_force.newest, False))
+        for data, (zero, by_polaris) in zip(zeros, computed):
+            _, logged = joints_to_zero(data)
+            self._check.compare('zero', logged.angles, zero.angles, at_time(stamp))
+            if by_polaris:
+                self._check.compare('sigma of the zero', logged.sigma, zero.sigma, at_time(stamp))
+
+    def _is_dated_reference(self, text):
+        """Whether a model is the reference, published with the zero that is relative to it."""
+        if not self._parameters.get('reference_age') or self.session.reference is None:
+            return False
+        document = json.loads(text)
+        own = json.loads(self.session.reference.to_json())
+        for one in (document, own):
+            one['provenance'] = {k: v for k, v in one['provenance'].items()
+                                 if k != 'last_stamp_ns'}
+        return document == own
+
+    def _fit(self, stamp, log_time):
+        logged = self._report(stamp)
+        before, first = self.session, None
+        for homings in self._homings(log_time):
+            session = copy.deepcopy(before)  # a fit is judged against the one before it
+            model, report = session.fit(homings)
+            tried = session, model, json.dumps(report)
+            first = first or tried
+            if logged is None or _same(logged, tried[-1]):
+                break
+        else:
+            tried = first
+        self.session, model, report = tried
+        if logged is None:
+            self._check.unchecked.append(f'report of {at_time(stamp)}: it is not in the log')
+        else:
+            self._check.compare('report', logged, report, at_time(stamp))
+        return model
+
+    def _homings(self, log_time):
+        """What the encoders said of their marks as of `log_time`, then beside it, then nothing."""
+        states = self._rows.homings or self._rows.diagnosed
+        newest = sum(when <= log_time for when, _ in states) - 1
+        near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
+        for i in near[:_STATES]:
+            yield [h for h in states[i][1](self.session.newest) if h.homed]
+        if not states:
+            yield []
+        yield None
+
+    def _diagnose(self, stamp, again=False):
+        """The model of a diagnosis, or (`again`) of the judgement by blind stars after it."""
+        logged = self._diagnoses.popleft() if self._diagnoses else '{}'
+        document = json.loads(logged)
+        text = self._parameters.get('site', '')
+        degrees = ([float(part) for part in text.split(',')] if text.strip()
+                   else document.get('site_deg'))
+        site = None if not degrees else {
+            'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
+        found = (self.session.judge(site) if again
+                 else self.session.diagnose(document.get('alpha', 0.01), site))
+        if not again:
+            self.asked(self._apart.begin(self.session, found, site))
+        if document:
+            self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
+        # the report of the fit comes with it, its witnesses judged by the new model
+        report = self.session.report
+        logged = (self._report(report['last_stamp_ns'])
+                  if 'published' in document and report is not None else None)
+        if logged is not None:
+            self._check.compare('report', logged, json.dumps(report), at_time(stamp))
+        return found.model
+
+    def _report(self, stamp):
+        """The next one of the log, of a fit at `stamp`; fits that were refused had one too."""
+        while self._reports:
+            made = _stamp_of(self._reports[0], stamp)
+            if made > stamp:
+                return None
+            logged = self._reports.popleft()
+            if made == stamp:
+                return logged
+        return None
+
+
+def _stamp_of(report, default):
+    return _document(report).get('last_stamp_ns', default)
+
+
+def _document(text):
+    """What a JSON text tells; nothing, where it is no such document."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,0 +1,154 @@
+"""Replay of a log into a fresh calibration."""
+
+import json
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from msg_tools import topics
+from msg_tools.bag import BagReader
+from msg_tools.bag.names import prefix_of
+from msg_tools.bag.parameters import parameters_of
+from msg_tools.output import write_text
+from msg_tools.status import Taken
+
+from . import domain
+from .graph import replay_graph
+from .interrupt import noted
+
+
+def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, harmonics=None,
+               progress=None):
+    """Publish the observations of a log to a new calibration node, and let it fit.
+
+    If the night was diagnosed, so is the replay; the model is then the amended one.
+
+    Parameters
+    ----------
+    log : Path
+        Bag folder or .mcap file of a night.
+    reference : Path, optional
+        The reference model that the night had.
+    seed : int
+        Of the choice of held-out stars.
+    out : Path, optional
+        File for the model.
+    domain_number : int, optional
+        ROS domain; a free one by default.
+    harmonics : dict, optional
+        Parameters ``harmonics...`` of the calibration; by default those of the night.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        The calibration report; in ``diagnosis`` that of the replay, None without one; in
+        ``problems`` what is wrong with the log.
+
+    Raises
+    ------
+    ValueError, OSError
+        The log cannot be used, or the domain is in use.
+    RuntimeError
+        A node ended or did not answer.
+    """
+    bag, progress = BagReader(log), progress or (lambda *_: None)
+    if bag.has_truth:
+        raise ValueError(f'{log} holds the truth of the simulator; replay the log beside it')
+    prefix = prefix_of(bag)
+    counts = Counter({t.name: t.count for t in bag.topics})
+    observation = f'{prefix}{topics.OBSERVATION.name}'
+    count = counts[observation]
+    if count == 0:
+        raise ValueError(f'{log} has no observation in it; it is no log of a night')
+    had_zero = bool(counts[f'{prefix}{topics.ZERO.name}']) and _has_exposures(bag, observation)
+    diagnosed = _last(bag, f'{prefix}{topics.DIAGNOSIS.name}')
+    # parameters of the calibration with which it fitted and diagnosed
+    as_then = _harmonics(bag, prefix) if harmonics is None else harmonics
+    if diagnosed:
+        as_then |= {'alpha': diagnosed.get('alpha', 0.01),
+                   'site': ', '.join(map(repr, diagnosed.get('site_deg') or ())),
+                   'diagnosed_at': diagnosed.get('last_stamp_ns', 0),
+                   'graduation': ', '.join(
+                       f'{axis}.{kind}={lines}'
+                       for axis, kinds in (diagnosed.get('graduation') or {}).items()
+                       for kind, lines in kinds.items())}
+    told = parameters_of(bag.metadata, f'{prefix}calibration') or {}
+    as_then['kept_power_ons'] = told.get('kept_power_ons', 0)
+    played = [name for name in (observation, f'{prefix}{topics.HOMING.name}') if counts[name]]
+    lock = domain.claim(domain_number)
+    from .processes import Processes
+    from .watcher import Watcher
+    with noted(), tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch:
+        nodes = Processes(scratch, lock.number)
+        watcher = None
+        try:
+            nodes.start_all(replay_graph(str(Path(log).resolve()), prefix, played, seed,
+                                         reference, as_then))
+            watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
+            watcher.hear_results()
+
+            def taken():
+                heard = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+                done = heard.kept + heard.forgotten
+                progress('observing again', done, count)
+                return done
+
+            if not watcher.spin_until(lambda: taken() >= count, 60.0):
+                raise RuntimeError(f'only {taken()} of {count} observations arrived')
+            if had_zero:
+                watcher.call('calibrate_zero')
+            progress('fitting')
+            watcher.call('fit')
+            there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
+            if diagnosed:
+                progress('diagnosing')
+                watcher.call('diagnose', timeout=120.0)
+                there.append(topics.DIAGNOSIS.name)
+            judged = bool(diagnosed) and 'judged' in diagnosed
+            if judged:
+                watcher.call('judge')
+
+            def complete():
+                # the model of the fit may still be the last one that came
+                if not all(name in watcher.latest for name in there):
+                    return False
+                told, *rest = (json.loads(watcher.latest[name].data) for name in there)
+                return (not diagnosed or 'verdict' in told['provenance']) and (
+                    not judged or 'judged' in told['provenance'] and 'judged' in rest[-1])
+            if not watcher.spin_until(complete, 15.0):
+                raise RuntimeError('the calibration fitted but published no model')
+            model, *documents = (watcher.latest[name].data for name in there)
+        finally:
+            if watcher is not None:
+                watcher.close()
+            nodes.stop()
+            lock.release()
+    if out is not None:
+        write_text(out, model + '\n')
+    report = json.loads(documents[0])
+    report['diagnosis'] = json.loads(documents[1]) if diagnosed else None
+    report['problems'] = bag.problems
+    return report
+
+
+def _has_exposures(bag, topic):
+    """Whether a zero can be set: one may come with the model of a run without exposures for it."""
+    from pointing_model.runs.run_messages import cloud_to_run
+    from pointing_model.zero_exposures import is_for_zero
+    runs = (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
+    return any('star' in run and is_for_zero(run).any() for run in runs)
+
+
+def _harmonics(bag, prefix):
+    """Which harmonics the model of a log had, as parameters of the calibration."""
+    from calibration.analysis.harmonic_fit import choice_of_report
+    return choice_of_report(
+        _last(bag, f'{prefix}{topics.CALIBRATION_REPORT.name}')).parameters()
+
+
+def _last(bag, name):
+    """The last document on a topic, or None."""
+    documents = [message.data.data for message in bag.messages([name], decode=True)]
+    return json.loads(documents[-1]) if documents else None

@@ -1,0 +1,323 @@
+"""The loop closed: a night, or a measured run, is fitted, diagnosed, amended and judged."""
+
+import json
+from fnmatch import fnmatchcase
+from functools import partial
+
+import numpy as np
+
+from calibration.analysis.diagnosis.row_counts import rows_of_reader
+from msg_tools.output import tried, write_text
+from pointing_model.zero_drift import KEY as FOLLOWS
+from telescope_mount.observing.plan import parse_plan
+
+from .graph import measured_graph, night_graph
+from .loop_judgement import judgement, paired, points_worse
+from .loop_page import write_all_page, write_loop_page
+from .simulator import kind_of_mount, scenario_names, undeclared
+from .whole_night import NightFailed, observe, prepare_folder
+
+FORMAT = 'telescope_mount/loop'
+VERSION = 1
+#: the scenarios that are made for it
+ALL = 'loop_*'
+#: what the run player does, in the words of a plan
+_MEASURED_PLAN = 'fit, diagnose'
+
+
+def loop_plan(stars, polaris, check):
+    """The plan of a night: measure, fit, point blind, diagnose, point blind, judge by that.
+
+    Parameters
+    ----------
+    stars : int
+        That fit and diagnosis see.
+    polaris : int
+        Exposures for the zero.
+    check : int
+        Fresh stars before and after the diagnosis.
+
+    Returns
+    -------
+    str
+    """
+    return (f'home, stars {stars}, zero {polaris}, calibrate_zero, fit, check {check}, '
+            f'diagnose, check {check}, judge')
+
+
+def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16, check=30,
+                   check_every=4, alpha=0.01, start_time='', place=None, sky=None, mount='',
+                   domain_number=None, progress=None):
+    """Carry out one night with a scenario, or one measured run.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for all that is written.
+    scenario : str
+        What is wrong with the simulated mount; or
+    file : Path, optional
+        a measured run, of which one row in `check_every` is kept out.
+    stars, polaris, check : int
+        As of `loop_plan`.
+    alpha : float
+        Chance that a clean night gets any effect.
+    place : dict, optional
+        For the measured run, as of `runs.load_run`: ``azimuth_origin``, ``mount``, ``site``,
+        ``weather``, ``equinox``.
+    seed, start_time, sky, mount, domain_number
+        As of `night.run_night`.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    dict
+        The report that ``report.json`` holds, see `FORMAT`.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or a step could not be carried out.
+    """
+    sky, place = sky or {}, place or {}
+    if file is not None:
+        # whatever cannot be read is said before a node starts
+        run = _sound_run(file, place)
+        progress = progress and partial(_of, len(run), progress)
+        plan = _MEASURED_PLAN
+    else:
+        run, plan = None, loop_plan(stars, polaris, check)
+        parse_plan(plan)
+    folder = prepare_folder(out)
+    calibration = {'alpha': alpha, 'site': _site_of(run, sky),
+                   'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+    if file is not None:
+        specs = measured_graph(
+            bag=str(folder / 'bag'), seed=seed, calibration=calibration,
+            player=_player(run, file, place.get('azimuth_origin'), folder) | {
+                'check_every': check_every})
+    else:
+        specs = night_graph(
+            bag=str(folder / 'bag'), scenario=scenario, seed=seed, start_time=start_time,
+            plan=plan, sample_rate_hz=1.0, sky=sky, calibration=calibration,
+            mount=mount or kind_of_mount(scenario))
+    about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
+             'plan': plan}
+    kept, incomplete = {}, []
+    report = observe(
+        folder, specs, plan, partial(_write, folder, about, kept, incomplete), progress,
+        domain_number, incomplete=incomplete)
+    told = None
+    if file is not None:
+        report['rows_read'] += rows_of_reader(run).lost
+    else:  # now that everything is decided
+        told = undeclared(folder / 'bag_truth')
+    report = _judge(folder, report, told, incomplete)
+    tried(incomplete, folder / 'page.html', lambda path: write_loop_page(
+        folder, report, kept['run']))
+    report['incomplete'] = incomplete
+    return report
+
+
+def close_all(out, *, names=ALL, seed=1, progress=None, **options):
+    """`close_the_loop` with several scenarios, each in a folder of its own.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for all that is written.
+    names : str
+        Which, such as ``mount_*``.
+    seed, progress, options
+        As of `close_the_loop`.
+
+    Returns
+    -------
+    dict
+        ``scenarios``: the report of each; one that failed has an ``error``.
+
+    Raises
+    ------
+    ValueError, OSError
+        No scenario of such a name, or bad input.
+    """
+    chosen = [name for name in scenario_names() if fnmatchcase(name, names)]
+    if not chosen:
+        raise ValueError(f'no scenario {names!r}: there are ' + ', '.join(scenario_names()))
+    folder = prepare_folder(out)
+    reports = []
+    for name in chosen:
+        try:
+            reports.append(close_the_loop(
+                folder / name, scenario=name, seed=seed,
+                progress=progress and (lambda text, *done, name=name: progress(
+                    f'{name}: {text}', *done)), **options))
+        except NightFailed as err:
+            reports.append({'scenario': name, 'error': str(err)})
+    report = {'format': FORMAT, 'version': VERSION, 'seed': seed, 'scenarios': reports}
+    incomplete = [line for one in reports for line in one.get('incomplete', ())]
+    tried(incomplete, folder / 'report.json', partial(
+        write_text, text=json.dumps(report, indent=1) + '\n'))
+    tried(incomplete, folder / 'page.html', lambda path: write_all_page(folder, report))
+    report['incomplete'] = incomplete
+    report['files'] = {'report': str(folder / 'report.json'), 'page': str(folder / 'page.html')}
+    return report
+
+
+def _sound_run(file, place):
+    """A measured run of which the columns and enough rows can be used."""
+    from calibration.analysis.diagnosis import check_columns, naming_columns
+
+    from .runs import load_run
+    with naming_columns():
+        run = load_run(file, **place)
+    check_columns(run)
+    told = rows_of_reader(run)
+    if told.too_few:
+        raise ValueError(f'{file}: {told.refusal}')
+    return run
+
+
+def _of(total, progress, text, done, _):
+    progress(text, done, total)
+
+
+def _site_of(run, sky):
+    """The calibration's parameter: what was given, else what the run's file says.
+
+    Without a run, what the observer of a simulated one believes.
+    """
+    from msg_tools.units import DEG
+    from pointing_model.sky.places import DEFAULT_SITE
+    told = DEFAULT_SITE if run is None else run.meta.get('site') or {}
+    if not isinstance(told, dict):
+        told = {'latitude': told.latitude, 'longitude': told.longitude}
+    told = {f'{name}_deg': value / DEG for name, value in told.items()
+            if name in ('latitude', 'longitude') and value is not None} | sky
+    # times from an arbitrary start say nothing of the stars' place
+    dated = run is None or run.meta.get('time_is_utc', True)
+    if not dated or not {'latitude_deg', 'longitude_deg'} <= set(told):
+        return ''
+    return f'{told["latitude_deg"]!r}, {told["longitude_deg"]!r}'
+
+
+def _player(run, file, azimuth_origin, folder):
+    """Parameters of the run player: a file that it can read, written if need be."""
+    if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves')
+            or not run.mount.vertical):
+        from pointing_model.runs.formats import write_csv
+        file, azimuth_origin = folder / 'run.csv', None
+        write_csv(run, file)
+    return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
+
+
+def _write(folder, about, kept, incomplete, latest):
+    """diagnosis.json, model.json and observations.csv; the report so far; `kept` gets ``run``, and
+    the list `incomplete` what cannot be written.
+    """
+    from msg_tools import topics
+    from pointing_model.model import PointingModel
+    from pointing_model.runs.formats import write_csv
+    from pointing_model.runs.run_messages import cloud_to_run
+
+    diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
+    checks = latest.get(topics.CHECKS.name)
+    checks = json.loads(checks.data)['checks'] if checks is not None else []
+    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    report = {
+        'format': FORMAT, 'version': VERSION, **about, **run.mount.entries(),
+        'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
+        'applied': diagnosis['applied'], 'published': diagnosis['published'],
+        'refused': diagnosis['refused'], 'judgement': diagnosis['judgement'],
+        'judged': diagnosis.get('judged'), 'noise_floor_arcsec': diagnosis['noise_floor_arcsec'],
+        'before': diagnosis['before'], 'after': diagnosis['after'],
+        'kept_out': diagnosis['kept_out'],
+        **{key: diagnosis[key] for key in ('expected', 'rows_read', 'rows_used', 'outliers',
+                                           'rms_with_outliers_arcsec')},
+        'blind_before': checks[0] if checks else None,
+        'blind_after': checks[-1] if len(checks) > 1 else None,
+        'follows': list(diagnosis.get(FOLLOWS, {})),
+        'alarms': json.loads(
+            latest[topics.CALIBRATION_REPORT.name].data)['witnesses']['alarms'],
+        'notes': diagnosis['notes'],
+    }
+    report['paired'] = paired(report)
+    model = PointingModel.from_json(latest[topics.MODEL.name].data)
+    report['drive'] = drive_error(run, model, diagnosis['site_deg'],
+                                  bool((report['judged'] or {}).get('taken_back')))
+    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
+    for name, text in (('model', latest[topics.MODEL.name].data),
+                       ('diagnosis', json.dumps(diagnosis, indent=1))):
+        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
+    return report
+
+
+def drive_error(run, model, site_deg=None, taken_back=False):
+    """How far the encoders stood from their demand when blind stars were exposed.
+
+    A blind star is missed by what the model lacks and by what the drive left. Only the first
+    stands in the residual of its row, since that takes the encoder as it was read.
+
+    Parameters
+    ----------
+    run : PointingRun
+        All rows of the night.
+    model : PointingModel
+        Published last.
+    site_deg : tuple of float, optional
+        Latitude and longitude, for effects that follow the stars.
+    taken_back : bool
+        The blind stars before the change were pointed with it, not those after.
+
+    Returns
+    -------
+    dict or None
+        ``rms_arcsec`` (radial), ``rms_x_arcsec``, ``rms_y_arcsec``, ``stars``, and
+        ``missed_arcsec``, the radial RMS of the miss distances of the same stars. None where there
+        are no such rows, the zero follows an encoder, or an effect of the model is not known there.
+    """
+    from msg_tools.units import ARCSEC, DEG
+    from pointing_model.rms import rms
+    from pointing_model.runs.run import PointingRun
+    from pointing_model.zero import zeros_in_force
+
+    zeros = zeros_in_force(model)
+    told = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
+    if not told or not zeros or model.provenance.get('zero_follows'):
+        return None
+    blind = (run['check'] == 1.0) & np.isfinite(run['miss_x'])
+    if not blind.any():
+        return None
+    blind &= run['block'] == (np.min if taken_back else np.max)(run['block'][blind])
+    if site_deg is not None:
+        site = dict(zip(('latitude', 'longitude'), np.multiply(site_deg, DEG).tolist()))
+        run = PointingRun(run.columns, {**run.meta, 'site': site})
+    # of the whole night: what an effect remembers lies before these rows
+    if any(rows[blind].any() for rows in model.unknown(run['az'], run['el'], run).values()):
+        return None
+    miss = run['miss_x'][blind], run['miss_y'][blind]
+    left = model.residuals(run, zero=zeros.newest)
+    x, y = ((a[blind] - b) / ARCSEC for a, b in zip(left, miss))
+    return {'rms_arcsec': float(rms(x, y)), 'rms_x_arcsec': float(rms(x)),
+            'rms_y_arcsec': float(rms(y)), 'stars': int(blind.sum()),
+            'missed_arcsec': float(rms(*miss) / ARCSEC)}
+
+
+def _judge(folder, report, told, incomplete):
+    """Add what the scenario did and whether it was found, and write report.json."""
+    report['undeclared'] = told
+    judged = report['judged'] or {}
+    harmful = report['published'] and not judged.get('taken_back') and points_worse(
+        report['blind_before'], report['blind_after'], judged)
+    report['found'], report['false'] = judgement(
+        told and told['shows_as'], report['effects'], report['verdict'], harmful,
+        report['follows'])
+    report['files'] = {name: str(folder / file) for name, file in (
+        ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
+        ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'page.html'))}
+    tried(incomplete, folder / 'report.json', partial(
+        write_text, text=json.dumps(report, indent=1) + '\n'))
+    return report

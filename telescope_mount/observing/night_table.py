@@ -1,0 +1,163 @@
+"""The rows of the night, one an observation."""
+
+import numpy as np
+
+from pointing_model.mounts import ALTAZ
+from pointing_model.row_retention import first_of_last
+from pointing_model.runs.run import PointingRun
+from pointing_model.zero_exposures import MARK
+
+#: of each row, to go on with a night
+NEEDED = ('time', 'run', 'block', 'star')
+#: rows for which there is room at first, and by what share it grows
+_FIRST, _MORE = 64, 0.25
+
+
+class NightTable:
+    """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
+
+    A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB. Rows are
+    counted from the first of the night on, whether it is still here or not.
+
+    Parameters
+    ----------
+    mount : Mount, optional
+        Whose axes the angles are of.
+    power_ons : int
+        So many have their rows kept, the last ones; 0: all.
+
+    Attributes
+    ----------
+    forgotten : int
+        Rows that are not kept.
+    """
+
+    def __init__(self, mount=ALTAZ, power_ons=0):
+        self._meta = {} if mount.vertical else {'mount': mount}
+        self._given, self._power_ons = 0, power_ons
+        self.rows = ()
+
+    def __len__(self):
+        return self.forgotten + self._count
+
+    @property
+    def rows(self):
+        """Those that are kept, list of dict: names to numbers, and ``stamp``."""
+        return self.rows_from(0)
+
+    @rows.setter
+    def rows(self, rows):
+        self._names, self._count, self.forgotten = [], 0, 0
+        self._stamps, self._values = np.empty(_FIRST, np.int64), np.empty((_FIRST, 0))
+        for row in rows:
+            self._take(row)
+
+    def rows_from(self, first):
+        """Rows from number `first` on, as `rows`; below 0 it counts from the end."""
+        if first >= 0:
+            first = max(0, first - self.forgotten)
+        part = slice(*slice(first, None).indices(self._count))
+        return [{'stamp': stamp, **dict(zip(self._names, values))} for stamp, values in zip(
+            self._stamps[part].tolist(), self._values[part].tolist())]
+
+    def _take(self, row):
+        new = [name for name in row if name != 'stamp' and name not in self._names]
+        room = len(self._stamps)
+        if new or self._count == room:
+            room = max(room, int((1.0 + _MORE) * self._count) + 1)
+            values, stamps = self._values, self._stamps
+            # what a parameter adds in the night, the rows before have not
+            self._values = np.full((room, len(self._names) + len(new)), np.nan)
+            self._values[:self._count, :len(self._names)] = values[:self._count]
+            self._stamps = np.empty(room, np.int64)
+            self._stamps[:self._count] = stamps[:self._count]
+            self._names += new
+        self._stamps[self._count] = row['stamp']
+        self._values[self._count] = [row.get(name, 0.0 if name == MARK else np.nan)
+                                     for name in self._names]
+        self._count += 1
+        runs = self._column('run')
+        if self._power_ons and runs[-1] != runs[self._count - 2]:
+            self._forget(first_of_last(runs, self._power_ons))
+
+    def _forget(self, rows):
+        """The first so many of those that are here."""
+        if rows:
+            left = self._count - rows
+            for values in (self._stamps, self._values):
+                values[:left] = values[rows:self._count]
+            self._count, self.forgotten = left, self.forgotten + rows
+
+    def of_last(self, power_ons):
+        """How many rows of the last so many power-ons are here; 0: of all."""
+        return self._count - first_of_last(self._column('run'), power_ons)
+
+    def _column(self, name):
+        if name not in self._names:
+            return np.full(self._count, np.nan)
+        return self._values[:self._count, self._names.index(name)]
+
+    def restore(self, run, stamp, before=0):
+        """Take the rows of the night so far, of another table.
+
+        Parameters
+        ----------
+        run : PointingRun
+            With the column ``time``.
+        stamp : int
+            Of the last row, ns: as seconds it is not known to the last one.
+        before : int
+            Rows of the night that were not kept.
+
+        Raises
+        ------
+        ValueError
+            A column is missing: these are no rows of an observer.
+        """
+        missing = [name for name in NEEDED if name not in run.columns]
+        if missing:
+            raise ValueError(f'rows of the night without column {", ".join(missing)}: they are of '
+                             'no observer')
+        stamps = [round(time * 1e9) for time in run['time'].tolist()]
+        stamps[-1] = stamp
+        self.rows = ({'stamp': at, MARK: 0.0, **{name: float(values[i]) for name, values in
+                                                 run.columns.items()}}
+                     for i, at in enumerate(stamps))
+        self.forgotten += before
+
+    def trailing(self, block):
+        """How many of the last rows are of step `block` of the plan."""
+        others = np.flatnonzero(self._column('block') != block)
+        return self._count - (int(others[-1]) + 1 if len(others) else 0)
+
+    def add(self, row):
+        """Keep a row; as a run of its own, PointingRun."""
+        self._take(row)
+        return PointingRun({name: np.array([value], float) for name, value in row.items()
+                            if name != 'stamp'}, self._meta)
+
+    @property
+    def newest(self):
+        """Stamp of the last row, ns; 0 without one."""
+        return int(self._stamps[self._count - 1]) if self._count else 0
+
+    def stars_since(self, stamp):
+        """Numbers of the stars that were observed from `stamp` (ns) on, a set."""
+        since = self._stamps[:self._count] >= stamp
+        return set(self._column('star')[since].astype(int).tolist())
+
+    def last_stars(self, count):
+        """Numbers of the stars of so many rows, the last ones, a set."""
+        return set(self._column('star')[-count:].astype(int).tolist())
+
+    def last_of(self, run):
+        """The last row, if it is of power-on `run`, else None."""
+        last = self.rows_from(-1)
+        return last[0] if last and last[0]['run'] == run else None
+
+    def all(self, again=False):
+        """Rows that are kept, a PointingRun; None where they were given before, unless `again`."""
+        if not self._count or (len(self) == self._given and not again):
+            return None
+        self._given = len(self)
+        return PointingRun({name: self._column(name).copy() for name in self._names}, self._meta)

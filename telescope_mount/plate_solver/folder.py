@@ -1,0 +1,207 @@
+"""A folder of images solved one by one into a run; what is done is not done again."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from msg_tools.output import beside
+from pointing_model.runs.formats import iso_utc
+from pointing_model.runs.formats.cells import write_rows
+from pointing_model.runs.formats.images import common_site, one_image, one_mount_of, refuse_absent
+from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
+from pointing_model.runs.plate_solves.solvers import NotSolved
+
+SOLVED, FAILED, HUNG = 'solved', 'not solved', 'hung'
+#: images in a row that a solver may hang on before nothing more is asked of it
+HANGS = 5
+_SOLUTION = ('ra_deg', 'dec_deg', 'sigma_arcsec', 'scale_arcsec_px', 'parity')
+
+
+class Journal:
+    """What became of each image: a line of JSON each, written as it is known.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.entries = {}
+        if self.path.exists():
+            for line in self.path.read_text(encoding='utf-8', errors='replace').splitlines():
+                try:
+                    entry = json.loads(line)
+                    self.entries[entry['image']] = entry
+                except (ValueError, TypeError, KeyError):
+                    continue  # the line that a crash has cut
+
+    def of(self, image):
+        """The entry of an image as it is now, or None."""
+        entry = self.entries.get(image.name)
+        return entry if entry and entry.get('stamp') == _stamp(image) else None
+
+    def add(self, image, **entry):
+        """Write the entry of an image."""
+        entry = {'image': image.name, 'stamp': _stamp(image), **entry}
+        self.entries[image.name] = entry
+        text = json.dumps(entry) + '\n'
+        if self.path.exists():
+            data = self.path.read_bytes()
+            text = text if not data or data.endswith(b'\n') else '\n' + text
+        with open(self.path, 'a', encoding='utf-8') as stream:
+            stream.write(text)
+        return entry
+
+
+def _stamp(image):
+    status = image.stat()
+    return f'{status.st_size}.{status.st_mtime_ns}'
+
+
+def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text: None,
+                 progress=None):
+    """Solve the images of a folder into a run.
+
+    Parameters
+    ----------
+    folder : Path
+    mapping : Mapping
+        Keywords of the mount.
+    solver : Solver
+    out : Path
+        The CSV, written anew when it ends, however it ends; ``out.jsonl`` beside it is the
+        journal: images that it has, and that have not changed, are not solved again.
+    again : bool
+        Try those that were not solved once more.
+    told : callable
+        Gets a line for people for each image.
+    progress : callable, optional
+        Called with (text, done, total) as it goes on.
+
+    Returns
+    -------
+    Counter
+        Images by what became of them, `SOLVED`, `FAILED`, `HUNG`.
+
+    Raises
+    ------
+    ValueError
+        No image, images of several mounts or sites, a keyword that is in none; none is solved;
+        the solver hangs.
+    """
+    files = mapping.images(folder)
+    journal = Journal(f'{out}.jsonl')
+    rows = _rows(mapping, files)
+    counts, hangs = Counter(), 0
+    try:
+        for done, file in enumerate(files):
+            if progress:
+                progress('solving', done, len(files))
+            row, reason = rows[file.name][:2]
+            entry = journal.of(file)
+            if reason is not None:
+                entry = {'status': FAILED, 'reason': reason}
+                rows[file.name] = (row, reason, entry)
+                told(f'{file.name}: left out, {reason}')
+            elif entry is None or (again and entry['status'] != SOLVED):
+                entry = _solve(file, mapping, solver, journal)
+                told(f'{file.name}: {_said(entry)}')
+            counts[entry['status']] += 1
+            rows[file.name] = (row, reason, entry)
+            hangs = hangs + 1 if entry['status'] == HUNG else 0
+            if hangs >= HANGS and not counts[SOLVED]:
+                raise ValueError(
+                    f'{solver.program} hangs: {hangs} images in a row did not end in '
+                    f'{solver.timeout:g} s; give its scale (--scale), more time (--timeout), or '
+                    'another solver')
+    finally:
+        done = [(row, entry) for row, _, entry in rows.values() if entry is not None]
+        if any(entry['status'] == SOLVED for _, entry in done):
+            _write(out, done, mapping, common_site(mapping.path, mapping, _headers(files)),
+                   len(files))
+    if not counts[SOLVED]:
+        reason = next(entry.get('reason') for _, entry in done)
+        raise ValueError(f'{folder}: none of {len(files)} images is solved ({files[0].name}: '
+                         f'{reason})')
+    return counts
+
+
+def _rows(mapping, files):
+    """Row by the keywords, why it is none, and no entry yet, by the name of the image."""
+    rows, absent, headers = {}, Counter(), []
+    for file in files:
+        try:
+            header = read_header(file)
+        except NotThere as error:
+            rows[file.name] = ({}, str(error), None)
+            continue
+        headers.append((file, header))
+        row, reason, missing = one_image(header, mapping, solve=False)
+        absent.update(missing)
+        rows[file.name] = (row, reason, None)
+    refuse_absent(mapping.path, absent, headers)
+    common_site(mapping.path, mapping, headers)
+    one_mount_of(mapping.path, files, [rows[file.name][0] for file in files])
+    for file in files:
+        rows[file.name][0].setdefault('star', file.name)
+    return rows
+
+
+def _headers(files):
+    out = []
+    for file in files:
+        try:
+            out.append((file, read_header(file)))
+        except NotThere:
+            continue
+    return out
+
+
+def _solve(file, mapping, solver, journal):
+    try:
+        solution, sigma = solver.solve(file, mapping.boresight)
+    except NotSolved as error:
+        return journal.add(file, status=HUNG if error.hung else FAILED, reason=str(error))
+    place = {**solution._asdict(), 'frame': solution.frame.text if solution.frame else 'ICRS'}
+    if np.isfinite(sigma):
+        place['sigma_arcsec'] = round(sigma, 4)
+    return journal.add(file, status=SOLVED, solver=solver.kind, **place)
+
+
+def _said(entry):
+    if entry['status'] != SOLVED:
+        return f'{entry["status"]}, {entry["reason"]}'
+    sigma = f' +- {entry["sigma_arcsec"]:.2f} arcsec' if 'sigma_arcsec' in entry else ''
+    return (f'solved, {entry["ra_deg"]:.5f} {entry["dec_deg"]:+.5f}{sigma}, '
+            f'{entry["scale_arcsec_px"]:.4g} arcsec a pixel')
+
+
+def _write(out, done, mapping, site, count):
+    """The run of the images that are solved."""
+    solved = [({**row, **{n: v for n, v in entry.items() if n in _SOLUTION}}, entry)
+              for row, entry in done if entry['status'] == SOLVED]
+    rows = [row for row, _ in solved]
+    frame = solved[0][1].get('frame', 'ICRS')
+    first = ('star', 'time', *_SOLUTION[:2], *mapping.needed[1:], *_SOLUTION[2:])
+    names = [name for name in first if any(name in row for row in rows)]
+    names += [name for name in dict.fromkeys(n for row in rows for n in row) if name not in names]
+    with beside(out) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
+        stream.write(f'# frame: {frame}\n')
+        if mapping.mount is not None:
+            stream.write(f'# mount: {mapping.mount}\n')
+        stream.writelines(f'# {name}: {value!r}\n' for name, value in site.items())
+        if len(rows) < count:
+            stream.write(f'# unsolved: {count - len(rows)} of {count} images\n')
+        write_rows(stream, [names, *([_cell(name, row.get(name)) for name in names]
+                                     for row in rows)])
+
+
+def _cell(name, value):
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return ''
+    if name == 'time':
+        return iso_utc(np.array([value]))[0]
+    return repr(value) if isinstance(value, float) else value

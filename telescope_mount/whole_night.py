@@ -1,0 +1,434 @@
+"""A whole night: start the graph, watch it, and put its results into one folder."""
+
+import json
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+from msg_tools import NAMESPACE
+from msg_tools.status import Progress
+from telescope_mount.observing.plan import night_plan, parse_plan
+
+from . import domain
+from .graph import NODES, night_graph
+from .graph_end import come_to_rest
+from .interrupt import noted, raise_noted
+from .night_files import add_truth, diagnosing, write_page, write_results
+from .simulator import kind_of_mount
+
+#: wall seconds without any progress after which a night is given up
+STALL = 60.0
+#: the same of a diagnosis, which on a mount of several sides thinks for minutes between two words
+THINKING = 1800.0
+#: wall seconds after which a wait is told
+SAID_AFTER = 1.5
+#: s within which a node reports again, also one that works hard
+ANSWERED_IN = 10.0
+#: s that a mount may take to be homed before that is said to hold the night up
+HOMES_IN = 30.0
+#: in the folder of a real mount's night: where its plan stands
+STATE = 'plan_state.jsonl'
+
+
+class NightFailed(RuntimeError):
+    """The night could not be finished; the text is the one line for the user."""
+
+
+def prepare_folder(folder):
+    """Make the output folder, or refuse it.
+
+    Raises
+    ------
+    ValueError
+        It holds files already, or is one.
+    OSError
+        It cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f'{folder} is a file; choose another folder with --out')
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ValueError(f'{folder} is not empty; choose another folder with --out')
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
+              domain_number=None, params_file=None, progress=None, scenario='default', mount='',
+              track='', apart='', say=None, note=None, of_server=None, **graph):
+    """Observe a night in a graph of processes.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for all that is written.
+    stars, polaris, cycle
+        As of `telescope_mount.observing.plan.night_plan`.
+    reference : Path, optional
+        The model of an earlier night.
+    domain_number : int, optional
+        ROS domain; a free one by default.
+    params_file : Path, optional
+        A ROS parameter file, read by every node after the values of the graph.
+    progress : callable, optional
+        Called with (text, done, total) as the night goes on.
+    scenario : str
+        What is wrong with the simulated mount.
+    mount : str
+        As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT`` or
+        ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
+    track : str
+        A step of the plan after the fit, such as ``track 1.5arcsec 90``.
+    apart : str
+        As `track`, such as ``tell_apart 15``; before it is diagnosed.
+    say, note : callable, optional
+        As of `observe`, of a mount of a server.
+    of_server : dict, optional
+        Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
+        `server_night.nodes_of`, ``anew`` as of `real_night.run_real_night`.
+    **graph
+        As of `graph.night_graph`: ``seed``, ``time_scale``, ...
+
+    Returns
+    -------
+    dict
+        The calibration report of the night, with the ``files`` that were written.
+
+    Raises
+    ------
+    ValueError, OSError
+        Bad input.
+    NightFailed
+        A node ended, or the plan could not be carried out.
+    """
+    if is_server(mount):
+        from .real_night import run_server_night
+        return run_server_night(
+            out, mount, stars=stars, reference=reference, domain_number=domain_number,
+            params_file=params_file, progress=progress, say=say, note=note or print,
+            track=track, apart=apart, **(of_server or {}), **{name: graph[name] for name in (
+                'seed', 'sky', 'calibration') if name in graph})
+    plan = night_plan(stars, polaris, reference is not None, cycle)
+    if apart:
+        plan += f', diagnose, {apart}'
+    if track:
+        plan += f', {track}'
+    parse_plan(plan)
+    if reference is not None:
+        from pointing_model.model import PointingModel
+        PointingModel.load(reference)
+    folder = prepare_folder(out)
+    if apart:
+        graph['calibration'] = diagnosing(folder, graph.get('calibration'))
+    kept, incomplete = {}, []
+    specs = night_graph(
+        bag=str(folder / 'bag'), plan=plan, scenario=scenario,
+        mount=mount or kind_of_mount(scenario),
+        model_file=str(reference.resolve()) if reference else '', **graph)
+    report = observe(
+        folder, specs, plan, partial(write_results, folder, kept=kept, incomplete=incomplete),
+        progress, domain_number, params_file, incomplete=incomplete)
+    write_page(folder, report, kept)  # before there is anything of the simulator's in the report
+    add_truth(folder / 'bag_truth', report)
+    return report
+
+
+def is_server(mount):
+    """Whether a text for the mount means one of a server."""
+    return mount.partition(':')[0] in ('indi', 'alpaca')
+
+
+def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
+            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False,
+            incomplete=None):
+    """Carry out a plan in a graph of processes, and write its results.
+
+    Parameters
+    ----------
+    folder : Path
+        For the logs; `bag`, `bag_truth` and `nodes` come to lie in it.
+    specs : list of graph.NodeSpec
+        The nodes, with the logger and the observer among them.
+    plan : str
+        That of the observer.
+    write : callable
+        ``write(latest)``, with the last message of each topic by its name, makes the files; what
+        it returns is returned.
+    progress : callable, optional
+        Called with (text, done, total) as the plan goes on.
+    domain_number : int, optional
+        ROS domain; a free one if omitted.
+    params_file : Path, optional
+        ROS parameter file for all nodes.
+    claim : callable
+        Gives the domain: `domain.claim`, or `domain.join` where drivers run already.
+    drivers : sequence of Path
+        Python files to start beside the nodes.
+    stall : float
+        Wall seconds without any progress after which it is given up.
+    say : callable, optional
+        Called with what is wrong or waited for, when that changes; '' when it goes on.
+    note : callable, optional
+        Called with each star that the guard refuses, and with what the mount does at the end.
+    again : bool
+        A night goes on whose files are in `folder` already.
+    incomplete : list of str, optional
+        Gets a line where the log is not whole.
+
+    Raises
+    ------
+    ValueError
+        The domain is in use.
+    NightFailed
+        A node ended, or the plan could not be carried out; without `incomplete` also where the log
+        is not whole.
+    """
+    bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
+    from .processes import Processes
+    with noted(), ExitStack() as ends:
+        lock = claim(domain_number)
+        ends.callback(lock.release)
+        nodes = Processes(folder / 'nodes', lock.number, params_file)
+        ends.callback(nodes.stop)
+        watcher = None
+        try:
+            # after the cheap checks, and while the nodes' own go on: these imports cost half a
+            # second
+            with ThreadPoolExecutor(1) as pool:
+                loading = pool.submit(import_module, 'telescope_mount.watcher')
+                nodes.start_all(specs)
+            for path in drivers:
+                nodes.start_script(path)
+            raise_noted()
+            watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
+            ends.callback(watcher.close)
+            with _at_rest_after(watcher, specs, note or (lambda _: None)):
+                with watcher.at_leisure():
+                    _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+                if progress:
+                    progress('writing the results', 0, None)
+                out = _results(watcher, specs, plan, write, bag)
+            if nodes.stop().get('mcap_logger'):
+                _tell_log(watcher, nodes, bag, incomplete)
+            return out
+        except RuntimeError as err:
+            nodes.stop()
+            if again or (watcher is not None and _progress(watcher).observations):
+                raise NightFailed(f'{err} (the log so far is {bag})') from None
+            _clear(folder)
+            raise NightFailed(str(err)) from None
+        except (KeyboardInterrupt, OSError):
+            nodes.stop()
+            if not again and (watcher is None or not _progress(watcher).step):
+                _clear(folder)  # it has waited for drivers
+            raise
+
+
+def _tell_log(watcher, nodes, bag, incomplete):
+    """Say that the log is not whole, and why as far as its logger could say so."""
+    said = (watcher.reports.errors_of('mcap_logger')
+            or nodes.last_words('mcap_logger').removeprefix('error: ')
+            or f'{Path(bag).name}: it could not be closed')
+    line = str(Path(bag).parent / said)
+    if incomplete is None:
+        raise NightFailed(line)
+    incomplete.append(line)
+
+
+def _clear(folder):
+    """Nothing was observed: let the next try have the folder."""
+    for name in ('bag', 'bag_truth', 'nodes'):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    (folder / STATE).unlink(missing_ok=True)
+
+
+@contextmanager
+def _at_rest_after(watcher, specs, note):
+    """However it ends, the mount stands before its guard goes; of a simulated one no matter."""
+    if not any(spec.name == 'mount_guard' and not spec.parameters.get('use_sim_time')
+               for spec in specs):
+        yield
+        return
+    watcher.client('abort')
+    try:
+        yield
+    finally:
+        come_to_rest(watcher, _progress(watcher).state, note)
+
+
+def _no_driver(watcher):
+    """Where to look for drivers, where the graph has no node but its own; '' where it has."""
+    from .graph_client import elsewhere
+    spaces = {space for name, space in watcher.node.get_node_names_and_namespaces()
+              if space != NAMESPACE or name not in (*NODES, watcher.node.get_name())}
+    domain = watcher.node.context.get_domain_id()
+    return elsewhere(domain, NAMESPACE, spaces, 'driver', '').removeprefix('; ')
+
+
+def _refusal(status, count):
+    """Which star the guard has refused, and why; of several at once the last."""
+    last = next((row.value for row in status.values if row.key == 'refusal'), 'a target')
+    return f'refused by the guard: {last}' + (f' (and {count - 1} before)' if count > 1 else '')
+
+
+def _results(watcher, specs, plan, write, bag):
+    """What `write` makes of the results, when the log has them too."""
+    watcher.hear_results()
+    if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
+        raise NightFailed('the plan is done, but its results were not published')
+    with ThreadPoolExecutor(1) as pool:
+        # files and picture are made while the last messages reach the log
+        latest, of_log = dict(watcher.latest), _progress(watcher).forgotten > 0
+        written = None if of_log else pool.submit(write, latest)
+        missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
+        out = write(_with_all_rows(latest, bag)) if of_log else written.result()
+    if missing:
+        raise NightFailed('the logger could not keep up; it lacks messages of '
+                          + ', '.join(missing))
+    return out
+
+
+def _with_all_rows(latest, bag):
+    """`latest` with the rows that the observer does not keep any more, as the logs have them."""
+    from msg_tools.convert import from_stamp
+    from msg_tools.topics import OBSERVATIONS
+    from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
+
+    from .log_rows import with_rows_before
+    table = latest[OBSERVATIONS.name]
+    run = with_rows_before(cloud_to_run(table), Path(bag).parent)
+    return {**latest, OBSERVATIONS.name: run_to_cloud(run, from_stamp(table.header.stamp))}
+
+
+def _progress(watcher):
+    """How far the observer is."""
+    from msg_tools.topics import OBSERVER_STATUS
+    return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
+
+
+def _said(watcher, topic):
+    status = watcher.latest.get(topic.name)
+    return '' if status is None else status.message
+
+
+def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
+    """Follow the observer until the plan is done."""
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    from msg_tools import topics
+    total = sum(step.exposures for step in parse_plan(plan))
+    last, since = None, time.monotonic()
+    waits, said, refused, hinted, log = ('', since), '', 0, note is None, ''
+    while True:
+        watcher.spin(0.2)
+        nodes.check()
+        status = watcher.latest.get(topics.OBSERVER_STATUS.name)
+        at = _progress(watcher)
+        now = (status is None, at.observations, at.step, at.lost, len(watcher.reports),
+               _said(watcher, topics.CALIBRATION_STATUS))
+        if now != last:
+            last, since = now, time.monotonic()
+        quiet = _without_answer(watcher, nodes)
+        stopped = watcher.reports.errors_of('mcap_logger')
+        if note is not None and stopped not in ('', log):
+            note(f'the log is incomplete: {stopped}')
+        log = stopped
+        if status is not None:
+            if note is not None and at.refused > refused:
+                note(_refusal(status, at.refused - refused))
+            refused = at.refused
+            if at.state == 'cancelled':  # nobody can resume what ends with this
+                reason = status.message.removesuffix(': call resume')
+                raise NightFailed(f'plan cancelled {reason}')
+            if at.state == 'failed':
+                raise NightFailed(status.message)
+            done = at.observations + at.lost
+            # how many stars a step `track` takes nobody knows
+            progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else '')
+                     + quiet, done, max(total, done))
+            if at.state == 'done':
+                if said:
+                    say('')
+                return
+            told = at.state == 'waiting' or status.level > DiagnosticStatus.OK
+            text = status.message if told else ''
+            if text != waits[0]:
+                waits = text, time.monotonic()
+            # what is over within moments nobody need read
+            patience = HOMES_IN if 'it homes the mount' in text else SAID_AFTER
+            if say is not None and text != said and time.monotonic() - waits[1] > patience:
+                said = text
+                say(text)
+                if not hinted and 'a publisher of' in text:
+                    hinted = True
+                    if hint := _no_driver(watcher):
+                        note(hint)
+        if time.monotonic() - since > (max(stall, THINKING) if at.step == 'diagnose' else stall):
+            what = status.message if status is not None else 'the star observer'
+            raise NightFailed(f'nothing went on for {time.monotonic() - since:.0f} s: waiting for '
+                              f'{what}{quiet}')
+
+
+def _without_answer(watcher, nodes):
+    """Which nodes do not answer, `, ...` after what is done; '' where all do."""
+    if stopped := nodes.stopped():
+        return ', ' + ', '.join(f'{name} is stopped (kill -CONT {pid})'
+                                for name, pid in stopped.items())
+    silent = watcher.reports.silent(ANSWERED_IN)
+    return f', no answer from {", ".join(silent)}' if silent else ''
+
+
+def _complete(watcher, plan):
+    """Whether all results are here: "done" may overtake them on its own topic."""
+    from msg_tools import topics
+    verbs = [step.verb for step in parse_plan(plan)]
+    latest = watcher.latest
+    table = latest.get(topics.OBSERVATIONS.name)
+    progress = _progress(watcher)
+    checks = latest.get(topics.CHECKS.name)
+    checks = [] if checks is None else json.loads(checks.data)['checks']
+    # an observer that was started again may lack the first ones, whose rows it does not keep
+    last = max((number for number, verb in enumerate(verbs) if verb == 'check'), default=None)
+    return (table is not None and table.width == progress.observations - progress.forgotten
+            and topics.MODEL.name in latest
+            and (topics.CALIBRATION_REPORT if 'fit' in verbs else topics.TRACKING).name in latest
+            and (last is None or any(check['block'] == last for check in checks))
+            and ('diagnose' not in verbs or _diagnosed(latest, 'judge' in verbs))
+            and _up_to_date(latest, verbs))
+
+
+def _diagnosed(latest, judged):
+    """Whether the diagnosis is here, and the report that came with it."""
+    from msg_tools import topics
+    if topics.DIAGNOSIS.name not in latest:
+        return False
+    diagnosis, report = (json.loads(latest[name].data) for name in (
+        topics.DIAGNOSIS.name, topics.CALIBRATION_REPORT.name))
+    return (report.get('verdict') == diagnosis['verdict']
+            and (not judged or 'judged' in diagnosis))
+
+
+def _up_to_date(latest, verbs):
+    """Whether report and model are those of the last fit, and not of an earlier one."""
+    from msg_tools import topics
+    from pointing_model.runs.run_messages import cloud_to_run
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    if 'time' not in run:  # a measured run, and one step of each kind
+        return True
+    if 'fit' not in verbs:  # the step `track` has waited for its last model
+        return True
+    report = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
+    model = json.loads(latest[topics.MODEL.name].data)
+    steps = range(len(verbs))
+    rests_on = model['provenance'].get('last_stamp_ns', 0)
+    for stamp, made_by in ((report['last_stamp_ns'], ('fit',)),
+                           (rests_on, ('fit', 'diagnose', 'judge'))):
+        last = max((i for i in steps if verbs[i] in made_by), default=0)
+        rows = run['time'][run['block'] < last]
+        if len(rows) and stamp * 1e-9 < rows.max() - 1e-3:
+            return False
+    return True

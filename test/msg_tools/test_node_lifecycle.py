@@ -1,0 +1,79 @@
+import pytest
+
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
+
+
+class Drive(ManagedNode):
+    """Says what was done to it."""
+
+    fault = None
+
+    def __init__(self, **kwargs):
+        super().__init__('drive', (AUTOSTART,), **kwargs)
+        self.done = []
+
+    def configured(self):
+        self.done.append('configured')
+
+    def activated(self):
+        if self.fault:
+            raise self.fault
+        self.done.append('activated')
+
+    def deactivated(self):
+        self.done.append('deactivated')
+
+
+def change(graph, number=0, label=''):
+    """Have it make a transition; whether it did."""
+    client = graph.tester.create_client(ChangeState, 'drive/change_state')
+    graph.wait_for(client.service_is_ready, 'the service')
+    future = client.call_async(ChangeState.Request(transition=Transition(id=number, label=label)))
+    graph.wait_for(future.done, 'the answer')
+    return future.result().success
+
+
+def test_it_becomes_active_by_itself(graph):
+    drive = graph.add(Drive)
+    graph.wait_for(lambda: drive.active)
+    assert drive.done == ['configured', 'activated'] and drive.inactive == ''
+
+
+def test_without_autostart_it_waits_and_lives_through_what_its_state_does_not_have(graph):
+    drive = graph.add(Drive, autostart=False)
+    status = graph.report('drive', 'waiting for activation', 'lifecycle', 'unconfigured')
+    assert status.level == DiagnosticStatus.WARN
+    assert drive.inactive == 'drive is unconfigured: configure and activate it'
+    assert not change(graph, Transition.TRANSITION_ACTIVATE)
+    assert not change(graph, label='levitate') and not change(graph, 199)
+    assert change(graph, Transition.TRANSITION_CONFIGURE)
+    assert not change(graph, Transition.TRANSITION_CONFIGURE)
+    assert change(graph, Transition.TRANSITION_ACTIVATE) and drive.active
+    graph.report('drive', 'ok', 'lifecycle', 'active')
+    assert change(graph, Transition.TRANSITION_DEACTIVATE) and not drive.active
+    assert drive.done == ['configured', 'activated', 'deactivated']
+    assert change(graph, label='activate')
+    assert change(graph, Transition.TRANSITION_ACTIVE_SHUTDOWN) and not drive.active
+    graph.report('drive', 'waiting for activation', 'lifecycle', 'finalized')
+    assert drive.done[3:] == ['activated', 'deactivated']
+
+
+def test_what_cannot_be_done_leaves_it_inactive(graph):
+    drive = graph.add(Drive, autostart=False)
+    assert change(graph, Transition.TRANSITION_CONFIGURE)
+    drive.fault = ValueError('the drive is off')
+    assert not change(graph, Transition.TRANSITION_ACTIVATE)
+    graph.report('drive', 'waiting for activation', 'lifecycle', 'inactive')
+    drive.fault = RuntimeError('a bug')
+    assert not change(graph, Transition.TRANSITION_ACTIVATE)
+    graph.report('drive', 'waiting for activation', 'lifecycle', 'unconfigured')
+    drive.fault = None
+    drive.trigger_configure()
+    drive.trigger_activate()
+    assert drive.active

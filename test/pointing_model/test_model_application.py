@@ -1,0 +1,69 @@
+"""A model on directions, as a call of one line."""
+
+import numpy as np
+import pytest
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.context import Context
+from pointing_model.effects import effect
+from pointing_model.fitted_effects import FittedEffect
+from pointing_model.model import PointingModel
+from pointing_model.model_application import apply, turned, zeros_of_rows
+
+TERMS = {'IA': 412.0 * ARCSEC, 'CA': 25.0 * ARCSEC, 'AN': 30.0 * ARCSEC, 'TF': 15.0 * ARCSEC}
+ZEROS = [{'run': 1, 'az_arcsec': 100.0, 'el_arcsec': -50.0},
+         {'run': 2, 'az_arcsec': 110.0, 'el_arcsec': -40.0}]
+AZ, EL = np.linspace(0.0, 350.0, 30), np.linspace(20.0, 80.0, 30)
+
+
+def test_one_line_there_and_back(tmp_path):
+    model = PointingModel(TERMS)
+    model.save(tmp_path / 'model.json')
+    az_enc, el_enc = apply(tmp_path / 'model.json', AZ, EL)
+    expected = model.sky_to_encoder(AZ * DEG, EL * DEG)
+    np.testing.assert_allclose([az_enc, el_enc], np.array(expected) / DEG, rtol=1e-15)
+    az, el = apply(model, az_enc, el_enc, reverse=True)
+    np.testing.assert_allclose([az, el], [AZ, EL], atol=1e-9 / 3600.0)
+    assert apply(model, 10.0, 45.0)[0].shape == ()
+
+
+def test_the_zero_is_that_of_the_run():
+    model = PointingModel(TERMS, provenance={'zeros_in_force': ZEROS})
+    bare = np.array(apply(model, AZ, EL, zero='none'))
+    for zero, row in (('newest', 1), (1, 0), (2.0, 1)):
+        moved = (np.array(apply(model, AZ, EL, zero=zero)) - bare) * 3600.0
+        np.testing.assert_allclose(moved[0], ZEROS[row]['az_arcsec'], rtol=1e-9)
+        np.testing.assert_allclose(moved[1], ZEROS[row]['el_arcsec'], rtol=1e-9)
+    run = np.where(AZ < 180.0, 1, 2)
+    moved = (np.array(apply(model, AZ, EL, run=run)) - bare) * 3600.0
+    np.testing.assert_allclose(moved[0], np.where(run == 1, 100.0, 110.0), rtol=1e-9)
+    out = apply(model, AZ, EL, run=run)
+    np.testing.assert_allclose(apply(model, *out, run=run, reverse=True), [AZ, EL], atol=1e-12)
+    with pytest.raises(ValueError, match='no zero of run 3; it has: 1, 2'):
+        apply(model, AZ, EL, zero=3)
+    with pytest.raises(ValueError, match='no zero of run 5'):
+        zeros_of_rows(model, run=np.array([1, 5]))
+
+
+def test_drivers_by_the_names_of_files_and_a_graduation_met_with_the_zero():
+    drift = FittedEffect(effect('drift', of='IA', driver='temperature', origin=4.0, scale=1.0,
+                                within=[0.0, 8.0]), [5.0 * ARCSEC])
+    model = PointingModel(TERMS, effects=[drift])
+    warm, cold = (apply(model, AZ, EL, temperature_c=t)[0] for t in (6.0, 4.0))
+    np.testing.assert_allclose((warm - cold) * 3600.0, 10.0, atol=1e-6)
+    np.testing.assert_array_equal(apply(model, AZ, EL), apply(model, AZ, EL, temperature_c=4.0))
+    lines = FittedEffect(effect('subdivision', axis='az', graduation='grating', order=1),
+                         np.array([3.0, 1.0]) * ARCSEC)
+    model = PointingModel(TERMS, effects=[lines], provenance={'zeros_in_force': ZEROS})
+    out = apply(model, AZ, EL)
+    bare = apply(PointingModel(TERMS), AZ, EL)
+    away = (out[0] - bare[0]) * 3600.0 - 110.0
+    phase = 47200 * out[0] * DEG
+    np.testing.assert_allclose(away, 3.0 * np.cos(phase) + np.sin(phase), atol=1e-4)
+    np.testing.assert_allclose(apply(model, *out, reverse=True), [AZ, EL], atol=1e-6 / 3600.0)
+
+
+def test_where_the_mount_cannot_look_is_nan():
+    model = PointingModel({'CA': 3600.0 * ARCSEC})
+    az, el = turned(model, Context([0.0, 1.0], np.radians([89.5, 45.0])))
+    assert np.isnan(az[0]) and np.isfinite(el[1])

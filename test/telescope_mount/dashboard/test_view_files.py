@@ -1,0 +1,108 @@
+"""Layout of Foxglove and configuration of RViz: they name topics that there are, by their types."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+from places import ROOT
+
+from msg_tools import NAMESPACE, topics
+from msg_tools.units import ARCSEC
+from pointing_model.mount_shape import ROOT as FRAME
+from telescope_mount.dashboard.graph_state import full_name
+
+CONFIG = ROOT / 'config'
+BY_NAME = {full_name(NAMESPACE, topic): topic for topic in (
+    *topics.ALL, topics.ROBOT_DESCRIPTION, topics.JOINTS, topics.MARKERS)}
+#: fields that the paths of series lead to, of each type of message
+FIELDS = {'geometry_msgs/msg/Vector3Stamped': ('vector.x', 'vector.y'),
+          'sensor_msgs/msg/JointState': ('position[0]', 'position[1]'),
+          'diagnostic_msgs/msg/DiagnosticStatus': ('message',)}
+
+
+def panels(content):
+    if content['type'] == 'panel':
+        yield content
+    for item in content.get('items', ()):
+        yield from panels(item['content'])
+
+
+@pytest.fixture(scope='module')
+def layout():
+    return json.loads((CONFIG / 'foxglove_layout.json').read_text(encoding='utf-8'))
+
+
+@pytest.fixture(scope='module')
+def script(layout):
+    (one,) = layout['userScripts'].values()
+    return one['sourceCode']
+
+
+def test_series_lead_to_fields_of_topics_that_there_are(layout, script):
+    made = re.search(r'export const output = "(.+)"', script)[1]
+    columns = re.search(r'type Output = \{(.+)\}', script)[1]
+    plotted = set()
+    for panel in panels(layout['content']):
+        for series in panel['config'].get('paths', ()):
+            name, path = re.fullmatch(r'(/[\w/]+)\.(.+)', series['value']).groups()
+            plotted.add(name)
+            if name == made:
+                assert f'{path}: number' in columns
+                continue
+            field, _, factor = path.partition('.@mul(')
+            assert field in FIELDS[BY_NAME[name].type], series
+            if panel['panelType'] == 'Plot':  # rad to arcsec
+                assert np.isclose(float(factor.rstrip(')')), 1.0 / ARCSEC, rtol=1e-8)
+    own = {full_name(NAMESPACE, topic) for topic in (
+        topics.MISS_DISTANCE, topics.OFFSET, topics.ZERO, topics.GUARD_STATUS,
+        topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS)}
+    assert plotted == own | {made}
+
+
+def test_the_script_listens_to_both_encoders(script):
+    inputs = json.loads(re.search(r'export const inputs = (\[.+\])', script)[1])
+    assert inputs == [full_name(NAMESPACE, topic)
+                      for topic in (topics.INCREMENTAL, topics.ABSOLUTE)]
+    assert set(re.findall(r'"(/mount/[\w/]+)"', script)) == set(inputs)
+
+
+def test_panels_of_foxglove(layout):
+    by_kind = {panel['panelType']: panel['config'] for panel in panels(layout['content'])}
+    scene = by_kind['ThreeDee']
+    assert scene['followTf'] == scene['fixedFrame'] == FRAME
+    assert {name: BY_NAME[name].type for name in scene['topics']} == {
+        '/mount/markers': 'visualization_msgs/msg/MarkerArray',
+        '/mount/observations': 'sensor_msgs/msg/PointCloud2'}
+    model = scene['layers']['model']
+    assert BY_NAME[model['topic']] is topics.ROBOT_DESCRIPTION
+    assert BY_NAME[model['jointStatesTopic']] is topics.JOINTS
+    summary = next(config for kind, config in by_kind.items() if kind.startswith('Diagnostic'))
+    assert BY_NAME[summary['topicToRender']] is topics.DIAGNOSTICS
+    # of every rclpy node, rcl_interfaces/msg/Log
+    assert next(config for config in by_kind.values()
+                if 'minLogLevel' in config)['topicToRender'] == '/rosout'
+
+
+def test_displays_of_rviz():
+    document = yaml.safe_load((CONFIG / 'telescope_mount.rviz').read_text(encoding='utf-8'))
+    manager = document['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == FRAME
+    types = {'MarkerArray': topics.MARKERS, 'RobotModel': topics.ROBOT_DESCRIPTION,
+             'PointCloud2': topics.OBSERVATIONS}
+    found = set()
+    for display in manager['Displays']:
+        assert display['Enabled'] is True and display['Value'] is True
+        kind = display['Class'].removeprefix('rviz_default_plugins/')
+        heard = display.get('Topic') or display.get('Description Topic')
+        if heard is None:
+            assert kind in ('Grid', 'Axes')
+            continue
+        topic = BY_NAME[heard['Value']]
+        assert types[kind] is topic
+        # one that asks for less gets nothing that was latched, for more gets nothing at all
+        assert (heard['Durability Policy'] == 'Transient Local') is topic.latched
+        assert heard['Reliability Policy'] == 'Reliable' and topic.quality.reliable
+        found.add(kind)
+    assert found == set(types)
