@@ -5,7 +5,7 @@ import sys
 
 HANGS = """
 import ctypes, sys
-from msg_tools import running
+from msg_tools import node_process as running
 from msg_tools.node import MountNode
 
 class Held(MountNode):

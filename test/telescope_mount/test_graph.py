@@ -330,7 +330,7 @@ def test_a_real_mount_has_the_time_of_the_wall_and_no_simulated_node():
 
 def test_launch_and_command_line_start_the_same_graph():
     launch = ROOT / 'launch' / 'night.launch.py'
-    for path in (launch, ROOT / 'telescope_mount' / 'night.py'):
+    for path in (launch, ROOT / 'telescope_mount' / 'whole_night.py'):
         assert 'telescope_mount.graph.night_graph' in imports(path), path
     # and the launch file names no node itself
     text = {node.value for node in ast.walk(ast.parse(launch.read_text(encoding='utf-8')))
@@ -467,9 +467,9 @@ def test_algorithms_know_no_ros():
     nodes = {ROOT / (module.replace('.', '/') + '.py') for module in NODES.values()}
     # what turns messages and parameters into arrays, and back
     glue = {ROOT / f'{name}.py' for name in (
-        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky/params',
-        'pointing_model/runs/messages', 'pointing_model/zero_message',
-        'pointing_model/in_force_topics', 'calibration/calibration_params')}
+        'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky/sky_params',
+        'pointing_model/runs/run_messages', 'pointing_model/zero_message',
+        'pointing_model/active_topics', 'calibration/calibration_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:
             assert not any(of(imports(path), name) for name in ros), path
