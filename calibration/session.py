@@ -212,22 +212,22 @@ class CalibrationSession(NightRows):
             notes.append(f'the fit is {kept}')
         fitted = self._fit_terms(rows)
         self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
-        by_terms = fitted.result.weights
+        by_terms = fitted.weights
         if self._harmonics:
             fitted, section = fit_chosen(rows, self._harmonics, self._recipe(rows), fitted,
                                          self._split_seed)
             self._degree = section['degree']
-            misfits = int(np.count_nonzero(fitted.result.weights[by_terms > 0.0] == 0.0))
+            misfits = int(np.count_nonzero(fitted.weights[by_terms > 0.0] == 0.0))
             if misfits:
                 notes.append(f'{misfits} rows are outliers to the harmonics, and not to the terms: '
                              'how wrong they are on fresh stars is not said')
             notes += section.pop('notes')
-        model, zeros, result = fitted
+        model, zeros = fitted.model, fitted.zeros
         published = self._published_kind()
-        lost = () if section else result.dropped
+        lost = () if section else fitted.dropped
         notes += [f'the stars do not determine {dropped["text"]}' for dropped in lost]
-        notes += [f'row {row["row"]} left out: {row["reason"]}' for row in result.excluded]
-        notes += told_lines(rows, result)
+        notes += [f'row {row["row"]} left out: {row["reason"]}' for row in fitted.excluded]
+        notes += told_lines(rows, fitted)
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
@@ -235,10 +235,10 @@ class CalibrationSession(NightRows):
             'zeros': self.zeros.to_list(),
             'changes': zero_changes(observed, sorted(self.zeros), model),
             'zeros_in_force': zeros.to_list(),
-            'terms': result.term_rows() if not section else rows_of_terms(model),
-            'correlations': result.correlations[:CORRELATED, :CORRELATED].tolist(),
-            'condition': result.condition,
-            'rejected': len(result.rejected), **told_entries(rows, result),
+            'terms': fitted.term_rows() if not section else rows_of_terms(model),
+            'correlations': fitted.correlations[:CORRELATED, :CORRELATED].tolist(),
+            'condition': fitted.condition,
+            'rejected': len(fitted.rejected), **told_entries(rows, fitted),
             'steps': held_out_steps(
                 rows, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,
@@ -247,7 +247,7 @@ class CalibrationSession(NightRows):
                 rows, self.reference, self._first_zeros(rows) if self.zeros else {},
                 self.zeros, zero_change, notes, self._finished,
                 published and ('harmonics of', *published)),
-            'noise_arcsec': [s / ARCSEC for s in result.scatter],
+            'noise_arcsec': [s / ARCSEC for s in fitted.scatter],
             'witnesses': self._witnesses(observed, model, homings),
             'notes': notes,
         }
@@ -331,12 +331,12 @@ class CalibrationSession(NightRows):
         if not set(follows.axes) > set(self._follows.axes):
             return False
         rows_of_fit = for_fitting(follows.corrected(rows))
-        fitted, zeros, _ = self._fit_terms(rows_of_fit)
+        fitted = self._fit_terms(rows_of_fit)
         if self._harmonics:
-            fitted, zeros, _ = self._recipe(rows_of_fit).fit(
-                rows_of_fit, self._harmonics, self._degree)
-        model = replace(self.model, terms=fitted.terms, covariance=fitted.covariance,
-                        harmonics=fitted.harmonics)
+            fitted = self._recipe(rows_of_fit).fit(rows_of_fit, self._harmonics, self._degree)
+        found, zeros = fitted.model, fitted.zeros
+        model = replace(self.model, terms=found.terms, covariance=found.covariance,
+                        harmonics=found.harmonics)
         judges, new = Judges(rows, None), Candidate(model, zeros, follows)
         old = Candidate(self.model, self.zeros_in_force, self._follows)
         if len(judges) >= FEWEST and not judge(judges.left(old), judges.left(new), ()).holds:
@@ -396,7 +396,7 @@ class CalibrationSession(NightRows):
         return {'alarms': found.alarms, 'notes': found.notes}
 
     def _fit_terms(self, rows):
-        """Terms, and the zero of each power-on that belongs to them, a `HarmonicFit`."""
+        """Terms, and the zero of each power-on that belongs to them, a FitResult."""
         from .analysis.diagnosis import check_columns
         check_columns(rows.select(~is_for_zero(rows)))
         return self._recipe(rows).terms(rows)

@@ -139,7 +139,7 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
         Has the checks of power-ons that are over.
     other : (str, str, callable), optional
         Another kind of model: its name, such as ``harmonics of``, all that it is of, as its
-        degree, and ``fit(rows, recipe)``, which gives a `HarmonicFit`.
+        degree, and ``fit(rows, recipe)``, which gives a FitResult.
 
     Returns
     -------

@@ -105,7 +105,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         To subtract from the encoder's angles.
     run_zeros : bool
         Fit with the terms how far the zero of each run (column ``run``) lies from that of the
-        first: `FitResult.run_zeros`.
+        first, see `FitResult.zeros`.
     rcond : float
         Relative singular value below which a direction is left out and reported.
     provenance : dict, optional
@@ -164,8 +164,9 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
-    result = make_result(run, names, used, found, make_model, provenance, facts)
-    return _with_run_zeros(result, runs, len(terms)) if run_zeros else result
+    if run_zeros:
+        zero = _fitted_zeros(zero, runs, found, len(terms))
+    return make_result(run, names, used, found, make_model, zero, {**facts, **(provenance or {})})
 
 
 def _names_of_zeros(runs, mount):
@@ -173,13 +174,17 @@ def _names_of_zeros(runs, mount):
     return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
 
 
-def _with_run_zeros(result, runs, first):
-    """With the zeros of the runs, whose coefficients begin at `first`."""
-    zeros = [RunZero(0.0, 0.0, run=float(number)) for number in runs[:1]]
-    for at, number in zip(range(first, len(result.coefficients), 2), runs[1:]):
-        az, el = result.coefficients[at:at + 2].tolist()
-        zeros.append(RunZero(az, el, result.covariance[at:at + 2, at:at + 2], float(number)))
-    return replace(result, run_zeros=Zeros(zeros))
+def _fitted_zeros(zero, runs, found, first):
+    """Zeros of the runs: the one that was taken off, and what was fitted from `first` on."""
+    out = []
+    for place, number in enumerate(runs.tolist()):
+        before = zero[number] if isinstance(zero, Zeros) else zero
+        at = slice(first + 2 * place - 2, first + 2 * place)
+        change, covariance = (found.coefficients[at], found.covariance[at, at]) if place else (
+            np.zeros(2), None)
+        az, el = (before.angles + change).tolist()
+        out.append(RunZero(az, el, covariance, number))
+    return Zeros(out)
 
 
 def _model_of(values, geometry, mount):
@@ -310,10 +315,10 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
 
     facts = {'method': f'harmonics, {interpretation} reading', 'degree': degree,
              'encoder': encoder, 'rcond': rcond}
-    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, found, make_model,
-                         None, facts)
     if run_zeros:
-        result = _with_run_zeros(result, runs, k)
+        zero = _fitted_zeros(zero, runs, found, k)
+    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, found, make_model,
+                         zero, facts)
     if after is not None:
         result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
     return result

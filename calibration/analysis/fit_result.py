@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import OPEN, PointingModel
 from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
-from pointing_model.zero import Zeros
+from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from ..estimation.few_rows import FEW, interval_factor
 
@@ -60,8 +60,9 @@ class FitResult:
         Coefficients with a share in `dropped`: see `undetermined.Undetermined`.
     raised : list of dict
         Sigmas that were taken larger than they are given, see `rows.Usable`.
-    run_zeros : Zeros, optional
-        By how much the zero of each run lies above that of the first, with its covariance.
+    zeros : RunZero or Zeros
+        What was taken off the encoder's angles; where the zeros of the runs were fitted with the
+        rest, of each with that, and the covariance of its distance from the first.
     """
 
     model: PointingModel
@@ -82,7 +83,7 @@ class FitResult:
     freedom: np.ndarray
     undetermined: tuple = ()
     raised: list = ()
-    run_zeros: Zeros | None = None
+    zeros: RunZero | Zeros = NO_ZERO
 
     @property
     def sigma(self):
@@ -178,7 +179,7 @@ def _dropped(left_open, names):
     return out
 
 
-def make_result(run, names, used, found, make_model, provenance, notes):
+def make_result(run, names, used, found, make_model, zeros, notes):
     """`FitResult` of a solution.
 
     Parameters
@@ -189,10 +190,9 @@ def make_result(run, names, used, found, make_model, provenance, notes):
     found : gauss_newton.Estimate
     make_model : callable
         ``make_model(p, covariance, facts) -> PointingModel``.
-    provenance : dict or None
-        Of the caller's, kept in the model.
+    zeros : RunZero or Zeros
     notes : dict
-        What the fit itself writes into the provenance.
+        For the provenance.
     """
     sigmas, excluded, scatter = used.sigmas, used.excluded, found.scatter
     n, left_open = len(used.rows), found.undetermined
@@ -210,7 +210,6 @@ def make_result(run, names, used, found, make_model, provenance, notes):
     fitted = rms_arcsec(residual_x, residual_y)
     covariance_from = 'measured scatter' if sigmas is None else 'given sigmas'
     facts = {
-        **notes,
         'source': run.meta.get('source'),
         'rows': fitted.n,
         'rows_excluded': len(excluded),
@@ -218,7 +217,7 @@ def make_result(run, names, used, found, make_model, provenance, notes):
         'covariance_from': covariance_from,
         'rank': found.rank,
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
-        **(provenance or {}),
+        **notes,
     }
     model = make_model(found.coefficients, found.covariance, facts)
     open_directions = left_open.directions
@@ -239,4 +238,4 @@ def make_result(run, names, used, found, make_model, provenance, notes):
         rank=found.rank, singular_values=found.singular_values,
         dropped=_dropped(left_open, names), residual_x=residual_x, residual_y=residual_y,
         weights=w, excluded=excluded, robust=found.robust, iterations=found.iterations,
-        freedom=found.freedom, undetermined=undetermined, raised=used.raised)
+        freedom=found.freedom, undetermined=undetermined, raised=used.raised, zeros=zeros)

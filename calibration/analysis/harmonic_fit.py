@@ -4,21 +4,19 @@ Alone, as in the paper, or on what the physical terms leave. What cross-validati
 choice stands beside the one that was asked for.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
-from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.terms import PHYSICAL
-from pointing_model.zero import RunZero, Zeros
+from pointing_model.zero import RunZero
 from pointing_model.zero_exposures import is_for_zero
 
 from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
-from .fit_result import FitResult
 
 NONE = 'none'
 #: what the parameter and the option `harmonics` may be
@@ -112,14 +110,6 @@ def choice_of_report(report):
     return HarmonicChoice(told['harmonics'], told['alone'], degree, told['rcond'])
 
 
-class HarmonicFit(NamedTuple):
-    """A model, the zeros that go with it, and the fit that made it last."""
-
-    model: PointingModel
-    zeros: RunZero | Zeros
-    result: FitResult
-
-
 class Recipe(NamedTuple):
     """How rows are fitted.
 
@@ -142,10 +132,9 @@ class Recipe(NamedTuple):
     robust: bool = True
 
     def terms(self, rows):
-        """The terms alone, a `HarmonicFit`; ValueError as `fit_terms`."""
-        result = fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
-                           encoder=self.encoder, robust=self.robust)
-        return HarmonicFit(result.model, self._zeros(result), result)
+        """The terms alone, a FitResult; ValueError as `fit_terms`."""
+        return fit_terms(rows, self.names, zero=self.first, run_zeros=self.run_zeros,
+                         encoder=self.encoder, robust=self.robust)
 
     def fit(self, rows, choice, degree, terms=None):
         """The harmonics.
@@ -155,7 +144,7 @@ class Recipe(NamedTuple):
         rows : PointingRun
         choice : HarmonicChoice
         degree : int
-        terms : HarmonicFit, optional
+        terms : FitResult, optional
             Of the terms to the same rows, where it is known.
 
         Raises
@@ -167,22 +156,13 @@ class Recipe(NamedTuple):
                'rcond': choice.rcond}
         try:
             if choice.alone:
-                result = fit_harmonics(rows, choice.reading, zero=self.first,
-                                       run_zeros=self.run_zeros, **how)
-                return HarmonicFit(result.model, self._zeros(result), result)
+                return fit_harmonics(rows, choice.reading, zero=self.first,
+                                     run_zeros=self.run_zeros, **how)
             terms = terms or self.terms(rows)
-            result = fit_harmonics(rows, choice.reading, after=terms.result, zero=terms.zeros,
-                                   **how)
+            return fit_harmonics(rows, choice.reading, after=terms, zero=terms.zeros, **how)
         except ValueError as err:
             raise ValueError(f'harmonics of degree {degree}: {err}, or take a lower degree') \
                 from None
-        return HarmonicFit(result.model, terms.zeros, result)
-
-    def _zeros(self, result):
-        if not self.run_zeros:
-            return self.first
-        return Zeros(replace(zero, az=zero.az + self.first.az, el=zero.el + self.first.el)
-                     for zero in result.run_zeros.values())
 
     def left(self, fitted, rows):
         """What a fit leaves of rows, shape (2, n), rad; a run without a zero has that before."""
@@ -253,7 +233,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
                 failed.add(kind)
                 continue
             if k is None:
-                outlier &= fitted.result.weights == 0.0
+                outlier &= fitted.weights == 0.0
             else:
                 left[kind][:, fold == k] = recipe.left(fitted, rows.select(out))
     counts = ~outlier[judges] & np.all(
@@ -282,14 +262,14 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     choice : HarmonicChoice
         Not ``none``.
     recipe : Recipe
-    terms : HarmonicFit, optional
+    terms : FitResult, optional
         The terms alone, where they are known.
     seed : int
         Of the folds.
 
     Returns
     -------
-    fitted : HarmonicFit
+    fitted : FitResult
     section : dict
         For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
         ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rcond``,
@@ -314,9 +294,9 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
                              'cross-validation; observe more or give a degree, 1 to 4')
         degree = min(own, key=lambda d: (own[d]['radial'], d))
         fitted = recipe.fit(rows, choice, degree, terms)
-    result, series = fitted.result, fitted.model.harmonics
+    series = fitted.model.harmonics
     label = choice.label(degree, recipe.names or rows.mount.names.physical)
-    notes = [f'the stars do not determine {dropped["text"]}' for dropped in result.dropped]
+    notes = [f'the stars do not determine {dropped["text"]}' for dropped in fitted.dropped]
     best = min(tried['choices'], key=lambda one: one['radial'], default=None)
     if degree not in own:
         notes.append(f'{label}: not cross-validated, the stars are too few to leave some out')
@@ -329,12 +309,12 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
         'coefficients': [{'name': name, 'value_arcsec': value / ARCSEC,
                           **({'sigma_arcsec': sigma / ARCSEC}
-                             if name not in result.model.undetermined_harmonics else
+                             if name not in fitted.model.undetermined_harmonics else
                              {'sigma_arcsec': None, 'undetermined': True})}
                          for name, (value, sigma) in series.coefficients.items()],
-        'fitted': result.rms_arcsec(rejected=False)._asdict(),
-        'rcond': choice.rcond, 'rank': result.rank, 'condition': result.condition,
-        'rejected': len(result.rejected), 'notes': notes, 'cross_validation': tried,
+        'fitted': fitted.rms_arcsec(rejected=False)._asdict(),
+        'rcond': choice.rcond, 'rank': fitted.rank, 'condition': fitted.condition,
+        'rejected': len(fitted.rejected), 'notes': notes, 'cross_validation': tried,
     }
 
 

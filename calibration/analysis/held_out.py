@@ -76,7 +76,8 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
             judge(label, fit_harmonics(halves['used'], interpretation, zero=first).model, first)
     try:
         part = rows.select(seen)
-        model, zeros, _ = recipe_of(part).terms(part)
+        fitted = recipe_of(part).terms(part)
+        model, zeros = fitted.model, fitted.zeros
         judge(TERMS, model, zeros)
     except ValueError as err:
         notes.append(f'held-out check: {err}')
@@ -87,7 +88,8 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
     if published is not None:
         label, fit = published
         try:
-            judge(PUBLISHED + label, *fit(part, recipe_of(part))[:2])
+            fitted = fit(part, recipe_of(part))
+            judge(PUBLISHED + label, fitted.model, fitted.zeros)
         except ValueError as err:
             notes.append(f'{label}: {err}')
     return steps

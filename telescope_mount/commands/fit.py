@@ -115,15 +115,14 @@ def _with_harmonics(observed, result, args, console):
     """Fit the harmonics too, print them and their cross-validation; the model, and the latter."""
     from dataclasses import replace
 
-    from calibration.analysis.harmonic_fit import HarmonicChoice, HarmonicFit, Recipe, fit_chosen
+    from calibration.analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen
     from calibration.report.tables import harmonic_tables
     from pointing_model.zero import NO_ZERO
 
     from .console import print_lines
     choice = HarmonicChoice(args.harmonics, args.harmonics_alone, args.harmonics_degree)
     recipe = Recipe(NO_ZERO, False, args.terms, args.encoder, not args.no_robust)
-    fitted, section = fit_chosen(observed, choice, recipe,
-                                 HarmonicFit(result.model, NO_ZERO, result))
+    fitted, section = fit_chosen(observed, choice, recipe, result)
     for table in harmonic_tables(section):
         console.print(table)
     console.print(f'{section["label"]}: {section["fitted"]["radial"]:.2f} arcsec radial on the '

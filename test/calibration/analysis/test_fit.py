@@ -374,7 +374,7 @@ def test_held_terms_beside_outliers_and_zeros_of_each_run():
     run['el_enc'][::10] += 200 * ARCSEC
     fit = fit_terms(run, ('IA', 'IE'), held=held('CA', 'NPAE', 'AN', 'AW', 'TF'), run_zeros=True)
     assert list(fit.rejected) == list(range(0, 60, 10))
-    assert fit.run_zeros[2].az / ARCSEC == pytest.approx(50, abs=2)
+    assert fit.zeros[2].az / ARCSEC == pytest.approx(50, abs=2)
     assert fit.model.terms['IE'] / ARCSEC == pytest.approx(100, abs=1)
 
 

@@ -116,10 +116,10 @@ def test_the_predicted_sigma_on_top_of_terms_is_the_scatter(reading, degree):
     for seed in range(24):
         rows = observed(mount, seed=seed, runs=2)
         terms = fit_terms(rows, run_zeros=True)
-        fit = fit_harmonics(rows, reading, degree=degree, after=terms, zero=terms.run_zeros)
+        fit = fit_harmonics(rows, reading, degree=degree, after=terms, zero=terms.zeros)
         z.append((np.array(fit.model.offsets(*at)) - truth) / fit.model.sigma(*at))
         plain = fit_harmonics(rows, reading, degree=degree, held=terms.model,
-                              zero=terms.run_zeros).model
+                              zero=terms.zeros).model
         assert plain.harmonics.says_as(fit.model.harmonics)
         held.append(np.mean(fit.model.sigma(*at)) / np.mean(plain.sigma(*at)))
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.12)
@@ -136,7 +136,7 @@ def test_the_zero_of_a_later_power_on_is_fitted_with_them():
     np.testing.assert_allclose(fitted.zeros[2].angles / ARCSEC, (20, -12), atol=0.3)
     x, y = fitted.model.residuals(rows, zero=fitted.zeros)
     assert np.sqrt(np.mean(x**2 + y**2)) < 0.2 * ARCSEC
-    assert fitted.result.names[-2:] == ('IA[2]', 'IE[2]')
+    assert fitted.names[-2:] == ('IA[2]', 'IE[2]')
 
 
 def test_cross_validation_finds_the_degree_and_the_reading():

@@ -180,5 +180,5 @@ def test_fits_are_those_with_all_columns(make, monkeypatch):
     assert own.weights == pytest.approx(full.weights, abs=1e-7)
     assert own.singular_values == pytest.approx(full.singular_values, rel=1e-6)
     assert own.freedom == pytest.approx(full.freedom, rel=1e-6)
-    assert [zero.angles.tolist() for zero in own.run_zeros.values()] == [
-        pytest.approx(zero.angles, abs=1e-5 * ARCSEC) for zero in full.run_zeros.values()]
+    assert [zero.angles.tolist() for zero in own.zeros.values()] == [
+        pytest.approx(zero.angles, abs=1e-5 * ARCSEC) for zero in full.zeros.values()]
