@@ -152,7 +152,7 @@ class BaseModel:
 
     def table(self, model):
         """`compared` for the console."""
-        from calibration.estimation.degeneracy import WORD as UNDETERMINED
+        from calibration.analysis.term_notes import UNDETERMINED
         from calibration.report.tables import new_table
         out = new_table(f'Terms of {self.path.name} and of this run, arcsec', 'term', 'there',
                         'here', 'sigma', 'here - there', 'in sigma')

@@ -107,8 +107,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 def _said_of_open(model):
     """What no file of another program tells: which terms nobody knows."""
-    from calibration.estimation.degeneracy import said_of_open
-    said = said_of_open(model.undetermined, model.terms)
+    from calibration.analysis.term_notes import undetermined_notes
+    said = undetermined_notes(model.undetermined, model.terms)
     if model.sides is not None and 0 in model.sides:
         said.append('all rows of the fit are on one side of the pier: on the other nobody has '
                     'seen this model')

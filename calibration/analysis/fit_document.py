@@ -4,12 +4,15 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from calibration.analysis.term_notes import notes_of_terms
+from calibration.analysis.term_notes import (
+    few_lines,
+    notes_of_terms,
+    raised_lines,
+    undetermined_lines,
+)
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms_arcsec
 
-from ..estimation.degeneracy import raised_lines, undetermined_lines
-from ..estimation.few_rows import few_lines
 from .diagnosis.row_counts import RMS_KEYS, excluded_of_fit, far_text, rows_of_fit
 
 _NAMED = 5  # rejected rows that a report names in words, at most

@@ -187,7 +187,7 @@ def make_result(run, names, used, found, make_model, zeros, notes):
     run : PointingRun
     names : sequence of str, length k
     used : rows.Usable
-    found : gauss_newton.Estimate
+    found : estimate.Estimate
     make_model : callable
         ``make_model(p, covariance, facts) -> PointingModel``.
     zeros : RunZero or Zeros

@@ -1,9 +1,11 @@
-"""What a person should know of a term's value."""
+"""What a person should know of a fit: of the values of its terms, of what its rows leave open."""
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 
+#: in the place of a standard error
+UNDETERMINED = 'undetermined'
 #: standard errors from where a value is no zero
 _SURE = 3.0
 #: BIC, from where the rows prefer one to the other
@@ -125,3 +127,77 @@ def _of_air(fitted, altaz):
 
 def _signed(value):
     return f'{value:+.1f}'.replace('-', '−')
+
+
+def undetermined_lines(result):
+    """What people must know of terms that the stars do not determine; nothing of other fits.
+
+    Parameters
+    ----------
+    result : FitResult
+
+    Returns
+    -------
+    list of str
+    """
+    return undetermined_notes(result.undetermined, dict(zip(result.names, result.coefficients)))
+
+
+def undetermined_notes(names, values):
+    """The same of the names of the undetermined and the values of all."""
+    if not names:
+        return []
+    held = [name for name in names if values[name] == 0.0]
+    carry = [name for name in names if values[name] != 0.0]
+    text = f'undetermined by these stars: {", ".join(names)}'
+    if held and carry:
+        text += (f'. {", ".join(held)} {_are(held)} held at zero, and {", ".join(carry)} '
+                 f'{"stands" if len(carry) == 1 else "stand"} for the sum of all of them here')
+    elif held:
+        text += '; held at zero'
+    return [text + '. The model holds near these stars alone: observe other parts of the sky']
+
+
+def _are(names):
+    return 'is' if len(names) == 1 else 'are'
+
+
+def raised_lines(result, run=None):
+    """What people must know of sigmas that were not taken as they are given.
+
+    Parameters
+    ----------
+    result : FitResult
+    run : PointingRun, optional
+        With the lines of its file.
+    """
+    return [f'{_place(run, one["row"])}: sigma {one["axis"]} {one["given"] / ARCSEC:.3g}″ is far '
+            f'below the others\'; taken as {one["taken"] / ARCSEC:.3g}″, a fifth of their median'
+            for one in result.raised]
+
+
+def _place(run, row):
+    if run is None or run.meta.get('lines') is None:
+        return f'row {row}'
+    return f'line {run.lines[row]}'
+
+
+def few_lines(result):
+    """What people must know of a fit of few rows, in words; nothing of others.
+
+    Parameters
+    ----------
+    result : FitResult
+
+    Returns
+    -------
+    list of str
+    """
+    if not result.few:
+        return []
+    dof = result.degrees_of_freedom
+    out = [f'{dof} degree{"s" * (dof != 1)} of freedom: 95 of 100 terms are within the 95 % told '
+           "(Student's t), fewer within two sigmas"]
+    if not result.robust:
+        out.append('no row was judged by the others: a wrong one may be among them; observe more')
+    return out

@@ -138,24 +138,3 @@ def interval_factor(dof, share=0.95):
     dof, at = np.asarray(dof, dtype=float), 0.5 * (1.0 + share)
     known = np.isinf(dof)
     return np.where(known, ndtri(at), stdtrit(np.where(known, 1.0, dof), at))
-
-
-def few_lines(result):
-    """What people must know of a fit of few rows, in words; nothing of others.
-
-    Parameters
-    ----------
-    result : FitResult
-
-    Returns
-    -------
-    list of str
-    """
-    if not result.few:
-        return []
-    dof = result.degrees_of_freedom
-    out = [f'{dof} degree{"s" * (dof != 1)} of freedom: 95 of 100 terms are within the 95 % told '
-           "(Student's t), fewer within two sigmas"]
-    if not result.robust:
-        out.append('no row was judged by the others: a wrong one may be among them; observe more')
-    return out

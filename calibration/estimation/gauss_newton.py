@@ -4,18 +4,16 @@ Each round takes the exact residuals and the columns where the coefficients are,
 (Huber's weights to find the noise of each axis, the loss of the radial distance at that noise)
 and solves. It ends where the exact residuals are those that the last solution told.
 
-What the rows do not determine is held at zero (`degeneracy`), and so is what they determine so
+What the rows do not determine is held at zero (`Undetermined`), and so is what they determine so
 badly that the noise takes it beyond the range in which anything is linear: there the iteration runs
 along a curved valley, and a standard error means nothing.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .degeneracy import SHARE, Undetermined
+from .estimate import SHARE, Estimate, Undetermined
 from .few_rows import are_few, kept_rows
 from .least_squares import (
     TOLERANCE,
@@ -44,22 +42,6 @@ _WIDE, _WIDE_OPEN = 0.0175, 0.0044
 #: of rcond, within the directions kept: their design changes with the weights, and what was chosen
 #: once must not drop out for that
 _INNER = 0.01
-
-
-class Estimate(NamedTuple):
-    """What a solver gives: k coefficients of n rows."""
-
-    coefficients: np.ndarray
-    covariance: np.ndarray  # (k, k)
-    freedom: np.ndarray  # (k,), degrees of freedom of each standard error
-    scatter: tuple  # standard deviation of each axis, in the unit of the residual, or in sigmas
-    residual: np.ndarray  # (axes * n,), x of all rows, then y; NaN where there is none
-    weights: np.ndarray  # (n,), of the rows: 0 to 1
-    rank: int
-    robust: bool = False  # whether rows were weighed, or where they are few judged
-    undetermined: Undetermined | None = None
-    singular_values: np.ndarray | None = None  # of the first-order design, descending
-    iterations: int = 1
 
 
 class Linear:

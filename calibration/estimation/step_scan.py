@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .gauss_newton import Estimate
+from .estimate import Estimate
 from .group_columns import GroupColumns, Moves
 from .least_squares import System
 from .robust import sigma_of

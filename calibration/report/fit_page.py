@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.diagnosis.row_counts import outlier_sentence
-from calibration.estimation.degeneracy import raised_lines, undetermined_lines
-from calibration.estimation.few_rows import few_lines
+from calibration.analysis.term_notes import few_lines, raised_lines, undetermined_lines
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable

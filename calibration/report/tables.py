@@ -1,5 +1,6 @@
 """What people see of a calibration on the terminal: tables."""
 
+from calibration.analysis.term_notes import few_lines, raised_lines, undetermined_lines
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms_arcsec
@@ -15,10 +16,7 @@ from ..analysis.diagnosis.row_counts import (
 )
 from ..analysis.harmonic_fit import READ_AS
 from ..analysis.held_out import RAW
-from ..analysis.term_notes import notes_of_terms
-from ..estimation.degeneracy import WORD as UNDETERMINED
-from ..estimation.degeneracy import raised_lines, undetermined_lines
-from ..estimation.few_rows import few_lines
+from ..analysis.term_notes import UNDETERMINED, notes_of_terms
 
 
 def new_table(title, *columns):

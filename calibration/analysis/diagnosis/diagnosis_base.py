@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_notes import undetermined_lines
 from calibration.estimation.correlated_noise import Sequence
-from calibration.estimation.degeneracy import undetermined_lines
 from calibration.estimation.linear_model import Columns
 from calibration.estimation.robust import GROSS
 from calibration.rows import usable

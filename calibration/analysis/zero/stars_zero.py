@@ -21,7 +21,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
 from pointing_model.zero_exposures import is_marked, way_of
 
-from ...estimation.gauss_newton import Estimate
+from ...estimation.estimate import Estimate
 from ...estimation.least_squares import System
 from ...estimation.robust import LOSS
 from ...rows import UNREACHABLE, usable

@@ -1,4 +1,4 @@
-"""Which coefficients the stars do not determine, decided once for all fits.
+"""What a solver gives, and which coefficients the rows do not determine.
 
 With columns of unit length the design has directions in which the coefficients leave no trace in
 the rows: their singular values are nearly nothing. Along them a coefficient may have any value,
@@ -11,14 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
-
 #: of a unit vector along the directions, from where a coefficient has a share in them
 SHARE = 1e-3
 #: as large a part as this of what another would tell, and a coefficient is held in its place
 _INSTEAD = 0.1
-#: in the place of a standard error
-WORD = 'undetermined'
 
 
 class Undetermined(NamedTuple):
@@ -95,54 +91,17 @@ class Undetermined(NamedTuple):
             np.append(self.sizes, inner.sizes), np.append(self.moves, inner.moves / largest))
 
 
-def undetermined_lines(result):
-    """What people must know of terms that the stars do not determine; nothing of other fits.
+class Estimate(NamedTuple):
+    """What a solver gives: k coefficients of n rows."""
 
-    Parameters
-    ----------
-    result : FitResult
-
-    Returns
-    -------
-    list of str
-    """
-    return said_of_open(result.undetermined, dict(zip(result.names, result.coefficients)))
-
-
-def said_of_open(names, values):
-    """The same of the names of the undetermined and the values of all."""
-    if not names:
-        return []
-    held = [name for name in names if values[name] == 0.0]
-    carry = [name for name in names if values[name] != 0.0]
-    text = f'undetermined by these stars: {", ".join(names)}'
-    if held and carry:
-        text += (f'. {", ".join(held)} {_are(held)} held at zero, and {", ".join(carry)} '
-                 f'{"stands" if len(carry) == 1 else "stand"} for the sum of all of them here')
-    elif held:
-        text += '; held at zero'
-    return [text + '. The model holds near these stars alone: observe other parts of the sky']
-
-
-def _are(names):
-    return 'is' if len(names) == 1 else 'are'
-
-
-def raised_lines(result, run=None):
-    """What people must know of sigmas that were not taken as they are given.
-
-    Parameters
-    ----------
-    result : FitResult
-    run : PointingRun, optional
-        With the lines of its file.
-    """
-    return [f'{_place(run, one["row"])}: sigma {one["axis"]} {one["given"] / ARCSEC:.3g}″ is far '
-            f'below the others\'; taken as {one["taken"] / ARCSEC:.3g}″, a fifth of their median'
-            for one in result.raised]
-
-
-def _place(run, row):
-    if run is None or run.meta.get('lines') is None:
-        return f'row {row}'
-    return f'line {run.lines[row]}'
+    coefficients: np.ndarray
+    covariance: np.ndarray  # (k, k)
+    freedom: np.ndarray  # (k,), degrees of freedom of each standard error
+    scatter: tuple  # standard deviation of each axis, in the unit of the residual, or in sigmas
+    residual: np.ndarray  # (axes * n,), x of all rows, then y; NaN where there is none
+    weights: np.ndarray  # (n,), of the rows: 0 to 1
+    rank: int
+    robust: bool = False  # whether rows were weighed, or where they are few judged
+    undetermined: Undetermined | None = None
+    singular_values: np.ndarray | None = None  # of the first-order design, descending
+    iterations: int = 1
