@@ -199,7 +199,7 @@ def scenario(name, args):
         if first.verdict != 'ambiguous' or len(first.effects) > 1:
             continue
         bank = mechanisms(first)
-        members = [first.effects[0].fitted.effect.name, *first.effects[0].rivals]
+        members = [first.effects[0].fitted.effect.name, *first.effects[0].other_causes]
         inside = name in members or any(bank.get(m) and bank.get(m) == bank.get(name)
                                         for m in members)
         out['outside'] += not inside

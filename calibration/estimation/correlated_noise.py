@@ -156,11 +156,10 @@ class CorrelatedNoise:
                       if one.variance > 0.0]
 
     @classmethod
-    def beside(cls, fit, sequence, memory):
-        """With the weights of a `WeightedFit` whose noise was taken as white."""
-        white = [one.scale / s if one.variance > 0.0 else 1.0
-                 for one, s in zip(memory, fit.scale)]
-        return cls(fit.noise.root / np.repeat(white, fit.n), sequence, memory)
+    def beside(cls, noise, scale, sequence, memory):
+        """With the weights of a fit that took the noise as white, and of that `scale`."""
+        white = [one.scale / s if one.variance > 0.0 else 1.0 for one, s in zip(memory, scale)]
+        return cls(noise.root / np.repeat(white, len(noise.root) // 2), sequence, memory)
 
     def whiten(self, values):
         """Whitened values, shape (..., 2n): of rows set aside 0."""

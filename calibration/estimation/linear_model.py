@@ -414,7 +414,7 @@ def with_memory(fit, columns, b, sequence, memory):
     -------
     WeightedFit
     """
-    noise = CorrelatedNoise.beside(fit, sequence, memory)
+    noise = CorrelatedNoise.beside(fit.noise, fit.scale, sequence, memory)
     basis = columns.basis(noise)
     return WeightedFit(basis, noise, basis.off(noise.whiten(b)), columns.left_of(b, noise),
                        fit.weights, fit.scale, memory)

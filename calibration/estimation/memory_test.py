@@ -172,7 +172,7 @@ def _noises(sequence, plain, memory):
             AxisNoise(size * typical[axis], tau, memory[axis].scaled, plain.scale[axis])
             for tau in sequence.memories()[1:] for size in _SIZES)]
         sets += [tuple(t if k == axis else memory[k] for k in (0, 1)) for t in tried]
-    return [CorrelatedNoise.beside(plain, sequence, both) for both in sets]
+    return [CorrelatedNoise.beside(plain.noise, plain.scale, sequence, both) for both in sets]
 
 
 def _beyond(noises, design, values):

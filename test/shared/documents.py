@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from calibration.analysis.diagnosis.diagnosis_result import diagnosed
+from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect
+from calibration.estimation.select import Significance
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 
@@ -10,8 +11,8 @@ from pointing_model.fitted_effects import FittedEffect
 def causes_of(effects, gains):
     """As a diagnosis has them, the first one chosen and the others in its set."""
     fitted = FittedEffect(effects[0], np.zeros(len(effects[0].coefficient_names)))
-    return diagnosed(fitted, 0.001, None, effects, np.array(gains), 0,
-                     list(range(1, len(effects))), []).causes
+    significance = Significance(0.001, gains[0], list(range(1, len(effects))), [], np.array(gains))
+    return diagnosed_effect(fitted, significance, None, effects, 0).causes
 
 
 def document(causes, **more):

@@ -4,7 +4,6 @@ import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
 from calibration.estimation.folds import radial_arcsec
-from calibration.estimation.robust import BISQUARE
 from calibration.estimation.select import SET_WIDTH, choose, settled
 from pointing_model.effects.base import readable, the
 
@@ -17,7 +16,14 @@ from .alternatives import (
 )
 from .detection_limits import detectable
 from .diagnosis_base import Base, determined_base, mount_of, observations, with_held_terms
-from .diagnosis_result import DiagnosedEffect, cause_entry, concluded, diagnosed, hidden, ranking_of
+from .diagnosis_result import (
+    DiagnosedEffect,
+    cause_entry,
+    diagnosed_effect,
+    diagnosis_of,
+    hidden,
+    ranking_of,
+)
 from .expected_error import ahead, expected_error
 from .implausible_terms import unphysical
 from .input_check import check_columns
@@ -66,8 +72,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     seed : int
     cross_validation : bool
     most_rows : int
-        Of more than this a part is looked at, spread evenly over each run. A note says so, and what
-        it costs.
+        Of more than this a part is searched, spread evenly over each run, and the model that is
+        found is fitted to all. A note says so, and what it costs.
     sessions : float, optional
         A gap longer than so many hours begins a session with terms of its own; by default told
         by the data, see `sessions.arrange`. 0: runs are taken as they are.
@@ -114,11 +120,12 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     result = claimed(result)
     by_size(result)
     result.columns_alike = checked.alike
-    if obs.thinned_from:
+    if obs.whole:
+        all_ = len(obs.whole)
         result.notes.append(
-            f'{len(obs)} of {obs.thinned_from} rows were looked at, spread evenly over each run. '
-            f'An effect must be {(obs.thinned_from / len(obs))**0.5:.1f} times as large to be '
-            'found as with all of them; fit --base MODEL fits all rows to the model that is found')
+            f'{len(obs)} of {all_} rows were searched, spread evenly over each run. An effect must '
+            f'be {(all_ / len(obs))**0.5:.1f} times as large to be found as with all of them. The '
+            'model was fitted to all rows, the other figures are of those searched')
     result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
     result.unphysical = unphysical(result)
     if holdout is not None:
@@ -173,8 +180,8 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
         compare_alternatives(problem, choice, alpha, chance, partitions, replacing=False)
         left = residual_correlation(problem, choice, alpha)
     _refine_steps(run, choice)
-    base_fit, fitted = _fits(run, choice, left, mixed)
-    result = _assemble(run, choice, (base_fit, fitted), chance,
+    fits = _fits(run, choice, left, mixed)
+    result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
                        lambda some: _fit_of(run, some, left, mixed)[0])
     twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
                              row_word(obs.run))
@@ -188,7 +195,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     if result.verdict == 'none':
         result.detectable = detectable(problem, chance, alpha)
     if left is not None and mixed:
-        result.notes += _without_memory(run, choice, fitted)
+        result.notes += _without_memory(run, choice, fits[1])
     others = alternatives(problem, choice, errors.chosen if errors else [])
     for entry, some in zip(found, others):
         entry.contenders = [one.entry for one in some]
@@ -234,6 +241,16 @@ def _fits(run, choice, left, mixed):
     if left is not None and not choice.chosen:
         return fitted, fitted
     return run.exact_fit([], run.problem.plain.fit([], final=True).noise), fitted
+
+
+def _models(run, choice, fits, mixed):
+    """The models without and with what was found, and the terms of each run: of all rows."""
+    fitted = zip(fits, ([], choice.chosen))
+    if not run.obs.whole:
+        return tuple(run.model(fit, chosen) for fit, chosen in fitted)
+    memory = choice.fit.memory
+    return tuple(run.model(run.whole_fit(fit, chosen, memory if fit is fits[1] else (), mixed),
+                           chosen, run.obs.whole) for fit, chosen in fitted)
 
 
 def _fit_of(run, chosen, left, mixed):
@@ -287,10 +304,10 @@ def _as_well_as_a_step(problem, choice, i):
     return list(out.values())[:_MOST_CURVES]
 
 
-def _beside(found, rival, others, more=0, better=0.0):
-    """A note on what else a model has that explains the run as well with a rival in it."""
+def _beside(found, other, others, more=0, better=0.0):
+    """A note on what else a model has that explains the run as well with another effect in it."""
     beside = ', '.join(readable(e.name) for e in others) or 'none'
-    text = (f'with {readable(rival)} in the place of {readable(found.name)} the run is explained '
+    text = (f'with {readable(other)} in the place of {readable(found.name)} the run is explained '
             f'as well, with other effects beside it: {beside}')
     if more:
         text += (f'. That is {more} effect{"s" * (more > 1)} more'
@@ -299,33 +316,30 @@ def _beside(found, rival, others, more=0, better=0.0):
     return text
 
 
-def _assemble(run, choice, fits, chance, fit):
+def _assemble(run, choice, fits, models, chance, fit):
     problem, obs = run.problem, run.obs
-    base_fit, fitted = fits
-    nothing = problem.plain.fit([])
-    made = run.model(base_fit, []), run.model(fitted, choice.chosen)
     effects = [DiagnosedEffect(f, p, f.effect.columns(obs.context)) for f, p in run.slips]
     beside = []
-    for i, (c, s, f) in enumerate(zip(choice.chosen, choice.significances, made[1][0].effects)):
+    for i, (c, s, f) in enumerate(zip(choice.chosen, choice.significances, models[1][0].effects)):
         bank, group = c.family(problem, choice.chosen)
-        one = diagnosed(f, s.p, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
-                        s.every, group, s.equals, s.same)
-        one.companions = {bank.effects[k].name: [c.effect(problem) for c in others]
-                          for k, others in s.others.items()}
-        larger = {bank.effects[k].name: told for k, told in s.larger.items()}
-        for told in one.causes:
-            told['more_effects'] = min(larger.get(name, (0,))[0] for name in told['effects'])
+        one = diagnosed_effect(f, s, c.columns(problem).reshape(-1, 2, len(obs)), bank.effects,
+                               group)
+        one.beside = {bank.effects[k].name: [c.effect(problem) for c in others]
+                      for k, others in s.others.items()}
+        larger = {bank.effects[k].name: more for k, more in s.larger.items()}
+        for cause in one.causes:
+            cause['more_effects'] = min(larger.get(name, (0,))[0] for name in cause['effects'])
         if len(one.causes) > 1:
             fit_causes(run, choice, i, one.causes, fit)
         gradual = _as_well_as_a_step(problem, choice, i)
         for e, gain in gradual:
             one.alternatives.append(e.name)
-            one.rivals.append(e.name)
-            if e.cause_told not in [told['cause'] for told in one.causes]:
+            one.other_causes.append(e.name)
+            if e.cause_told not in [cause['cause'] for cause in one.causes]:
                 one.causes.append(cause_entry(e, gain))
-        one.causes.sort(key=lambda told: (told['more_effects'] > 0, -told['delta_bic']))
-        beside += [_beside(f.effect, rival, others, *larger.get(rival, ()))
-                   for rival, others in one.companions.items()]
+        one.causes.sort(key=lambda cause: (cause['more_effects'] > 0, -cause['delta_bic']))
+        beside += [_beside(f.effect, other, others, *larger.get(other, ()))
+                   for other, others in one.beside.items()]
         effects.append(one)
     notes = list(obs.notes)
     for why, dropped in (('no gain on rows left out', choice.dropped_by_cv),
@@ -343,11 +357,8 @@ def _assemble(run, choice, fits, chance, fit):
               f'has a curve for it, {e.fitted.effect.shape}' for e in effects
               if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
+    nothing = problem.plain.fit([])
     scores = problem.dictionary.score(nothing)
     ranking = ranking_of(candidates, scores.delta_bic, chance.p_of_all(nothing, scores))
-    outlier = f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by ' \
-              'whole lines of the encoder'
-    return concluded(
-        obs, run.base, (base_fit, fitted), made, effects, choice.fit.weights,
-        len(choice.fit.basis), outlier, ranking,
-        run.untestable + hidden(candidates, scores.dof), notes)
+    return diagnosis_of(run, choice, fits, models, effects, ranking,
+                        run.untestable + hidden(candidates, scores.dof), notes)

@@ -28,7 +28,6 @@ _DRAWS = 19999  # outliers anywhere, behind the chance of slips
 #: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
 _LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
 _SOON = 60.0  # s between two rows of one star, at most, where rows have no times
-_ROWS = 20000  # that show what all of many determine
 _SETS = ('physical', 'standard6', 'index')  # of `mounts.Names`
 
 
@@ -85,6 +84,11 @@ class Base:
         return cls(tuple(terms), degree, tuple(own), interpretation)
 
     @property
+    def common(self):
+        """Terms that all runs share."""
+        return tuple(t for t in self.terms if t not in self.own)
+
+    @property
     def harmonic_count(self):
         """Coefficients of the harmonics an axis."""
         return 3 * self.degree + 1 if self.degree else 0
@@ -110,7 +114,7 @@ class Base:
         -------
         Columns
         """
-        common = tuple(t for t in self.terms if t not in self.own)
+        common = self.common
         az, el, mount = context.az, context.el, context.mount
         rows = [stacked_design(common, az, el, mount)]
         count = self.harmonic_count
@@ -150,8 +154,8 @@ class Observations:
         Line of each row in its file, or its row in a run without one.
     sources : ndarray of object, shape (n,)
         That file, or None.
-    thinned_from : int
-        Usable rows of which these are a part; 0: all.
+    whole : Observations or None
+        All usable rows, of which these are a part.
     """
 
     run: PointingRun
@@ -165,7 +169,7 @@ class Observations:
     notes: list
     lines: np.ndarray
     sources: np.ndarray
-    thinned_from: int = 0
+    whole: object = None
 
     def __len__(self):
         return len(self.run)
@@ -201,7 +205,7 @@ class Observations:
             ends = np.linspace(0, len(own), count + 1).astype(int)
             rows.append(own[rng.integers(ends[:-1], ends[1:])])
         out = self.select(np.sort(np.concatenate(rows)))
-        return replace(out, excluded=self.excluded, notes=self.notes, thinned_from=len(self))
+        return replace(out, excluded=self.excluded, notes=self.notes, whole=self)
 
     def excluding(self, i, reason):
         """Entry of `excluded` for row `i`."""
@@ -455,9 +459,8 @@ def determined_base(obs, base):
     """
     if base.degree or not base.terms:
         return base, None
-    run = obs.run.select(slice(None, None, len(obs) // _ROWS + 1))
     try:
-        fit = fit_terms(run, base.terms, encoder=obs.encoder, run_zeros=bool(base.own))
+        fit = fit_terms(obs.run, base.terms, encoder=obs.encoder, run_zeros=bool(base.own))
     except ValueError:  # whoever fits them says why
         return base, None
     if not fit.undetermined:

@@ -6,6 +6,7 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.estimation.folds import radial_arcsec
+from calibration.estimation.robust import BISQUARE
 from calibration.estimation.select import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
@@ -16,6 +17,9 @@ from .diagnosis_base import Base, Observations
 from .raw_errors import as_read, as_read_terms
 from .row_counts import RMS_KEYS, rows_told
 from .row_facts import unequal_scatter, worst_rows
+
+_OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
+            'whole lines of the encoder')
 
 
 @dataclass
@@ -28,7 +32,7 @@ class DiagnosedEffect:
     p_family, delta_bic, cv_gain_arcsec : float or None
     alternatives : list of str
         Effects that explain the run as well (within 6 of the best BIC).
-    aliases, rivals : list of str
+    aliases, other_causes : list of str
         Of these the ones that are the same curve in this run, and the ones that have another
         cause (not that a backlash is complete after some degrees or at once).
     ranking : list of dict
@@ -39,8 +43,8 @@ class DiagnosedEffect:
         ``delta_bic``, ``only_shape`` (even alone it is one possibility, see `Effect`), and
         ``more_effects`` (so many more its model has); those within `SET_WIDTH` of the best, the
         best first, and last those that take more effects. What people are told alike is one.
-    companions : dict of str to list of Effect
-        Of rivals that explain the run as well only with other effects beside them: these.
+    beside : dict of str to list of Effect
+        Of other causes that explain the run as well only with other effects beside them: these.
     columns : ndarray, shape (k, 2, n)
     contenders : list of dict
         What lost its place to this effect, though it explains the rows as well alone: see
@@ -55,11 +59,11 @@ class DiagnosedEffect:
     delta_bic: float | None = None
     alternatives: list = field(default_factory=list)
     aliases: list = field(default_factory=list)
-    rivals: list = field(default_factory=list)
+    other_causes: list = field(default_factory=list)
     ranking: list = field(default_factory=list)
     cv_gain_arcsec: float | None = None
     causes: list = field(default_factory=list)
-    companions: dict = field(default_factory=dict)
+    beside: dict = field(default_factory=dict)
     contenders: list = field(default_factory=list)
     removes_arcsec: float | None = None
 
@@ -210,64 +214,58 @@ def verdict_of(effects):
     named = [e for e in effects if e.fitted.effect.kind != 'smooth']
     if sum(e.delta_bic for e in curves) > sum(e.delta_bic or 0.0 for e in named):
         return 'unknown'
-    return 'ambiguous' if any(e.rivals for e in effects) else 'identified'
+    return 'ambiguous' if any(e.other_causes for e in effects) else 'identified'
 
 
-def concluded(obs, base, fits, made, effects, weights, taken, outlier, ranking, untestable, notes):
-    """`Diagnosis` from what was found.
+def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes):
+    """`Diagnosis` of what was found.
 
     Parameters
     ----------
-    obs : Observations
-    base : Base
+    run : RunProblem
+    choice : ModelChoice
     fits : tuple of ExactFit
         Without and with the effects.
-    made : tuple
-        Of each fit what `made_model` gives.
+    models : tuple of (PointingModel, dict)
+        The same as models, and the terms of each run.
     effects : list of DiagnosedEffect
-    weights : ndarray, shape (n,)
-    taken : int
-        Degrees of freedom that the fit took.
-    outlier : str
-        Why the rows without weight are left out.
     ranking, untestable, notes : list
     """
+    obs, weights = run.obs, choice.fit.weights
     keep = weights > 0.0
     before, after = (fit.residual for fit in fits)
-    (base_model, _), (model, run_terms) = made
-    excluded = [obs.excluding(i, outlier) for i in np.flatnonzero(~keep)]
-    free = max(2 * np.count_nonzero(keep) - taken, 1)
+    (base_model, _), (model, run_terms) = models
+    excluded = [obs.excluding(i, _OUTLIER) for i in np.flatnonzero(~keep)]
+    free = max(2 * np.count_nonzero(keep) - len(choice.fit.basis), 1)
     floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
     return Diagnosis(
-        verdict_of(effects), base, obs, model, base_model, effects, rms_entry(before, keep),
+        verdict_of(effects), run.base, obs, model, base_model, effects, rms_entry(before, keep),
         rms_entry(after, keep), before, after, weights, ranking, untestable, floor,
         obs.excluded + excluded, notes, run_terms)
 
 
-def diagnosed(fitted, p, columns, effects, delta_bic, group, near, same):
-    """`DiagnosedEffect` of a candidate, by the scores of all with it left out.
+def diagnosed_effect(fitted, significance, columns, effects, group):
+    """`DiagnosedEffect` of a candidate.
 
     Parameters
     ----------
     fitted : FittedEffect
-    p : float
+    significance : Significance
     columns : ndarray, shape (k, 2, n)
     effects : list of Effect
         All candidates.
-    delta_bic : ndarray, shape (G,)
     group : int
         Which of them it is.
-    near, same : list of int
-        That explain the run as well, and that are the same curve.
     """
     def names(groups):
         return list(dict.fromkeys(effects[k].name for k in groups))
-    own = fitted.effect.mechanism
+    own, s = fitted.effect.mechanism, significance
     # one curve may have two causes
-    rivals = [k for k in near if k not in same or own is None or effects[k].mechanism != own]
-    return DiagnosedEffect(fitted, p, columns, float(delta_bic[group]), names(near), names(same),
-                           names(rivals), lines_of(effects, delta_bic),
-                           causes=_causes(effects, delta_bic, [group, *near]))
+    others = [k for k in s.equals
+              if k not in s.same or own is None or effects[k].mechanism != own]
+    return DiagnosedEffect(fitted, s.p, columns, s.delta_bic, names(s.equals), names(s.same),
+                           names(others), ranking_of(effects, s.every),
+                           causes=_causes(effects, s.every, [group, *s.equals]))
 
 
 def cause_entry(e, delta_bic, names=None):
@@ -296,7 +294,7 @@ def rms_entry(residual, keep):
         'rms_arcsec': float(np.hypot(x, y)), 'rms_x_arcsec': x, 'rms_y_arcsec': y}
 
 
-def lines_of(effects, delta_bic):
+def ranking_of(effects, delta_bic, p=None):
     """Ranking of scored effects, best first: the best member of each line.
 
     Parameters
@@ -304,11 +302,13 @@ def lines_of(effects, delta_bic):
     effects : list of Effect
     delta_bic : ndarray, shape (G,)
         -inf: cannot be told from the model.
+    p : ndarray, shape (G,), optional
+        Family-wise.
 
     Returns
     -------
     list of dict
-        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``group``.
+        ``name``, ``cause``, ``driver``, ``axes``, ``delta_bic``, ``in_set`` and ``p_family``.
     """
     out, seen = [], set()
     best = delta_bic.max(initial=-np.inf)
@@ -317,17 +317,10 @@ def lines_of(effects, delta_bic):
         if np.isfinite(delta_bic[g]) and e.line not in seen:
             seen.add(e.line)
             out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
-                        'delta_bic': float(delta_bic[g]), 'group': int(g),
-                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0))})
+                        'delta_bic': float(delta_bic[g]),
+                        'in_set': bool(delta_bic[g] >= max(best - SET_WIDTH, 0.0)),
+                        **({} if p is None else {'p_family': float(p[g])})})
     return out
-
-
-def ranking_of(effects, delta_bic, p):
-    """`lines_of` with the family-wise p of each, shape (G,), in place of its group."""
-    lines = lines_of(effects, delta_bic)
-    for line in lines:
-        line['p_family'] = float(p[line.pop('group')])
-    return lines
 
 
 def hidden(effects, dof):

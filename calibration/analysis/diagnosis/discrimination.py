@@ -141,9 +141,9 @@ class Discrimination:
         self._hours, self._elevations, self._least = hours, elevations, least_chance
         found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
         self._effects = [e.fitted.effect for e in found]
-        self._sets = {i: [e.fitted.effect.name, *e.rivals] for i, e in enumerate(found)
-                      if e.rivals and e.fitted.effect.kind == 'effect'}
-        self._companions = {i: e.companions for i, e in enumerate(found)}
+        self._sets = {i: [e.fitted.effect.name, *e.other_causes] for i, e in enumerate(found)
+                      if e.other_causes and e.fitted.effect.kind == 'effect'}
+        self._beside = {i: e.beside for i, e in enumerate(found)}
         if not self._sets:
             raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
                              'tell apart')
@@ -173,7 +173,7 @@ class Discrimination:
             for i in self._sets:
                 others = [e for j, e in enumerate(effects) if j != i]
                 matches[i] = _SetMatch(problem, obs, bank, others, self._sets[i],
-                                    self._companions[i])
+                                    self._beside[i])
                 effects[i] = matches[i].best
         questions, asked = [], None
         for match in matches.values():
@@ -186,7 +186,7 @@ class Discrimination:
     def _question(self, match, obs, stars, ask):
         question = CauseSet(match.best.name)
         close = []
-        for effect, behind in match.rivals:
+        for effect, behind in match.others:
             if behind >= TOLD:
                 question.out[effect.name] = behind
             else:
@@ -250,7 +250,7 @@ class _SetMatch:
     Attributes
     ----------
     best : Effect
-    rivals : list of (Effect, float)
+    others : list of (Effect, float)
         The nearest first, and how far behind they are.
     """
 
@@ -289,15 +289,16 @@ class _SetMatch:
                  and bank.effects[g].kind == 'effect' and gains[g] > gains[best] - SET_WIDTH]
         close = [g for g in sorted(close, key=lambda g: -gains[g])[:_NEWCOMERS]
                  if self._in_its_place(bank, scores, best, g)]
-        rivals = [tops[line] for line in ours if tops[line] != best and gains[tops[line]] > -np.inf]
+        members = [tops[line] for line in ours
+                   if tops[line] != best and gains[tops[line]] > -np.inf]
         # of so few rows n ln(ratio) is too much: the noise is known from those beyond the terms
         cost = (scores.dof + bank.scan_cost) * np.log(n)
         free = 1.0 - len(self._fit.basis) / (2.0 * n)
         behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
         self.best = bank.effects[best]
-        stand = [(bank.effects[g], float(behind[g])) for g in (*rivals, *close)]
+        stand = [(bank.effects[g], float(behind[g])) for g in (*members, *close)]
         self._by_models(stand, beside, free)
-        self.rivals = sorted(((e, max(value, 0.0)) for e, value in stand),
+        self.others = sorted(((e, max(value, 0.0)) for e, value in stand),
                              key=lambda one: one[1])
 
     def _by_models(self, stand, beside, free):
@@ -337,9 +338,9 @@ class _SetMatch:
         beside = bank.score(self._whole.plain.fit([CandidateGroup(other)]), gains_only=True)
         return beside.delta_bic[best] < SET_WIDTH
 
-    def pair(self, obs, base, rival, points, behind):
-        """`Pair` of the best and a rival."""
-        return Pair(self._problem, obs, base, self._fit, (self.best, rival), self._others,
+    def pair(self, obs, base, other, points, behind):
+        """`Pair` of the best and another."""
+        return Pair(self._problem, obs, base, self._fit, (self.best, other), self._others,
                     points, behind)
 
 

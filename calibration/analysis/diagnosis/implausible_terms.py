@@ -9,7 +9,7 @@ from calibration.analysis.term_notes import suspicious
 from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC
 
-from .page_figures import some_rows
+from .page_figures import live_rows
 
 
 def unphysical(result):
@@ -74,7 +74,7 @@ def refraction_in_place(result):
     base, obs = result.base, result.observations
     if 'TF' not in base.terms or 'TF' in base.own or 'TX' in base.terms:
         return None
-    rows, both = some_rows(result)
+    rows, both = live_rows(result)
     other = replace(base, terms=tuple('TX' if t == 'TF' else t for t in base.terms))
     with_tf, with_tx = (one.columns(obs.context, obs.label).rows(both) for one in (base, other))
     at = [t for t in base.terms if t not in base.own].index('TF')

@@ -11,14 +11,11 @@ _NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver a
 _ALIKE = 0.1  # of their range, within which means are as low or as high as the one that is
 _ROUND = 340.0  # degrees, from where an axis has been all round and no end is one
 _FOLLOWED = 0.5  # of the variance, from where the values are said to follow a driver
-_ROWS = 20000  # that a design is made of, at most: more change no printed digit
 
 
-def some_rows(diagnosis):
-    """Rows with weight, at most so many, evenly; and their places in x and y stacked."""
+def live_rows(diagnosis):
+    """Rows with weight, and their places in x and y stacked."""
     rows = np.flatnonzero(diagnosis.weights > 0.0)
-    if len(rows) > _ROWS:
-        rows = rows[np.linspace(0, len(rows) - 1, _ROWS).astype(int)]
     return rows, np.concatenate((rows, rows + len(diagnosis.weights)))
 
 
@@ -53,7 +50,7 @@ def beyond_base(diagnosis, offsets):
 def _beyond(diagnosis, offsets):
     """What the declared terms leave of some offsets, shape (2, m), of the rows with weight."""
     obs = diagnosis.observations
-    _, both = some_rows(diagnosis)
+    _, both = live_rows(diagnosis)
     return diagnosis.base.columns(obs.context, obs.label).rows(both).left_of(
         offsets.reshape(-1)[both], WhiteNoise(np.ones(len(both)))).reshape(2, -1)
 
@@ -94,9 +91,9 @@ def its_own(diagnosis, found):
     Returns
     -------
     ndarray, shape (2, n)
-        arcsec on the sky; NaN in rows without weight, and of many in those that are not taken.
+        arcsec on the sky; NaN in rows without weight.
     """
-    obs, (rows, both) = diagnosis.observations, some_rows(diagnosis)
+    obs, (rows, both) = diagnosis.observations, live_rows(diagnosis)
     others = [e.columns.reshape(-1, 2 * len(obs))[:, both] for e in diagnosis.effects
               if e is not found and e.fitted.effect.kind != 'known']
     columns = diagnosis.base.columns(obs.context, obs.label).rows(both).added(others)
@@ -122,7 +119,7 @@ def over_the_rows(diagnosis, offsets):
     values : ndarray, shape (m,)
         arcsec on the sky.
     """
-    left, (rows, _) = _beyond(diagnosis, offsets), some_rows(diagnosis)
+    left, (rows, _) = _beyond(diagnosis, offsets), live_rows(diagnosis)
     return rows, left[int(np.argmax(np.ptp(left, axis=1)))] if left.size else np.zeros(0)
 
 
@@ -206,7 +203,7 @@ def correlations(diagnosis):
     """
     obs, base = diagnosis.observations, diagnosis.base
     n = len(obs)
-    rows, both = some_rows(diagnosis)
+    rows, both = live_rows(diagnosis)
     found = [e for e in diagnosis.effects if e.fitted.effect.kind != 'known']
     shared = base.columns(obs.context, obs.label).rows(both)
     parts = [e.columns.reshape(-1, 2 * n)[:, both] for e in found]

@@ -10,7 +10,6 @@ from pointing_model.terms import stacked_design
 
 from .page_figures import correlations
 
-_ROWS = 20000  # of which the size of a term is told, at most
 _MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
 _PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
 _MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it says why
@@ -54,7 +53,6 @@ def as_read_terms(diagnosis):
     keep = np.flatnonzero(diagnosis.weights > 0.0)
     if not len(keep) or not terms:
         return []
-    keep = keep[::len(keep) // _ROWS + 1]
     columns = stacked_design(tuple(terms), obs.context.az[keep], obs.context.el[keep],
                              obs.run.mount).reshape(len(terms), 2, -1)
     moved = _moved(diagnosis)

@@ -101,7 +101,7 @@ def rows_told(result):
     sources = obs.sources if len(set(obs.sources)) > 1 else None
     told = _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
                  word=row_word(obs.run))
-    left = max(obs.thinned_from - len(obs), 0)
+    left = len(obs.whole) - len(obs) if obs.whole else 0
     return replace(told, read=told.read + left, not_drawn=left)
 
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.estimation.candidates import CandidateBank
+from calibration.estimation.correlated_noise import CorrelatedNoise, WhiteNoise
+from calibration.estimation.robust import bisquare, sigma_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 from pointing_model.effects import changes, dictionary, effect, smooths, steps
@@ -143,42 +145,95 @@ class RunProblem:
         return out
 
     def exact_fit(self, chosen, noise, true_noise=None):
-        """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
+        """`exact_fit` of a choice to these rows, an `ExactFit`."""
+        return exact_fit(self.obs, self.base, self.problem.design(chosen), self.start,
+                         self.problem.b, noise, true_noise)
+
+    def whole_fit(self, fitted, chosen, memory=(), mixed=True):
+        """`exact_fit` of all rows of which these are a part.
+
+        Each is weighted by how far it is from the fit of the part.
 
         Parameters
         ----------
+        fitted : ExactFit
+            Of the part.
         chosen : list of CandidateGroup
-        noise : WhiteNoise or CorrelatedNoise
-            By which rows are weighted.
-        true_noise : CorrelatedNoise, optional
-            By which the covariance is, where it is another.
+        memory : tuple of AxisNoise
+            Of the part's noise.
+        mixed : bool
+            Whether coefficients rest on that memory, and not their covariance alone.
 
         Returns
         -------
         ExactFit
         """
-        design = self.problem.design(chosen)
-        common = [t for t in self.base.terms if t not in self.base.own]
-        geometric = [i for i, t in enumerate(common) if t in self.obs.context.mount.names.terms]
-        solve = design.solver(noise)
-        start, left = dict(self.start), self.problem.b
-        for _ in range(4):
-            p, own = solve(left)
-            residual = design.left_by(p, own, left)
-            step = p[geometric].copy()
-            # what the geometric terms gained goes into the rotations
-            for i, d in zip(geometric, step):
-                start[common[i]] += d
-            if not geometric or np.abs(step).max() < 1e-5 * ARCSEC:
-                break
-            left, _ = after_rotation(self.obs, start)
-        p[geometric] = [start[common[i]] for i in geometric]
-        inverse = solve.inverse if true_noise is None else solve.inverse_under(true_noise)
-        return ExactFit(np.append(p, own), inverse, start, residual.reshape(2, -1), common)
+        whole, n = self.obs.whole, len(self.obs.whole)
+        design = self.base.columns(whole.context, whole.label).added(
+            [c.effect(self.problem).columns(whole.context).reshape(-1, 2 * n) for c in chosen])
+        left, _ = after_rotation(whole, fitted.start)
+        k = len(design.common)
+        p, own = fitted.p[:k].copy(), fitted.p[k:].reshape(-1, max(len(self.base.own), 1))
+        p[_geometric(whole, self.base)] = 0.0  # in the rotations
+        given = np.ones(2 * n) if whole.inverse_sigma is None else whole.inverse_sigma
+        standard = (design.left_by(p, own, left) * given).reshape(2, n)
+        middle = np.maximum(sigma_of(standard, axis=1), 1e-6 * ARCSEC)
+        weights = bisquare(np.hypot(*(standard / middle[:, None])))
+        scale = np.sqrt((weights * standard**2).sum(axis=1) / weights.sum()) + 1e-9 * ARCSEC
+        white = WhiteNoise(given * np.tile(np.sqrt(weights), 2) / np.repeat(scale, n))
+        noises = [white]
+        if memory:
+            sequence = sequence_of(whole.context, whole.label)
+            noises += [CorrelatedNoise.beside(white, scale, sequence, memory)]
+        return exact_fit(whole, self.base, design, fitted.start, left,
+                         *(noises[-1:] if mixed else noises))
 
-    def model(self, fitted, chosen):
-        """`PointingModel` with the effects, and the terms of each run."""
-        return made_model(self.obs, self.base, fitted, [c.effect(self.problem) for c in chosen])
+    def model(self, fitted, chosen, obs=None):
+        """What a fit of these rows, or of others, gives as a model.
+
+        Returns
+        -------
+        model : PointingModel
+            With the effects.
+        run_terms : dict
+            Run -> terms that it fitted for itself, arcsec.
+        """
+        obs, base = obs or self.obs, self.base
+        p = fitted.p
+        values = dict(zip(fitted.common, p))
+        k, count = len(fitted.common), base.harmonic_count
+        harmonics = None
+        if count:
+            full = np.zeros((2, COUNT))
+            full[:, :count] = p[k:k + 2 * count].reshape(2, count)
+            covariance = np.zeros((2 * COUNT, 2 * COUNT))
+            index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
+            covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
+            harmonics = Harmonics(base.interpretation, full[0], full[1], covariance)
+        sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
+        at, found = k + 2 * count, []
+        for e in (c.effect(self.problem) for c in chosen):
+            part = slice(at, at + len(e.coefficient_names))
+            found.append(FittedEffect(e, p[part], sigma[part]))
+            at = part.stop
+        own = base.own
+        run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
+                     for i, r in enumerate(np.unique(obs.label))} if own else {}
+        for t in base.own:
+            values[t] = fitted.start.get(t, 0.0) + float(np.median(
+                [r[t] for r in run_terms.values()]))
+        covariance = np.zeros((len(values), len(values)))
+        covariance[:k, :k] = fitted.inverse[:k, :k]
+        facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
+                 'rows': len(obs), 'encoder': obs.encoder}
+        if base.own:
+            facts['own_terms'] = list(base.own)
+            facts['own_terms_are'] = 'the median of the runs'
+        texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
+                                    for t, v in terms.items()} for r, terms in run_terms.items()}
+        return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
+                             harmonics, facts, 'rotation', found, obs.run.mount,
+                             sides=rows_by_side(obs.run.mount, obs.run['el'])), texts
 
 
 @dataclass
@@ -192,54 +247,45 @@ class ExactFit:
     common: list
 
 
-def made_model(obs, base, fitted, effects):
-    """What a fit says, as a model.
+def _geometric(obs, base):
+    """Which of the common terms turn the mount."""
+    return [i for i, t in enumerate(base.common) if t in obs.context.mount.names.terms]
+
+
+def exact_fit(obs, base, design, start, left, noise, true_noise=None):
+    """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
 
     Parameters
     ----------
     obs : Observations
     base : Base
-    fitted : ExactFit
-    effects : list of Effect
-        In the order of their coefficients.
+    design : Columns
+        Of the base and the effects.
+    start : dict of str to float
+        Terms of the rotations to begin with.
+    left : ndarray, shape (2n,)
+        What these leave.
+    noise : WhiteNoise or CorrelatedNoise
+        By which rows are weighted.
+    true_noise : WhiteNoise or CorrelatedNoise, optional
+        By which the covariance is, where it is another.
 
     Returns
     -------
-    model : PointingModel
-    run_terms : dict
-        Run -> terms that it fitted for itself, arcsec.
+    ExactFit
     """
-    p = fitted.p
-    values = dict(zip(fitted.common, p))
-    k, count = len(fitted.common), base.harmonic_count
-    harmonics = None
-    if count:
-        full = np.zeros((2, COUNT))
-        full[:, :count] = p[k:k + 2 * count].reshape(2, count)
-        covariance = np.zeros((2 * COUNT, 2 * COUNT))
-        index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
-        covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
-        harmonics = Harmonics(base.interpretation, full[0], full[1], covariance)
-    sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
-    at, found = k + 2 * count, []
-    for e in effects:
-        part = slice(at, at + len(e.coefficient_names))
-        found.append(FittedEffect(e, p[part], sigma[part]))
-        at = part.stop
-    own = base.own
-    run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
-                 for i, r in enumerate(np.unique(obs.label))} if own else {}
-    for t in base.own:
-        values[t] = fitted.start.get(t, 0.0) + float(np.median([r[t] for r in run_terms.values()]))
-    covariance = np.zeros((len(values), len(values)))
-    covariance[:k, :k] = fitted.inverse[:k, :k]
-    facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
-             'rows': len(obs), 'encoder': obs.encoder}
-    if base.own:
-        facts['own_terms'] = list(base.own)
-        facts['own_terms_are'] = 'the median of the runs'
-    texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
-                                for t, v in terms.items()} for r, terms in run_terms.items()}
-    return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
-                         harmonics, facts, 'rotation', found, obs.run.mount,
-                         sides=rows_by_side(obs.run.mount, obs.run['el'])), texts
+    common, geometric = base.common, _geometric(obs, base)
+    solve, start = design.solver(noise), dict(start)
+    for _ in range(4):
+        p, own = solve(left)
+        residual = design.left_by(p, own, left)
+        step = p[geometric].copy()
+        # what the geometric terms gained goes into the rotations
+        for i, d in zip(geometric, step):
+            start[common[i]] += d
+        if not geometric or np.abs(step).max() < 1e-5 * ARCSEC:
+            break
+        left, _ = after_rotation(obs, start)
+    p[geometric] = [start[common[i]] for i in geometric]
+    inverse = solve.inverse if true_noise is None else solve.inverse_under(true_noise)
+    return ExactFit(np.append(p, own), inverse, start, residual.reshape(2, -1), list(common))

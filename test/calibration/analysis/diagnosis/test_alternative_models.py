@@ -8,7 +8,7 @@ import pytest
 from simulated import make_problem
 
 from calibration.analysis.diagnosis.alternatives import AlternativeModel, _take_in, choose_model
-from calibration.analysis.diagnosis.diagnosis_result import diagnosed, verdict_of
+from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect, verdict_of
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise
@@ -66,8 +66,8 @@ def found_of(problem, chosen):
 
 def told(problem, chosen, i):
     e, stand = chosen.chosen[i].effect(problem), chosen.significances[i]
-    return diagnosed(FittedEffect(e, np.ones(1)), stand.p, None, problem.dictionary.effects,
-                     stand.every, chosen.chosen[i].group, stand.equals, stand.same)
+    return diagnosed_effect(FittedEffect(e, np.ones(1)), stand, None, problem.dictionary.effects,
+                            chosen.chosen[i].group)
 
 
 @pytest.mark.parametrize('seed', SEEDS)

@@ -94,8 +94,8 @@ def test_a_rival_is_judged_with_companions_of_its_own():
     behind = question.out['line_of_sight_4']
     assert question.best == 'azimuth_encoder_4' and behind >= TOLD
     # what explains the rows beside it costs it two coefficients, and no more
-    (found,) = [e for e in first.effects if e.rivals]
-    found.companions = {'line_of_sight_4': [effect('encoder', axis='az', order=4)]}
+    (found,) = [e for e in first.effects if e.other_causes]
+    found.beside = {'line_of_sight_4': [effect('encoder', axis='az', order=4)]}
     (question,) = Discrimination(first).judge(mount.run(), most=0).questions
     assert question.stays['line_of_sight_4'] < min(TOLD, behind)
 
