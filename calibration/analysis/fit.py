@@ -1,26 +1,26 @@
 """Least-squares fits: the pointing terms, the geometric ones as exact rotations; the harmonics."""
 
-import functools
 from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.units import wrap
 from pointing_model.context import Context
+from pointing_model.geometry import linearised
 from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
+from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
-from pointing_model.rotations import in_turn
+from pointing_model.rotations import in_turn, values
 from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
-from ..estimation.gauss_newton import Linear, gauss_newton
+from ..estimation.gauss_newton import LinearProblem, gauss_newton
 from ..estimation.group_columns import GroupColumns
 from ..estimation.least_squares import weighted_solve
 from ..estimation.robust import LOSS
 from ..rows import UNREACHABLE, mild_sigmas, usable
 from .fit_result import make_result
-from .rotation_offsets import Rotating
 
 #: Directions in the space of the (column-scaled) coefficients whose singular value is below this
 #: part of the largest are not determined by the stars, and left out. Measured for the seven terms:
@@ -31,7 +31,83 @@ RCOND = 1e-5
 #: degrees), 30 stars 0.5e-4 to 1.7e-4: what is below is for want of stars, not of independence.
 RCOND_HARMONICS = 1e-4
 
-_LINEAR = ('IA', 'IE', 'TF')  # alone, of an alt-azimuth mount
+#: rad: nearer to the axis azimuths go the shorter way round
+_CLOSE = 0.05
+
+
+def _turning(names, mount):
+    """Place -> name and sign of the rotation of an alt-azimuth mount, of terms that turn the mount.
+
+    The zeros of the axes, and the flexure of an alt-azimuth mount, have columns that stay.
+    """
+    stay = ('IA', 'IE', 'TF') if mount.vertical else ('IA', 'IE')
+    known = mount.names.terms
+    return {i: known[name] for i, name in enumerate(names)
+            if name in known and known[name][0] not in stay}
+
+
+class RotationProblem:
+    """What `gauss_newton` iterates: the geometric terms turn the mount, the others are linear.
+
+    Parameters
+    ----------
+    trig : terms.Trig
+        Of the catalogue places, n of them.
+    terms : sequence of str
+        The fitted ones; rows beyond them are linear.
+    turned : dict of str to float
+        Geometric terms that are held, radians; a fitted one is added.
+    observed : ndarray, shape (2n,)
+        Encoder - catalogue on the sky, x of all rows, then y, radians.
+    columns : ndarray, shape (k, 2n)
+        Of the terms; those of the geometric ones are written over.
+    first_order : ndarray, or GroupColumns
+        The same array, or what stands on it.
+    mount : Mount
+    """
+
+    linear = False
+
+    def __init__(self, trig, terms, turned, observed, columns, first_order, mount):
+        self.trig, self.mount = trig, mount
+        self.observed, self.first_order = observed, first_order
+        own = mount.names.terms
+        self._held = values(turned, mount)
+        #: row -> name and sign of the rotation of an alt-azimuth mount
+        self._places = {i: own[name] for i, name in enumerate(terms) if name in own}
+        self._turning = _turning(terms, mount)
+        self._terms, self._columns = columns, {}
+
+    def residual(self, p):
+        """As of `gauss_newton.LinearProblem`."""
+        at = list(self._held)
+        for i, (name, sign) in self._places.items():
+            at[CANONICAL.index(name)] += sign * float(p[i])
+        trig = self.trig
+        x, y, self._columns = linearised(
+            trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), at,
+            [name for name, _ in self._turning.values()], trig.mount)
+        if trig.side is not None:
+            x, y = trig.side * x, trig.side * y
+        residual = self.observed - np.concatenate((x, y))
+        if len(self._places) < len(p):
+            rest = p.copy()
+            rest[list(self._places)] = 0.0
+            if rest.any():
+                residual -= rest @ self.first_order
+        close = np.flatnonzero((np.abs(trig.cos_el) < _CLOSE) & (trig.cos_el != 0.0))
+        if len(close):  # by the axis, where azimuths differ by half a turn
+            cos_el = trig.cos_el[close]
+            residual[close] = wrap(residual[close] / cos_el) * cos_el
+        return residual
+
+    def columns(self):
+        """As of `gauss_newton.LinearProblem`; of the geometric terms where `residual` last was."""
+        n, side = len(self.observed) // 2, self.trig.side
+        for i, (name, sign) in self._turning.items():
+            row, by = self._terms[i], sign if side is None else sign * side
+            row[:n], row[n:] = (by * of for of in self._columns[name])
+        return self.first_order
 
 
 def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCOND,
@@ -70,7 +146,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
         raise ValueError('a sigma of one axis only; give sx and sy, or none')
     sigmas = None if sx is None else np.concatenate(np.broadcast_arrays(sx, sy))
     design = stacked_design(names, np.asarray(az), np.asarray(el), mount)
-    return gauss_newton(Linear(np.concatenate((x, y)), design), sigmas, None, rcond)
+    return gauss_newton(LinearProblem(np.concatenate((x, y)), design), sigmas, None, rcond)
 
 
 def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder='enc',
@@ -126,35 +202,26 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     if not names:
         raise ValueError('no term to fit; name at least one, for instance '
                          f'{mount.names.index[0]}')
-    base = held if isinstance(held, PointingModel) else _model_of(held, geometry or 'rotation',
-                                                                  mount)
+    base = held if isinstance(held, PointingModel) else PointingModel(
+        held or {}, geometry=geometry or 'rotation', mount=mount)
     if geometry not in (None, base.geometry):
         base = replace(base, geometry=geometry)
-    turning = [own for name in names for own, _ in [mount.names.terms.get(name, ('IA', 1))]
-               if own not in _LINEAR or (own == 'TF' and not mount.vertical)]
-    linear = base.geometry == 'first_order' or not turning
+    linear = base.geometry == 'first_order' or not _turning(names, mount)
     used = usable(run, encoder, zero)
     turned = {}
     if held is not None:
         if not linear:
             turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
         used = _beyond(base, turned, used, run, encoder)
-    el, n = used.el, len(used.rows)
-    trig = Trig(used.az, el, mount)
-    runs = np.unique(run['run'][used.rows]) if run_zeros else ()
-    terms, names = names, names + _names_of_zeros(runs, mount)
+    trig = Trig(used.az, used.el, mount)
+    x = in_turn(used.az_enc - used.az) * trig.cos_el
+    observed = np.concatenate((x if trig.side is None else x * trig.side, used.el_enc - used.el))
+    terms, columns = names, stacked_design(names, used.az, used.el, mount, trig)
+    design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
+    names = terms + names_of_zeros
     zeros_of_axes = [i for i, name in enumerate(names) if name.split('[')[0] in mount.names.index]
-    observed = np.empty(2 * n)
-    np.subtract(used.az_enc, used.az, out=observed[:n])
-    np.multiply(in_turn(observed[:n]), trig.cos_el, out=observed[:n])
-    if trig.side is not None:
-        observed[:n] *= trig.side
-    np.subtract(used.el_enc, el, out=observed[n:])
-    columns = stacked_design(terms, used.az, el, mount, trig)
-    first_order = columns if len(runs) < 2 else GroupColumns.of_runs(
-        columns, run['run'][used.rows], trig.cos_el)
-    problem = Linear(observed, first_order) if linear else Rotating(
-        trig, terms, turned, observed, columns, first_order, mount)
+    problem = LinearProblem(observed, design) if linear else RotationProblem(
+        trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
                          mild_sigmas(used), zeros_of_axes)
 
@@ -169,9 +236,13 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     return make_result(run, names, used, found, make_model, zero, {**facts, **(provenance or {})})
 
 
-def _names_of_zeros(runs, mount):
-    """How far the zero of each run but the first lies from its, as coefficients."""
-    return tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in mount.names.index)
+def _with_zeros(columns, run, used, run_zeros):
+    """The design, numbers of the runs, and names: how far the zero of each is from the first's."""
+    runs = np.unique(run['run'][used.rows]) if run_zeros else np.empty(0)
+    names = tuple(f'{axis}[{number:g}]' for number in runs[1:] for axis in run.mount.names.index)
+    if names:
+        columns = GroupColumns.of_runs(columns, run['run'][used.rows], np.cos(used.el))
+    return columns, runs, names
 
 
 def _fitted_zeros(zero, runs, found, first):
@@ -185,17 +256,6 @@ def _fitted_zeros(zero, runs, found, first):
         az, el = (before.angles + change).tolist()
         out.append(RunZero(az, el, covariance, number))
     return Zeros(out)
-
-
-def _model_of(values, geometry, mount):
-    if values:
-        return PointingModel(values, geometry=geometry, mount=mount)
-    return _nothing(geometry, mount)
-
-
-@functools.cache  # a fit of 30 stars takes 0.1 ms, and this 5 % of it
-def _nothing(geometry, mount):
-    return PointingModel({}, geometry=geometry, mount=mount)
 
 
 def _beyond(held, turned, used, run, encoder):
@@ -293,19 +353,17 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
         at_az, at_el = used.az, used.el
     az, el = used.az, used.el
     observed = np.concatenate((wrap(used.az_enc - at_az) * np.cos(el), used.el_enc - at_el))
-    rows = columns_of(degree, az, el, interpretation).reshape(k, -1)
-    runs = np.unique(run['run'][used.rows]) if run_zeros else ()
-    if len(runs) > 1:
-        rows = GroupColumns.of_runs(rows, run['run'][used.rows], np.cos(el))
-    found = gauss_newton(Linear(observed, rows), used.sigmas, LOSS if robust else None, rcond,
-                         mild_sigmas(used))
+    columns = columns_of(degree, az, el, interpretation).reshape(k, -1)
+    design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
+    found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
+                         rcond, mild_sigmas(used))
 
     def make_model(p, covariance, facts):
         covariance = covariance[:k, :k]
         if after is not None:
             weights = found.weights if used.sigmas is None else (
                 found.weights / np.square(used.sigmas.reshape(2, -1)))
-            covariance = _without_taken(covariance, np.asarray(rows), weights, rcond, after, run,
+            covariance = _without_taken(covariance, np.asarray(design), weights, rcond, after, run,
                                         used)
         harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
         if held is None:
@@ -317,7 +375,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
              'encoder': encoder, 'rcond': rcond}
     if run_zeros:
         zero = _fitted_zeros(zero, runs, found, k)
-    result = make_result(run, names + _names_of_zeros(runs, run.mount), used, found, make_model,
+    result = make_result(run, names + names_of_zeros, used, found, make_model,
                          zero, facts)
     if after is not None:
         result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)

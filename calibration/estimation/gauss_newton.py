@@ -44,7 +44,7 @@ _WIDE, _WIDE_OPEN = 0.0175, 0.0044
 _INNER = 0.01
 
 
-class Linear:
+class LinearProblem:
     """What `gauss_newton` iterates where the columns are the same everywhere.
 
     Parameters
@@ -75,7 +75,7 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None):
 
     Parameters
     ----------
-    problem : Linear, or rotation_offsets.Rotating
+    problem : LinearProblem, or fit.RotationProblem
     sigmas : ndarray, shape (2n,), or None
     loss : robust.Loss, or None
         None: least squares.

@@ -17,8 +17,8 @@ from pointing_model.effects.base import effect
 from pointing_model.effects.hysteresis import MEMORIES
 from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 
+from ...estimation.correlated_noise import restricted
 from ...estimation.group_columns import GroupColumns
-from ...estimation.restricted_likelihood import restricted
 from ...estimation.step_scan import robust_fit, two_sided
 from .cross_check_night import SHORT, CrossCheckNight, EncoderFinding
 from .cross_check_noise import colour_of, restricted_coloured

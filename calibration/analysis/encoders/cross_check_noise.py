@@ -13,8 +13,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
+from ...estimation.correlated_noise import restricted
 from ...estimation.group_columns import GroupColumns, Moves
-from ...estimation.restricted_likelihood import restricted
 from ...estimation.step_scan import clipped, robust_fit, scan
 
 #: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.encoders.cross_check_noise import Colour, colour_of, inflation, strongest
-from calibration.estimation.restricted_likelihood import restricted
+from calibration.estimation.correlated_noise import restricted
 
 N = 80
 SERIES = np.zeros(N, int)
