@@ -29,10 +29,9 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.places import Site
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
-from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.limits import Allowed, Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.track_judgement import Judge
-from telescope_mount.guard.verdicts import Allowed
 from telescope_mount.guard.way import lead, stopped
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad

@@ -19,8 +19,7 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from telescope_mount.guard.guard_settings import GuardSettings
-from telescope_mount.guard.keeper import Keeper
+from telescope_mount.guard.keeper import GuardSettings, Keeper
 from telescope_mount.observing.axis_demand import Track
 
 TICK, SECONDS = 0.05, 240.0

@@ -38,7 +38,7 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.sky.target import StarTarget
 from pointing_model.zero import Zeros
 from pointing_model.zero_drift import Following
-from telescope_mount.observing.pace import seconds_a_star
+from telescope_mount.observing.order import seconds_a_star
 from telescope_mount.observing.star_choice import choose_stars
 
 RATES = (10.0, 30.0, 100.0)

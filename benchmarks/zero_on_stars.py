@@ -27,7 +27,7 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_WEATHER, Site, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.zero_exposures import MARK
+from pointing_model.zero import MARK
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at, choose_stars
 from telescope_mount.observing.zero_stars import Before, zero_stars
 

@@ -15,9 +15,8 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
-from msg_tools.memory import give_back
 from msg_tools.node import MountNode
-from msg_tools.node_process import run_node
+from msg_tools.node_process import give_back, run_node
 from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
 from pointing_model.effects import declared_graduation

@@ -15,8 +15,7 @@ from pointing_model.rms import rms
 from pointing_model.row_retention import first_of_last, kept_words
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import mean_columns
-from pointing_model.zero import NO_ZERO, Zeros, zero_in_force
-from pointing_model.zero_exposures import is_for_zero, is_marked
+from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, is_marked, zero_in_force
 
 from .analysis.fit import fit_harmonics
 from .analysis.satellite_check import tracking_errors

@@ -7,8 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, all_finite, wrap
 from pointing_model.mounts import told
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO
-from pointing_model.zero_exposures import MARK, is_for_zero, is_marked
+from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
 
 from .distrust import distrusted
 

@@ -11,10 +11,9 @@ from pointing_model.context import Context
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO, Zeros
+from pointing_model.zero import NO_ZERO, Zeros, is_for_zero
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
-from pointing_model.zero_exposures import is_for_zero
 
 from .analysis.diagnosis import Diagnosis, diagnose
 from .analysis.diagnosis.expected_error import expected_error_of_terms

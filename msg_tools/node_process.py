@@ -3,6 +3,7 @@
     python -m msg_tools.node_process MODULE,MODULE... --ros-args ...
 """
 
+import ctypes
 import faulthandler
 import fcntl
 import gc
@@ -11,6 +12,7 @@ import signal
 import sys
 import time
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib import import_module
 
 import rclpy
@@ -19,7 +21,6 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from .executor import NodeExecutor
-from .memory import large_apart
 from .node import MountNode
 from .open_files import check_open_files
 from .signals import ENDING, on_end
@@ -182,3 +183,29 @@ def main():
 
 if __name__ == '__main__':
     main()
+
+
+#: glibc's mallopt: from how many bytes on a block is a map of its own
+_MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
+
+
+@cache
+def _of_libc(name):
+    try:
+        return getattr(ctypes.CDLL(None), name)
+    except (AttributeError, OSError, TypeError):
+        return lambda *args: 0  # of glibc alone
+
+
+def large_apart():
+    """Large blocks stay apart from the heap, and go when they are freed.
+
+    By default the first that is freed moves the limit up, to 32 MB at most: messages that grow with
+    the night then leave holes in the heap, each too small for the next.
+    """
+    _of_libc('mallopt')(_MMAP_THRESHOLD, _LARGE)
+
+
+def give_back():
+    """After work that took much: else the heap keeps its pages for more of it. About 1 ms."""
+    _of_libc('malloc_trim')(0)

@@ -11,10 +11,9 @@ from msg_tools.units import ARCSEC, wrap
 
 from .context import Context
 from .model import PointingModel
-from .model_document import identity
+from .model_document import identity, walks_of
 from .mounts import ALTAZ, told
 from .plausible import check_model, check_zero
-from .term_drift import walks_of
 from .terms import design
 from .zero import NO_ZERO, zeros_in_force
 from .zero_drift import AXES, Following

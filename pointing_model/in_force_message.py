@@ -10,8 +10,7 @@ import numpy as np
 from .model import PointingModel
 from .model_document import NO_MODEL, identity
 from .plausible import check_model, check_zero
-from .zero import RunZero
-from .zero_exposures import BY_POLARIS
+from .zero import BY_POLARIS, RunZero
 
 FORMAT = 'telescope_mount/in_force'
 VERSION = 1

@@ -298,3 +298,34 @@ def _is_yaml(path):
     if suffix not in ('.json', '.yaml', '.yml'):
         raise ValueError(f'{path}: a model file ends in .json, .yaml or .yml; rename it')
     return suffix != '.json'
+
+
+#: key of a tracked model's provenance
+KEY = 'tracked'
+
+
+def walks_of(model):
+    """How far each term of a tracked model wanders, rad in the root of an hour.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+
+    Returns
+    -------
+    ndarray, shape (k,), or None
+        None for a model that was not tracked.
+
+    Raises
+    ------
+    ValueError
+        That part of the model is damaged.
+    """
+    told = None if model is None else model.provenance.get(KEY)
+    if not isinstance(told, dict):
+        return None
+    try:
+        walks = told['walk_arcsec_per_root_hour']
+        return np.array([float(walks[name]) for name in model.terms]) * ARCSEC
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f'what wanders in the model is damaged: {told!r:.60}') from None

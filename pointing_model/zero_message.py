@@ -11,8 +11,7 @@ import numpy as np
 
 from msg_tools.convert import AXES, joint_state, read_joints
 
-from .zero import RunZero
-from .zero_exposures import BY_POLARIS, BY_STARS
+from .zero import BY_POLARIS, BY_STARS, RunZero
 
 _PREFIX = 'power_on_'
 _FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?'

@@ -136,7 +136,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
 def _has_exposures(bag, topic):
     """Whether a zero can be set: one may come with the model of a run without exposures for it."""
     from pointing_model.runs.run_messages import cloud_to_run
-    from pointing_model.zero_exposures import is_for_zero
+    from pointing_model.zero import is_for_zero
     runs = (cloud_to_run(message.data) for message in bag.messages([topic], decode=True))
     return any('star' in run and is_for_zero(run).any() for run in runs)
 

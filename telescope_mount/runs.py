@@ -158,8 +158,7 @@ def run_of_log(path):
     from msg_tools.units import wrap
     from pointing_model.runs.run import PointingRun
     from pointing_model.runs.run_messages import cloud_to_run
-    from pointing_model.zero import NO_ZERO, Zeros
-    from pointing_model.zero_exposures import is_for_zero, way_of
+    from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
     from pointing_model.zero_message import joints_to_zero
 
     bag = _log(path)

@@ -6,8 +6,7 @@ import numpy as np
 
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO, zero_in_force
-from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
+from pointing_model.zero import BY_POLARIS, NO_ZERO, is_for_zero, zero_in_force
 
 from ..power_on_cache import Finished
 from ..rows import by_run

@@ -13,8 +13,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
 from pointing_model.rms import rms_arcsec
 from pointing_model.terms import PHYSICAL
-from pointing_model.zero import RunZero
-from pointing_model.zero_exposures import is_for_zero
+from pointing_model.zero import RunZero, is_for_zero
 
 from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
-from pointing_model.zero import zero_in_force
-from pointing_model.zero_exposures import BY_POLARIS, is_for_zero
+from pointing_model.zero import BY_POLARIS, is_for_zero, zero_in_force
 
 from .external_check import rms_of
 from .fit import fit_harmonics

@@ -19,7 +19,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.mounts import OF_MOUNT, ON_SKY, Mount, is_beyond, through_pole
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero_exposures import is_for_zero
+from pointing_model.zero import is_for_zero
 
 from .fit import fit_terms
 

@@ -11,9 +11,9 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 
 from .drawing import clean
-from .horizon import of_mount, on_horizon
 from .page_parts import cards, folded, gains, listed, number, section, table, verdict, whole
 from .provenance import provenance_section, site_text
+from .residual_axes import of_mount, on_horizon
 from .residual_figures import Residuals, controls, residual_sections
 from .term_table import terms_section
 

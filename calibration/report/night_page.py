@@ -8,25 +8,22 @@ import numpy as np
 from calibration.analysis.diagnosis.row_counts import expected_sentence
 from calibration.analysis.external_check import split_half
 from calibration.distrust import distrusted
-from calibration.report.track_page import innovations_figure
-from calibration.report.track_words import tracking_lines
+from calibration.report.track_page import innovations_figure, tracking_lines
 from calibration.rows import is_kept_out
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.zero import NO_ZERO, Zeros, zeros_in_force
+from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
 from pointing_model.zero_drift import Following
-from pointing_model.zero_exposures import is_for_zero
 
 from .drawing import clean
-from .health_section import health_section
-from .horizon import of_mount, on_horizon
+from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
-from .model_comparison import headline_of, models_section
 from .page_parts import body_of, cards, gains, listed, section, verdict, whole
 from .provenance import provenance_section, site_text
+from .residual_axes import of_mount, on_horizon
 from .residual_figures import Residuals, controls, residual_sections
 from .term_table import terms_section
 from .zero_figures import zeros_of, zeros_section

@@ -4,7 +4,7 @@ from calibration.analysis.term_notes import few_lines, raised_lines, undetermine
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms_arcsec
-from pointing_model.zero_exposures import BY_POLARIS
+from pointing_model.zero import BY_POLARIS
 
 from ..analysis.diagnosis.row_counts import (
     excluded_of_fit,

@@ -228,7 +228,7 @@ def print_calibration(console, report):
     else:
         print_lines(console, 'note', report['notes'])
     if 'tracking' in report:
-        from calibration.report.track_words import tracking_lines
+        from calibration.report.track_page import tracking_lines
         print_lines(console, 'tracked', tracking_lines(report['tracking']))
     for check in report.get('checks', []):
         if check['stars']:

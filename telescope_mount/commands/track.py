@@ -30,8 +30,7 @@ def run(args):
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.tracking.run_track import track_run
     from calibration.report.tables import new_table
-    from calibration.report.track_page import write_page
-    from calibration.report.track_words import tracking_lines
+    from calibration.report.track_page import tracking_lines, write_page
     from pointing_model.model import PointingModel
 
     from ..runs import load_run

@@ -16,9 +16,8 @@ from telescope_mount.observing.allowed_sky import AllowedSky
 from ..graph_client import GraphClient
 from .guard_request import GuardClient
 from .judgement import judge
-from .nudge import judge_nudge, went_elsewhere
+from .nudge import bright_star, judge_nudge, place_of, standing, went_elsewhere
 from .samples import OK, WRONG, DriverSamples, Endpoint, Finding, Rest, Stream
-from .star import bright_star, place_of, standing
 
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0

@@ -11,6 +11,7 @@ One class, and longer than most: request, readings and what was sent decide toge
 import math
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,12 +19,10 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .axis_readings import AxisReadings
-from .axis_track import resting
-from .limits import safe_travel
+from .axis_track import braked, ended, resting
+from .limits import Allowed, Refused, safe_travel
 from .motion import AxisState, moment, plan_move
-from .rest import braked, ended
 from .track_judgement import Judge
-from .verdicts import Allowed, Refused
 from .way import around, lead
 
 #: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
@@ -478,3 +477,31 @@ class Keeper:
 
     def _told(self, state, level, reason):
         self.state, self.level, self.reason = state, level, reason
+
+
+class GuardSettings(NamedTuple):
+    """How a `Keeper` sends.
+
+    Attributes
+    ----------
+    whole : bool
+        The judged track at once; nothing is renewed, and silence is no matter.
+    ahead : float
+        From now to the last moving knot of a piece, s.
+    silence, commander : float
+        Seconds without a reading, and without a renewed request, after which the axes are stopped.
+    behind : float
+        Largest distance of an axis from where it was sent, rad.
+    turn_known : bool
+        The first axis reads the turn that it is on.
+    asleep : bool
+        Time waits for events: of a mount that is not asked to move nothing is read.
+    """
+
+    whole: bool = True
+    ahead: float = 1.5
+    silence: float = 0.5
+    commander: float = 0.45
+    behind: float = 2.0 * DEG
+    turn_known: bool = True
+    asleep: bool = False

@@ -9,6 +9,8 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.skyline import Horizon
 
+from .axis_track import Cubic
+
 _TURN = 2.0 * np.pi
 
 
@@ -160,3 +162,29 @@ def safe_travel(reading, low, high):
         raise ValueError(f'a reading of {reading / DEG:.1f} deg lies on no turn within the travel '
                          f'of {low / DEG:g} to {high / DEG:g} deg')
     return float(low - fewest * _TURN), float(high - most * _TURN)
+
+
+class Allowed(NamedTuple):
+    """A track that may be sent.
+
+    Attributes
+    ----------
+    cubic : Cubic
+        Its knots, the first axis on the turn that the mount takes.
+    """
+
+    cubic: Cubic
+
+
+class Refused(NamedTuple):
+    """A track that may not: one line that says what, where and what to do.
+
+    Attributes
+    ----------
+    reason : str
+    cubic : Cubic or None
+        The track, where it could be followed and only the way onto it cannot be gone.
+    """
+
+    reason: str
+    cubic: Cubic | None = None

@@ -24,8 +24,7 @@ from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .goto import GotoKeeper
-from .guard_settings import GuardSettings
-from .keeper import ERROR, LATE, STILL, WARN, Keeper
+from .keeper import ERROR, LATE, STILL, WARN, GuardSettings, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .axis_track import BENT, Cubic, resting
+from .limits import Allowed, Refused
 from .motion import FAST, AxisState, Slew
 from .surroundings import Surroundings
-from .verdicts import Allowed, Refused
 
 _TURN = 2.0 * np.pi
 #: longest track, s

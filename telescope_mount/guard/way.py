@@ -12,9 +12,9 @@ from pointing_model.sky.sun import turned
 
 from .axis_track import resting
 from .boxes import Boxes
+from .limits import Allowed
 from .motion import AxisState, plan_move
 from .track_judgement import Judge
-from .verdicts import Allowed
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)

@@ -14,15 +14,15 @@ from msg_tools.steps import CallRefused, call
 from msg_tools.units import DEG
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.sky.target import StarTarget, satellite_target
-from pointing_model.zero_exposures import MARK
+from pointing_model.zero import MARK
 
 from . import clocks
 from .axis_demand import AxesAtRest
-from .blind_checks import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .discrimination_step import DiscriminationStep
 from .exposure import Exposer
 from .instruments import MOUNT
-from .pace import seconds_a_star, weight_of_slews
+from .night_table import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
+from .order import seconds_a_star, weight_of_slews
 from .plan import POWER_CYCLES
 from .star_choice import AxisLimits, choose_stars
 from .tracking_step import Holding

@@ -14,11 +14,11 @@ from msg_tools.status import Progress, Taken
 from msg_tools.steps import CallRefused, Steps
 from pointing_model.sky.earth import earth_orientation
 
-from .blind_checks import blind_summary
 from .clocks import is_off
 from .fault_watch import FaultWatch
 from .night_file import NoFile
 from .night_steps import NightSteps
+from .night_table import blind_summary
 from .plan import POWER_CYCLES, parse_plan
 
 #: said of a plan that was finished by an observer before

@@ -10,7 +10,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 from pointing_model.sky.target import StarTarget
-from pointing_model.zero_exposures import BY_STARS, MARK
+from pointing_model.zero import BY_STARS, MARK
 
 from .star_choice import ANYWHERE, axes_at
 from .zero_stars import Before, ZeroMethod, way_to_zero, zero_sigma, zero_stars

@@ -18,8 +18,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 
-from .bright_stars import bright_stars
-from .star_choice import ANYWHERE, axes_at
+from .star_choice import ANYWHERE, axes_at, bright_stars
 
 #: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
 #: what is held alone, and little on that

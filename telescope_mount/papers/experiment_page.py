@@ -7,7 +7,6 @@ from calibration.analysis.fit import fit_terms
 from calibration.analysis.zero.zero_causes import DRIVERS
 from calibration.analysis.zero.zero_season import season_from_rows
 from calibration.report.drawing import Panel, limit_of, svg
-from calibration.report.horizon import of_mount, on_horizon
 from calibration.report.page_parts import (
     cards,
     figure,
@@ -22,6 +21,7 @@ from calibration.report.page_parts import (
     whole,
 )
 from calibration.report.provenance import provenance_section
+from calibration.report.residual_axes import of_mount, on_horizon
 from calibration.report.residual_figures import (
     Residuals,
     controls,
@@ -32,8 +32,7 @@ from calibration.report.zero_season_report import season_lines
 from calibration.rows import for_fitting
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
-from pointing_model.zero import RunZero
-from pointing_model.zero_exposures import is_for_zero
+from pointing_model.zero import RunZero, is_for_zero
 
 AXES = (('az', 'azimuth'), ('el', 'elevation'))
 WHENS = ('before', 'after')

@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.rivals import INSTANCE, earlier_rival, new_instance
+from msg_tools.node import INSTANCE, earlier_rival, new_instance
 
 EARLY, LATE = new_instance(10**18), new_instance(2 * 10**18)
 

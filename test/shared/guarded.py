@@ -11,7 +11,7 @@ from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
 from telescope_mount.bridges.indi.driver import MountDriver
 from telescope_mount.guard.goto import GotoKeeper
-from telescope_mount.guard.guard_settings import GuardSettings
+from telescope_mount.guard.keeper import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing.axis_demand import Track
 

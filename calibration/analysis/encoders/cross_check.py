@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.zero_exposures import BY_POLARIS, BY_STARS
+from pointing_model.zero import BY_POLARIS, BY_STARS
 
 from .count_drift import moved_inside, wander_line
 from .cross_check_night import AXES, SHORT, CrossCheckNight

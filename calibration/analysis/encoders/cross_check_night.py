@@ -11,8 +11,8 @@ from pointing_model.context import Context
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
+from pointing_model.zero import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 from pointing_model.zero_drift import harmonic_columns
-from pointing_model.zero_exposures import BY_POLARIS, BY_STARS, MARK, is_for_zero, is_marked
 
 from ...estimation.group_columns import GroupColumns, Moves
 from ...estimation.step_scan import (

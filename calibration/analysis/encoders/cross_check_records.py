@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.zero_exposures import BY_POLARIS
+from pointing_model.zero import BY_POLARIS
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.held_terms import BROAD
-from pointing_model.model_document import from_document
+from pointing_model.model_document import KEY, from_document
 from pointing_model.runs.run import PointingRun
-from pointing_model.term_drift import KEY
 from pointing_model.zero import RunZero
 
 from ...distrust import distrusted

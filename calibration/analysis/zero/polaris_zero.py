@@ -15,8 +15,7 @@ from pointing_model.held_terms import is_a_model
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.terms import mean_columns
-from pointing_model.zero import RunZero
-from pointing_model.zero_exposures import BY_POLARIS
+from pointing_model.zero import BY_POLARIS, RunZero
 
 from ...rows import usable
 from ..fit import fit_terms
@@ -48,7 +47,7 @@ class MeasuredZero(RunZero):
     rejected : int
         Exposures without weight in the robust mean.
     by : str
-        The way, see `pointing_model.zero_exposures.way_of`.
+        The way, see `pointing_model.zero.way_of`.
     mount : Mount
         Whose axes.
     noise : ndarray, shape (2, 2), optional

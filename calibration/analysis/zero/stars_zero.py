@@ -19,7 +19,7 @@ from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
-from pointing_model.zero_exposures import is_marked, way_of
+from pointing_model.zero import is_marked, way_of
 
 from ...estimation.estimate import Estimate
 from ...estimation.least_squares import System

@@ -5,7 +5,7 @@ from contextlib import nullcontext, suppress
 import numpy as np
 
 from pointing_model.model import PointingModel
-from pointing_model.zero_exposures import is_for_zero, is_marked
+from pointing_model.zero import is_for_zero, is_marked
 
 from ...power_on_cache import Finished
 from ...rows import by_run, zero_exposures_by_run

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.zero_exposures import is_marked
+from pointing_model.zero import is_marked
 
 from .stars_zero import zero_from_exposures
 from .zero_causes import AXES, DRIVERS, Season, zero_causes

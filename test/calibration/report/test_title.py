@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.report.diagnosis_sections import about, axes_note
 from calibration.report.residual_axes import driver_of
-from calibration.report.title import about, axes_note
 from msg_tools.units import DEG, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import parse_mount

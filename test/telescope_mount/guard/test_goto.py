@@ -13,7 +13,7 @@ from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
-from telescope_mount.guard.guard_settings import GuardSettings
+from telescope_mount.guard.keeper import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')

@@ -12,10 +12,9 @@ from pointing_model.mounts import Mount as Places
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun, sun_place
 from telescope_mount.guard import keeper as keeper_of
-from telescope_mount.guard.axis_track import Cubic
+from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.keeper import LATE, WARN
 from telescope_mount.guard.limits import Axis, Limits, travel_of
-from telescope_mount.guard.rest import braked, ended
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9

@@ -8,10 +8,9 @@ from pointing_model.mounts import Mount
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.sun import Sun, sun_place, turned
 from telescope_mount.guard.axis_track import Cubic
-from telescope_mount.guard.limits import Axis, Limits, safe_travel, travel_of
+from telescope_mount.guard.limits import Allowed, Axis, Limits, Refused, safe_travel, travel_of
 from telescope_mount.guard.motion import AxisState, Slew
 from telescope_mount.guard.track_judgement import Judge
-from telescope_mount.guard.verdicts import Allowed, Refused
 from telescope_mount.guard.way import around, lead
 
 KNOTS = np.arange(0.0, 121.0, 20.0)

@@ -13,7 +13,7 @@ from pointing_model.model import PointingModel
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
 from telescope_mount.observing.plan import parse_plan
-from telescope_mount.observing.track_choice import TrackedModel, choose_next, next_time
+from telescope_mount.observing.tracking_step import TrackedModel, choose_next, next_time
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)),
                       np.eye(7) * (0.3 * ARCSEC)**2)

@@ -11,7 +11,7 @@ from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run_messages import cloud_to_run
-from pointing_model.zero_exposures import is_for_zero
+from pointing_model.zero import is_for_zero
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.papers import experiment as module
 from telescope_mount.papers.experiment import SATELLITE_NIGHT, experiment_plan

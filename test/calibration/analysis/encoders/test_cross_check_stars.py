@@ -9,7 +9,7 @@ from calibration.analysis.encoders.cross_check import check_witnesses
 from calibration.analysis.encoders.cross_check_stars import StarsSeen
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero_exposures import MARK
+from pointing_model.zero import MARK
 
 AT = slice(30, 46)  # where `night` exposes Polaris
 

@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.terms import design
-from pointing_model.zero_exposures import MARK, is_for_zero, way_of
+from pointing_model.zero import MARK, is_for_zero, way_of
 
 ZERO = np.array([20.0, -15.0]) * ARCSEC  # coordinate angles
 CHANGE = np.array([11.0, -7.0]) * ARCSEC
