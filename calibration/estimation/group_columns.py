@@ -123,8 +123,8 @@ class GroupColumns:
     def normal(self, weights):
         """The normal matrix."""
         across = self._sums((weights * self.own)[:, None] * self.rest)
-        return np.block([[(self.rest.T * weights) @ self.rest, across.T],
-                         [across, np.diag(self.squares(weights))]])
+        return bordered((self.rest.T * weights) @ self.rest, across,
+                        np.diag(self.squares(weights)))
 
     def __matmul__(self, values):
         """With values of the rows, shape (n,)."""
@@ -141,6 +141,12 @@ class GroupColumns:
     def __array__(self, dtype=None, copy=None):
         members = (self.group == np.arange(self.groups)[:, None]) * self.own
         return np.concatenate((self.rest.T, members)).astype(dtype or float, copy=False)
+
+
+def bordered(corner, across, own):
+    """Symmetric, of the columns of `rest`, between these and those of the groups, of the latter."""
+    return np.concatenate((np.concatenate((corner, across.T), axis=1),
+                           np.concatenate((across, own), axis=1)))
 
 
 class Moves:

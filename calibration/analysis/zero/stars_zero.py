@@ -131,7 +131,7 @@ class _ZeroRows(NamedTuple):
     mount: object
 
 
-class _Solved(NamedTuple):
+class _StarZeros(NamedTuple):
     """Zeros of the groups and what they rest on; angles in seconds of arc."""
 
     value: np.ndarray  # (2g,)
@@ -175,7 +175,7 @@ class _Solved(NamedTuple):
 
 
 def _solve(groups, names, model, encoder):
-    """Zeros of groups of exposures that share the held terms, a `_Solved`."""
+    """Zeros of groups of exposures that share the held terms, a `_StarZeros`."""
     rows = _collected(groups, names, model, encoder)
     mount, n, g = rows.mount, len(rows.az), len(groups)
     held = Held(model, mount)
@@ -204,7 +204,7 @@ def _solve(groups, names, model, encoder):
     own = np.linalg.pinv(_normal(columns[:, :, :2 * g], wide), hermitian=True)
     plain = (columns * (weights / np.square(sigma))[:, :, None]).reshape(2 * n, -1)
     by_group = [rows.group == k for k in range(g)]
-    return _Solved(
+    return _StarZeros(
         fit.coefficients[:2 * g], np.linalg.inv(final)[:2 * g, :2 * g] * misfit**2, own * misfit**2,
         fit.covariance[:2 * g] @ plain.T, rows, weights,
         [way_of(part) for part in groups],
