@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from calibration.analysis.diagnosis.row_counts import rows_of_reader
+from calibration.analysis.diagnosis.row_counts import reader_row_counts
 from msg_tools.output import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import parse_plan
@@ -112,7 +112,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         domain_number, incomplete=incomplete)
     told = None
     if file is not None:
-        report['rows_read'] += rows_of_reader(run).lost
+        report['rows_read'] += reader_row_counts(run).lost
     else:  # now that everything is decided
         told = undeclared(folder / 'bag_truth')
     report = _judge(folder, report, told, incomplete)
@@ -175,7 +175,7 @@ def _sound_run(file, place):
     with naming_columns():
         run = load_run(file, **place)
     check_columns(run)
-    told = rows_of_reader(run)
+    told = reader_row_counts(run)
     if told.too_few:
         raise ValueError(f'{file}: {told.refusal}')
     return run

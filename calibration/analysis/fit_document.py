@@ -13,7 +13,7 @@ from calibration.analysis.term_notes import (
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms_arcsec
 
-from .diagnosis.row_counts import RMS_KEYS, excluded_of_fit, far_text, rows_of_fit
+from .diagnosis.row_counts import RMS_KEYS, excluded_of_fit, far_text, fit_row_counts
 
 _NAMED = 5  # rejected rows that a report names in words, at most
 
@@ -42,7 +42,7 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
         (`sky_model.Origin.document`).
     """
-    told, used = rows_of_fit(run, result), run.select(result.weights > 0.0)
+    told, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
     matrix = result.correlations
     return {
         **run.mount.entries(), 'observations': told.used,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from calibration.analysis.diagnosis.raw_errors import as_read_sentence
+from calibration.analysis.diagnosis.raw_errors import raw_error_sentence
 from calibration.analysis.diagnosis.residual_correlation import MOSTLY, drift_words
 from calibration.analysis.diagnosis.row_counts import outlier_sentence
 from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
@@ -117,7 +117,7 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     out = _told(document, effects, limit, caution)
-    out.way, out.as_read = way(document), as_read_sentence(document)
+    out.way, out.as_read = way(document), raw_error_sentence(document)
     return out
 
 

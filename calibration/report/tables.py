@@ -8,10 +8,10 @@ from pointing_model.zero_exposures import BY_POLARIS
 
 from ..analysis.diagnosis.row_counts import (
     excluded_of_fit,
+    fit_row_counts,
     left_out_lines,
     outlier_sentence,
     row_word,
-    rows_of_fit,
     used_sentence,
 )
 from ..analysis.harmonic_fit import READ_AS
@@ -159,7 +159,7 @@ def fit_tables(run, result, encoder='enc', held_out=None):
     list
         What `rich.console.Console.print` takes: tables and lines of text.
     """
-    told, fitted = rows_of_fit(run, result), result.rms_arcsec(rejected=False)
+    told, fitted = fit_row_counts(run, result), result.rms_arcsec(rejected=False)
     used = run.select(result.weights > 0.0)
     steps = new_table(f'RMS on the sky, arcsec, {told.used} rows', 'correction',
                       *run.mount.names.columns, 'radial')

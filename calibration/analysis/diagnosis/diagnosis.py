@@ -25,12 +25,12 @@ from .diagnosis_result import (
     ranking_of,
 )
 from .expected_error import ahead, expected_error
-from .implausible_terms import unphysical
+from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import by_size
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
-from .row_counts import claimed, row_word
+from .row_counts import refused_if_few, row_word
 from .row_facts import repeats_sentence
 from .run_problem import RunProblem
 from .sessions import arrange, split
@@ -117,7 +117,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
                         progress or _silent, jobs)
     if left_open is not None:
         result = with_held_terms(result, left_open)
-    result = claimed(result)
+    result = refused_if_few(result)
     by_size(result)
     result.columns_alike = checked.alike
     if obs.whole:
@@ -127,7 +127,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
             f'be {(all_ / len(obs))**0.5:.1f} times as large to be found as with all of them. The '
             'model was fitted to all rows, the other figures are of those searched')
     result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
-    result.unphysical = unphysical(result)
+    result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)

@@ -14,8 +14,8 @@ from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 
 from .diagnosis_base import Base, Observations
-from .raw_errors import as_read, as_read_terms
-from .row_counts import RMS_KEYS, rows_told
+from .raw_errors import raw_rms_arcsec, raw_terms
+from .row_counts import RMS_KEYS, diagnosis_row_counts
 from .row_facts import unequal_scatter, worst_rows
 
 _OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
@@ -129,7 +129,7 @@ class Diagnosis:
         Effects, each with the rivals that no observation tells it from, see
         `next_observations.propose`.
     unphysical : list of dict
-        Terms that no mount should have so, see `implausible_terms.unphysical`.
+        Terms that no mount should have so, see `implausible_terms`.
     whole : bool
         Whether the rows are what the encoders read, and nothing was taken off before.
     """
@@ -182,13 +182,14 @@ class Diagnosis:
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
-            'effects': [e.to_dict() for e in self.effects], **rows_told(self).to_dict(),
+            'effects': [e.to_dict() for e in self.effects], **diagnosis_row_counts(self).to_dict(),
             'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander, 'expected': self.expected,
-            'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
-            'as_read_terms': as_read_terms(self) if self.whole else [],
+            'as_read_rms_arcsec': raw_rms_arcsec(
+                self.observations, self.weights) if self.whole else None,
+            'as_read_terms': raw_terms(self) if self.whole else [],
             'equinox': self.observations.run.meta.get('equinox_taken'),
             'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
             'held_out': self.held_out, 'no_star': self.no_star,

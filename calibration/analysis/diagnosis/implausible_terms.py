@@ -12,7 +12,7 @@ from msg_tools.units import ARCSEC
 from .page_figures import live_rows
 
 
-def unphysical(result):
+def implausible_terms(result):
     """Facts of each term, declared or found, that stands out.
 
     Parameters

@@ -107,7 +107,7 @@ def check_columns(runs, encoder='enc'):
         The run as written does not fit, or another reading fits far better.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    return ColumnCheck.of([_RunCheck(run, encoder).judged() for run in runs
+    return ColumnCheck.of([_RunCheck(run, encoder).result() for run in runs
                            if f'az_{encoder}' in run])
 
 
@@ -136,7 +136,7 @@ class _RunCheck:
         self.mount, self.fits = rows.mount, ReadingFits(rows)
         self.physical, self.effects = rows.mount.names.physical, rows.mount.names.usual
 
-    def judged(self):
+    def result(self):
         """`ColumnCheck`; raises MistakenColumns."""
         if len(self.rows.label) < FEW or self._in_a_field():
             return ColumnCheck()

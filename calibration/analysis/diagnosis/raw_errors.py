@@ -16,7 +16,7 @@ _MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it say
 _MOVED = 2.0  # sigma, from where it is said what a term is beside the effects
 
 
-def as_read(obs, weights):
+def raw_rms_arcsec(obs, weights):
     """Radial RMS of what the encoders read beyond the catalogue, arcsec, of rows with weight.
 
     Parameters
@@ -32,7 +32,7 @@ def as_read(obs, weights):
     return _radial(obs.observed.reshape(2, -1)[:, keep]) if keep.any() else None
 
 
-def as_read_terms(diagnosis):
+def raw_terms(diagnosis):
     """What the terms, fitted alone, are of the errors as read, the largest first.
 
     Parameters
@@ -84,7 +84,7 @@ def _moved(diagnosis):
     return out
 
 
-def as_read_sentence(document):
+def raw_error_sentence(document):
     """What the errors as read consist of, and how the first axis stands; '' where they are small.
 
     Parameters

@@ -21,7 +21,7 @@ _REASONS = 12  # lines of rows left out, at most
 
 
 @dataclass
-class RowsTold:
+class RowCounts:
     """Of one diagnosis.
 
     Attributes
@@ -86,7 +86,7 @@ class RowsTold:
                 'detection_factor': self.detection_factor}
 
 
-def rows_told(result):
+def diagnosis_row_counts(result):
     """Count the rows of a diagnosis.
 
     Parameters
@@ -95,7 +95,7 @@ def rows_told(result):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     obs = result.observations
     sources = obs.sources if len(set(obs.sources)) > 1 else None
@@ -105,8 +105,8 @@ def rows_told(result):
     return replace(told, read=told.read + left, not_drawn=left)
 
 
-def rows_of_fit(run, result):
-    """Count the rows of a fit, as `rows_told`.
+def fit_row_counts(run, result):
+    """Count the rows of a fit, as `diagnosis_row_counts`.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def rows_of_fit(run, result):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     usable = np.isfinite(result.residual_x)
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
@@ -145,7 +145,7 @@ def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
                  'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
                 for i in away]
     n = left.shape[1]
-    return RowsTold(
+    return RowCounts(
         n + lost, n - len(away), copies, outliers,
         float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word,
         len(excluded) - lost)
@@ -164,8 +164,8 @@ def _lost(excluded):
     return len(reasons), sum(reason.startswith(SAME) for reason in reasons)
 
 
-def rows_of_reader(run):
-    """Count the rows of a run by what its reader left out, as `rows_told`.
+def reader_row_counts(run):
+    """Count the rows of a run by what its reader left out, as `diagnosis_row_counts`.
 
     Parameters
     ----------
@@ -173,14 +173,14 @@ def rows_of_reader(run):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     lost, copies = _lost(run.meta.get('excluded', ()))
-    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run),
+    return RowCounts(len(run) + lost, len(run), copies, [], None, row_word(run),
                     len(run.meta.get('excluded', ())) - lost)
 
 
-def claimed(result):
+def refused_if_few(result):
     """The diagnosis, or one that claims no effect where more than a third of the rows is left out.
 
     Parameters
@@ -192,7 +192,7 @@ def claimed(result):
     Diagnosis
         Its verdict is ``refused`` then, its model that of the base.
     """
-    told = rows_told(result)
+    told = diagnosis_row_counts(result)
     if not told.too_few:
         return result
     return replace(
@@ -303,7 +303,7 @@ def left_out_lines(excluded, several=False, word='row'):
     several : bool
         Whether there are several files: the line says which.
     word : str
-        As of `RowsTold`.
+        As of `RowCounts`.
 
     Returns
     -------

@@ -7,7 +7,7 @@ from documents import CAUSES, document
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
-from calibration.analysis.diagnosis.raw_errors import as_read_sentence
+from calibration.analysis.diagnosis.raw_errors import raw_error_sentence
 from calibration.analysis.term_notes import notes_of_terms, said_of_term, suspicious
 from calibration.report.diagnosis_words import told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
@@ -28,13 +28,13 @@ def test_what_the_errors_as_read_consist_of(kind, values, said):
             for name, v in zip(KINDS[kind].physical, values)]
     told = document(CAUSES, mount=kind, as_read_rms_arcsec=850.0, as_read_terms=sorted(
         rows, key=lambda row: -row['rms_arcsec']))
-    assert as_read_sentence({**told, 'effects': []}) == said
+    assert raw_error_sentence({**told, 'effects': []}) == said
     said += ' These values are of the terms fitted alone, without the effect.'
-    assert as_read_sentence(told) == said
-    assert as_read_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
+    assert raw_error_sentence(told) == said
+    assert raw_error_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
     assert told_verdict(told, [EffectTold('A')]).sentences[2].endswith(f'rows left out. {said}')
     if kind == 'german':  # the other pole
-        assert 'too high (ME) and 3″ east' in as_read_sentence({**told, 'south': True})
+        assert 'too high (ME) and 3″ east' in raw_error_sentence({**told, 'south': True})
 
 
 def test_what_is_read_beyond_the_zeros_and_what_effects_move():
@@ -43,7 +43,7 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
     rows = [{'name': name, 'value_arcsec': v, 'rms_arcsec': 0.8 * abs(v)}
             for name, v in values.items()]
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
-    text = as_read_sentence(told)
+    text = raw_error_sentence(told)
     assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
         '(collimation, the cone error; 1027″ RMS on the sky) and ME +594″ (the tilt of the polar ' \
         'axis; 475″ RMS on the sky). The polar axis' in text
@@ -52,15 +52,15 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
                    correlation=-0.97)
     rows[5].update(beside_effects_arcsec=620.0, resembles='declination_axis_flexure',
                    correlation=0.2)
-    assert as_read_sentence(told).endswith(
+    assert raw_error_sentence(told).endswith(
         'Beside it CH is +1046″ in place of +1284″, for it resembles declination axis flexure '
         '(correlation −0.97); ME is +620″ in place of +594″.')
     rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
-    assert 'Beyond the zeros' not in as_read_sentence(told)
+    assert 'Beyond the zeros' not in raw_error_sentence(told)
     # rows come by their size on the sky: what is larger there is said first
     rows[2]['rms_arcsec'] = 400.0
     told['as_read_terms'] = sorted(rows, key=lambda row: -row['rms_arcsec'])
-    text = as_read_sentence(told)
+    text = raw_error_sentence(told)
     assert 0 < text.index('ME +594″ (the tilt') < text.index('CH +1284″ (collimation')
 
 
@@ -88,7 +88,7 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
         'J2000': {'ME': 594.0, 'MA': -245.0}, 'of date': {'ME': 108.0, 'MA': -84.0}}}
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9400.0, as_read_terms=rows,
                     equinox=found)
-    said = as_read_sentence(told)
+    said = raw_error_sentence(told)
     assert (
         'The polar axis points 9.9′ too high (ME) and 4.1′ east of the pole (MA), if the catalogue '
         'of the file is J2000, which its rows do not tell; if it is of date, it points 1.8′ too '
@@ -96,8 +96,8 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
         'moved.') in said
     assert said in ' '.join(told_verdict(told, [EffectTold('A')]).sentences)
     for settled in (None, {**found, 'told': True}):
-        assert 'catalogue' not in as_read_sentence({**told, 'equinox': settled})
-    few = as_read_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
+        assert 'catalogue' not in raw_error_sentence({**told, 'equinox': settled})
+    few = raw_error_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
     assert 'do not tell. Say which' in few
 
 
