@@ -10,6 +10,7 @@ from pointing_model.zero_drift import Following
 
 from .analysis.refit import refitted
 from .estimation.comparison import FEWEST
+from .report.fit_wording import comparison_sentence
 
 UNJUDGED = (f'not judged before it was published: fewer than {FEWEST} rows to judge by, and too '
             'few to leave some out')
@@ -148,6 +149,6 @@ def _part(whole, out, stars, zeros):
 
 def _refusal(names, judged):
     names = list(dict.fromkeys(names))
-    return {'effects': names, 'why': f'{", ".join(names)}: {judged.sentence()}',
+    return {'effects': names, 'why': f'{", ".join(names)}: {comparison_sentence(judged)}',
             'judgement': judged.to_dict()}
 

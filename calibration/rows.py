@@ -14,6 +14,8 @@ from .distrust import distrusted
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
+#: the same of a fitted model
+BEYOND_COLLIMATION = 'nearer to the zenith than the collimation lets the mount look'
 #: rad: a sigma below was not measured, and its weight is no number
 LEAST_SIGMA = 1e-12 * ARCSEC
 #: of the median sigma of an axis, that of a row which claims to be far better; part of the rows

@@ -15,7 +15,7 @@ from pointing_model.zero_exposures import is_for_zero
 from .analysis.encoders.count_drift import followed
 from .analysis.encoders.cross_check import check_witnesses
 from .analysis.external_check import power_on_check, split_half, ways
-from .analysis.fit_document import told_entries, told_lines
+from .analysis.fit_result import named
 from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .analysis.held_out import held_out_steps
 from .analysis.sky_model import origin_of_night
@@ -26,6 +26,8 @@ from .estimation.comparison import FEWEST, judge
 from .night_rows import NightRows
 from .power_on_cache import Finished, Packed
 from .publication import Candidate, Published
+from .report.fit_wording import origin_sentence
+from .report.wording import wording
 from .rows import counts, for_fitting
 
 REPORT_FORMAT = 'telescope_mount/calibration_report'
@@ -214,20 +216,20 @@ class CalibrationSession(NightRows):
         self.terms_alone, section, misfits = Candidate(fitted.model, fitted.zeros), None, 0
         by_terms = fitted.weights
         if self._harmonics:
-            fitted, section = fit_chosen(rows, self._harmonics, self._recipe(rows), fitted,
-                                         self._split_seed)
+            fitted, section, findings = fit_chosen(rows, self._harmonics, self._recipe(rows),
+                                                   fitted, self._split_seed)
             self._degree = section['degree']
             misfits = int(np.count_nonzero(fitted.weights[by_terms > 0.0] == 0.0))
             if misfits:
                 notes.append(f'{misfits} rows are outliers to the harmonics, and not to the terms: '
                              'how wrong they are on fresh stars is not said')
-            notes += section.pop('notes')
+            notes += map(wording, findings)
         model, zeros = fitted.model, fitted.zeros
         published = self._published_kind()
-        lost = () if section else fitted.dropped
-        notes += [f'the stars do not determine {dropped["text"]}' for dropped in lost]
+        notes += map(wording, () if section else fitted.open_directions)
         notes += [f'row {row["row"]} left out: {row["reason"]}' for row in fitted.excluded]
-        notes += told_lines(rows, fitted)
+        rejected = fitted.rejected_stars(rows)
+        notes += map(wording, [*named(rejected), *fitted.freedom_findings])
         report = {
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
@@ -238,7 +240,9 @@ class CalibrationSession(NightRows):
             'terms': fitted.term_rows() if not section else rows_of_terms(model),
             'correlations': fitted.correlations[:CORRELATED, :CORRELATED].tolist(),
             'condition': fitted.condition,
-            'rejected': len(fitted.rejected), **told_entries(rows, fitted),
+            'rejected': len(fitted.rejected),
+            **({'outliers': [one.evidence for one in rejected]} if rejected else {}),
+            **({'degrees_of_freedom': fitted.degrees_of_freedom} if fitted.few else {}),
             'steps': held_out_steps(
                 rows, self._recipe, split_half(stars, self._split_seed),
                 self.reference, self._first_zeros(rows), ways(self.zeros.values()), notes,
@@ -255,7 +259,7 @@ class CalibrationSession(NightRows):
             report['harmonics'] = section
         if origin is not None:
             report['origin_of_errors'] = origin.document()
-            notes.append(origin.sentence())
+            notes.append(origin_sentence(origin))
         from .session_diagnosis import expected_of_fit, replaces, with_zero
         expected = expected_of_fit(
             rows, zeros, self._harmonics.base(self._degree)) if not misfits else None

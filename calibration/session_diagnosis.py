@@ -22,6 +22,8 @@ from .analysis.encoders.count_drift import follow_line
 from .analysis.refit import going_on, held_within, is_drift, left_out, refitted
 from .estimation.comparison import FEWEST, judge
 from .publication import UNJUDGED, Candidate, publishable
+from .report.fit_wording import comparison_sentence
+from .report.wording import wording
 from .rows import for_fitting, is_kept_out
 
 FORMAT = 'telescope_mount/diagnosis'
@@ -196,7 +198,8 @@ def replaces(old, new, rows, report):
     found = judge(judges.left(old), judges.left(new), axes=())
     report['judgement'] = found.to_dict()
     if not found.holds:
-        report['refused'] = f'this fit is not published: {found.sentence(rows.mount.names.axes)}'
+        report['refused'] = 'this fit is not published: ' + comparison_sentence(
+            found, rows.mount.names.axes)
         report['notes'].append(report['refused'])
         report['zeros_in_force'] = old.in_force
     return found.holds
@@ -233,8 +236,8 @@ def judge_again(rows, published, document, since, site=None):
         return now, {**document, 'judged': {'rows': len(judges), 'taken_back': False, 'why': why}}
     # by axis the change was judged before it was published; here it stands or falls
     found = judge(judges.left(before), judges.left(now), axes=())
-    why = ('taken back: ' if not found.holds else 'holds: ') + found.sentence(
-        rows.mount.names.axes)
+    why = ('taken back: ' if not found.holds else 'holds: ') + comparison_sentence(
+        found, rows.mount.names.axes)
     document = {**document, 'judged': {**found.to_dict(), 'taken_back': not found.holds,
                                        'why': why}}
     if found.holds:
@@ -440,5 +443,5 @@ def _document(result, published, kept, judged, refused):
         'published': published, 'judgement': judged and judged.to_dict(),
         'ranking': [{n: line[n] for n in names} for line in result.ranking[:_RANKED]],
         'graduation': result.observations.context.graduation,
-        'notes': list(dict.fromkeys(result.notes)),
+        'notes': list(dict.fromkeys(map(wording, result.notes))),
     }

@@ -26,10 +26,9 @@ from threadpoolctl import threadpool_limits
 
 from calibration.analysis.diagnosis import check_columns, naming_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
-from calibration.analysis.external_check import checked_by_halves
-from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document
-from calibration.analysis.sky_model import settled, settled_together
+from calibration.analysis.run_fit import fit_run
+from calibration.analysis.sky_model import settled_together
+from calibration.report.fit_document import fit_document
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
@@ -336,17 +335,8 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     ValueError
         Too few usable rows, unknown terms, or columns that are not what they are named.
     """
-    rows = _rows(run)
-    names = rows.mount.names.physical if terms is None else tuple(terms)
-    checked = check_columns(rows, encoder)
-    rows, origin = settled(rows, names, encoder=encoder, robust=robust)
-    result = fit_terms(rows, names, robust=robust, encoder=encoder,
-                       provenance={'source': str(rows.meta.get('source', ''))})
-    document = fit_document(rows, result, encoder,
-                            checked_by_halves(rows, result, names, encoder, robust), checked)
-    if origin is not None:
-        document['origin_of_errors'] = origin.document()
-    return Fit(Run(rows), result, document)
+    found = fit_run(_rows(run), terms, encoder=encoder, robust=robust)
+    return Fit(Run(found.run), found.terms, fit_document(found))
 
 
 @_one_thread

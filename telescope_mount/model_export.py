@@ -107,8 +107,10 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 def _said_of_open(model):
     """What no file of another program tells: which terms nobody knows."""
-    from calibration.analysis.term_notes import undetermined_notes
-    said = undetermined_notes(model.undetermined, model.terms)
+    from calibration.analysis.fit_result import undetermined_terms
+    from calibration.report.wording import wording
+    said = [wording(undetermined_terms(model.undetermined, model.terms))] \
+        if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
         said.append('all rows of the fit are on one side of the pier: on the other nobody has '
                     'seen this model')

@@ -95,7 +95,7 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
     return rms_arcsec(*left)
 
 
-def checked_by_halves(run, result, names, encoder='enc', robust=True):
+def checked_by_halves(run, result, names, **options):
     """`external_check` of a fit, on the rows that it used; None where they are too few for it.
 
     Parameters
@@ -105,13 +105,13 @@ def checked_by_halves(run, result, names, encoder='enc', robust=True):
         Of terms to `run`.
     names : sequence of str
         The terms.
-    encoder, robust
-        As of the fit.
+    **options
+        As of the fit, for `external_check`.
     """
     used = run.select(result.weights > 0.0)
     if len(used) < 4 * len(names):
         return None
-    return external_check(used, names=names, encoder=encoder, robust=robust)
+    return external_check(used, names=names, **options)
 
 
 def rms_of(model, run, zero):

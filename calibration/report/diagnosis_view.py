@@ -21,6 +21,7 @@ from .page_parts import value_and_error
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals
 from .title import about, axes_note
+from .wording import wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -251,7 +252,7 @@ def _sources(obs):
 
 
 def _notes(diagnosis):
-    notes = list(dict.fromkeys(diagnosis.notes))
+    notes = list(dict.fromkeys(map(wording, diagnosis.notes)))
     blocks = diagnosis.cv_contiguous
     if blocks:
         notes.append('Cross-validated with folds contiguous in time: '

@@ -4,13 +4,13 @@ from dataclasses import dataclass, field
 
 from calibration.analysis.diagnosis.raw_errors import raw_error_sentence
 from calibration.analysis.diagnosis.residual_correlation import MOSTLY, drift_words
-from calibration.analysis.diagnosis.row_counts import outlier_sentence
 from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
-from calibration.analysis.term_notes import said_of_term
+from calibration.report.row_wording import outlier_sentence
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
 from .cause_words import counted, first_check, open_causes
+from .fit_wording import implausible_term
 from .method_words import (
     FITTED,
     HELD,
@@ -125,7 +125,7 @@ def _told(document, effects, limit, caution):
     verdict = document['verdict']
     last = [led(scatter_sentence(document)), led(figures_sentence(document)),
             outlier_sentence(document)]
-    odd = [led(said_of_term(row)) for row in document.get('unphysical') or ()]
+    odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':

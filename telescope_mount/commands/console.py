@@ -213,7 +213,7 @@ def print_files(console, files, width=13):
 
 def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
-    from calibration.analysis.diagnosis.row_counts import expected_sentence
+    from calibration.report.row_wording import expected_sentence
     from calibration.report.tables import night_tables
     if 'steps' in report:
         for table in night_tables(report):

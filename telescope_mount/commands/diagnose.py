@@ -98,7 +98,8 @@ def _run(args):
     found.whole = not (base and base.held is not None)
     show(found, console)
     if base:
-        console.print(base.table(found.model))
+        from calibration.report.tables import base_table
+        console.print(base_table(base, found.model))
         print_lines(console, 'note', base.notes)
     _write(args, found, console, base)
     return 2 if found.verdict == 'refused' else 0
@@ -109,7 +110,8 @@ def _settled(runs, held, args, console):
     from calibration.analysis.sky_model import settled_together
     (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
     if origin is not None:
-        print_lines(console, 'sides of the pier', [origin.sentence()])
+        from calibration.report.fit_wording import origin_sentence
+        print_lines(console, 'sides of the pier', [origin_sentence(origin)])
     return runs, held
 
 
@@ -123,7 +125,7 @@ def _base_file(text, mount):
         except ValueError:
             if not Path(text).is_file():
                 raise
-    from ..base_model import BaseModel
+    from calibration.analysis.base_model import BaseModel
     return BaseModel.read(text, mount)
 
 
@@ -156,12 +158,7 @@ def _number_of_hours(text):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.analysis.diagnosis.row_counts import (
-        expected_sentence,
-        left_out_lines,
-        row_word,
-        used_sentence,
-    )
+    from calibration.analysis.diagnosis.row_counts import row_word
     from calibration.report.diagnosis_words import floor_words, verdict_sentences
     from calibration.report.effect_words import effects_told, title_of
     from calibration.report.method_words import (
@@ -170,7 +167,9 @@ def show(found, console):
         serves_sentence,
         signs_sentences,
     )
+    from calibration.report.row_wording import expected_sentence, left_out_lines, used_sentence
     from calibration.report.tables import new_table
+    from calibration.report.wording import wording
     from pointing_model.effects.base import driver_word
     document, names = found.to_dict(), found.observations.run.mount.names
     first, second = names.columns
@@ -225,7 +224,7 @@ def show(found, console):
     for line in left_out_lines(found.excluded, len(found.observations.runs) > 1,
                                row_word(found.observations.run)):
         console.print(line, markup=False)
-    print_lines(console, 'note', found.notes)
+    print_lines(console, 'note', map(wording, found.notes))
     print_lines(console, 'note', signs_sentences(
         found.columns_alike, names, found.observations.run.meta.get('format')))
     largest = document['effects'][0]['name'] if document['effects'] else None

@@ -32,6 +32,7 @@ def run(args):
     from calibration.report.tables import new_table
     from calibration.report.track_page import write_page
     from calibration.report.track_words import tracking_lines
+    from calibration.report.wording import wording
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
@@ -42,6 +43,7 @@ def run(args):
     with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
     summary, console = tracked.summary(), new_console()
+    summary['notes'] = list(map(wording, summary['notes']))
     missed = summary['missed_rms_arcsec']
     table = new_table(f'{len(tracked.rows)} stars before they were seen, radial, arcsec', '',
                       'RMS', 'middle')

@@ -18,8 +18,8 @@ def add(commands):
 
 def run(args):
     """Read, test, print, write."""
-    from calibration.analysis.zero.zero_season_file import judge_zeros
     from calibration.report.zero_season_report import season_lines, season_table
+    from telescope_mount.zero_file import judge_zeros
 
     from .console import new_console, print_lines, write_outputs
     options.check_target(args.json)

@@ -7,6 +7,7 @@ from calibration.estimation.folds import radial_arcsec
 from calibration.estimation.select import SET_WIDTH, choose, settled
 from pointing_model.effects.base import readable, the
 
+from ..finding import Finding
 from .alternatives import (
     alternatives,
     cause_counts,
@@ -126,7 +127,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
             f'{len(obs)} of {all_} rows were searched, spread evenly over each run. An effect must '
             f'be {(all_ / len(obs))**0.5:.1f} times as large to be found as with all of them. The '
             'model was fitted to all rows, the other figures are of those searched')
-    result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
+    result.notes += [*checked.findings,
+                     *(Finding('held out', evidence={'of': one}) for one in held.findings)]
     result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.term_notes import undetermined_lines
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.linear_model import Columns
 from calibration.estimation.robust import GROSS
@@ -480,5 +479,6 @@ def with_held_terms(result, fit):
         setattr(result, attribute, replace(
             model, terms=terms, covariance=covariance, undetermined=fit.model.undetermined,
             directions=fit.model.directions))
-    result.notes += undetermined_lines(fit)
+    result.notes += [found for found in fit.findings(result.observations.run)
+                     if found.kind == 'undetermined terms']
     return result

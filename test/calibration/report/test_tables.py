@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_counts import left_out_lines
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.run_fit import fit_run
+from calibration.report.row_wording import left_out_lines
 from calibration.report.tables import fit_tables, night_tables, terms_table
 from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG
@@ -95,8 +95,7 @@ def test_fit_tables_say_what_was_left_out_and_what_is_uncertain():
     narrow = rows.select(np.arange(60))
     narrow.columns['az'] = 1.0 + 0.05 * narrow['az']
     narrow.columns['az_enc'] = narrow['az'] + (rows['az_enc'] - rows['az'])
-    result = fit_terms(narrow)
-    text = text_of(fit_tables(narrow, result))
+    text = text_of(fit_tables(fit_run(narrow)))
     assert 'row 3 left out: a cloud' in text
     assert 'note: in two files' in text
     assert 'correlations above 0.9: ' in text

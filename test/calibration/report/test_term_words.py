@@ -6,11 +6,13 @@ import pytest
 from documents import CAUSES, document
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
+from calibration.analysis.diagnosis.implausible_terms import refraction_in_place, suspicious
 from calibration.analysis.diagnosis.raw_errors import raw_error_sentence
-from calibration.analysis.term_notes import notes_of_terms, said_of_term, suspicious
+from calibration.analysis.run_fit import implausible_values
 from calibration.report.diagnosis_words import told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
+from calibration.report.fit_wording import implausible_term
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.run import PointingRun
@@ -102,8 +104,9 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
 
 
 def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
-    text = said_of_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1, 'what': 'sign',
-                         'beside_effects_arcsec': -13.4, 'altaz': True})
+    text = implausible_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1,
+                             'what': 'sign', 'beside_effects_arcsec': -13.4,
+                             'altaz': True})
     assert text.startswith(
         'TF, the bending of the tube, is negative (−60.2 ± 3.1″ before the effects were added; '
         '−13.4″ beside them, which take up the same curve), and weight bends no tube upward.')
@@ -111,11 +114,11 @@ def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
 
 def test_a_tube_that_bends_up():
     row = {'name': 'TF', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3}
-    text, = notes_of_terms([row])
+    text, = map(wording, implausible_values([row]))
     assert text.startswith('TF, the bending of the tube, is negative (−78.1 ± 6.3″)')
     assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
-    assert not notes_of_terms([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
-                               {**row, 'value_arcsec': 78.1}])
+    assert not implausible_values([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
+                                   {**row, 'value_arcsec': 78.1}])
 
 
 @pytest.mark.parametrize('gain, said', [
@@ -125,12 +128,12 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
     row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
            'alone_arcsec': -58.0, 'altaz': True, 'refraction': fitted}
-    text = said_of_term(row)
+    text = implausible_term(row)
     assert said in text and '−41.0″ of cot E' in text and '−58.0″ before the effects' in text
     assert ('disc is off centre' in text) == (gain < 6.0)
-    assert 'disc' not in said_of_term({**row, 'altaz': False})
+    assert 'disc' not in implausible_term({**row, 'altaz': False})
     other = {'cause': 'disc oval', 'value_arcsec': 24.3, 'sigma_arcsec': 5.5}
-    text_of_both = said_of_term({**row, 'sound_with': [other]})
+    text_of_both = implausible_term({**row, 'sound_with': [other]})
     assert 'not with others that fit as well (+24.3 ± 5.5″ with disc oval)' in text_of_both
     # among the first things, also where nothing is missing
     told = document([], unphysical=[row])
@@ -146,7 +149,8 @@ def test_sizes_that_no_mount_has():
             [{'name': name, 'value_arcsec': value, 'sigma_arcsec': 1.0}])]
     assert named('TX', -58.0) == named('TX', 58.0) == named('NPAE', 4000.0) == ['size']
     assert not named('TX', 8.0) and not named('CA', 900.0) and not named('AW', 4000.0)
-    text, = notes_of_terms([{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}])
+    text, = map(wording, implausible_values(
+        [{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}]))
     assert 'put into the star places twice' in text
 
 
@@ -162,7 +166,7 @@ def test_refraction_that_was_put_in_twice_is_told_from_the_rows():
         return found, {row['name']: row for row in found.to_dict()['unphysical']}
     found, told = fitted(-58.0 * ARCSEC / np.tan(el))
     # found as an effect, it is as large as all of the refraction
-    assert list(told) == ['TX'] and 'twice' in said_of_term(told['TX'])
+    assert list(told) == ['TX'] and 'twice' in implausible_term(told['TX'])
     twice = refraction_in_place(found)
     assert twice['delta_bic'] > 100.0 and twice['value_arcsec'] == pytest.approx(-58.0, abs=2.0)
     assert twice['beside_arcsec'] == pytest.approx(0.0, abs=5.0)

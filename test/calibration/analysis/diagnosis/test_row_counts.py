@@ -10,12 +10,12 @@ from calibration.analysis.diagnosis.row_counts import (
     diagnosis_row_counts,
     fit_row_counts,
     reader_row_counts,
-    used_sentence,
 )
 from calibration.analysis.fit import fit_terms
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.row_wording import used_sentence
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.runs.run import PointingRun

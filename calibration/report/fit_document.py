@@ -1,34 +1,19 @@
 """The result of a fit to a measured run, as JSON."""
 
-from datetime import datetime, timezone
-
 import numpy as np
 
-from calibration.analysis.term_notes import (
-    few_lines,
-    notes_of_terms,
-    raised_lines,
-    undetermined_lines,
-)
-from msg_tools.units import ARCSEC
 from pointing_model.rms import rms_arcsec
 
-from .diagnosis.row_counts import RMS_KEYS, excluded_of_fit, far_text, fit_row_counts
+from ..analysis.diagnosis.row_counts import RMS_KEYS, excluded_of_fit, fit_row_counts
+from .wording import wording
 
-_NAMED = 5  # rejected rows that a report names in words, at most
 
-
-def fit_document(run, result, encoder='enc', held_out=None, checked=None):
+def fit_document(found):
     """What ``fit --json`` writes; keys that `Diagnosis.to_dict` has too mean the same.
 
     Parameters
     ----------
-    run : PointingRun
-    result : FitResult
-    encoder : {'enc', 'abs'}
-    held_out : Rms, optional
-        Of each half of the rows, by a fit to the other.
-    checked : diagnosis.input_check.ColumnCheck, optional
+    found : calibration.analysis.run_fit.RunFit
 
     Returns
     -------
@@ -38,32 +23,34 @@ def fit_document(run, result, encoder='enc', held_out=None, checked=None):
         null as well, and their value is what they have in the model); the ``degrees_of_freedom`` of
         the fit; ``before`` (as the encoders read) and ``after``; ``condition``, ``rank``,
         ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
-        stars do not determine, in words); rows, notes, and places for what else a fit may give:
+        stars do not determine, in words); rows, notes, and what else was asked for, or None:
         ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
         (`sky_model.Origin.document`).
     """
+    run, result, base = found.run, found.terms, found.base
     told, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
     matrix = result.correlations
     return {
         **run.mount.entries(), 'observations': told.used,
         'terms': result.term_rows(interval=True),
         'degrees_of_freedom': result.degrees_of_freedom,
-        'before': _entry(rms_arcsec(*used.offsets(encoder))),
-        'after': _entry(result.rms_arcsec(rejected=False), held_out),
+        'before': _entry(rms_arcsec(*used.offsets(found.encoder))),
+        'after': _entry(result.rms_arcsec(rejected=False), found.halves),
         'condition': float(result.condition) if np.isfinite(result.condition) else None,
         'rank': int(result.rank),
         'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
                          for i, a in enumerate(result.names)
                          for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
         'undetermined': [one['text'] for one in result.dropped], **told.to_dict(),
-        'columns_alike': checked.alike if checked else [], 'readings': [],
+        'columns_alike': found.columns.alike, 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],
-        'notes': [*run.meta.get('notes', ()),
-                  *(checked.warnings(run.mount.names) if checked else ()),
-                  *undetermined_lines(result), *raised_lines(result, run),
-                  *notes_of_terms(result.term_rows())],
-        'harmonics': None, 'predicted': None, 'base_model': None, 'origin_of_errors': None}
+        'notes': list(map(wording, found.findings)),
+        'harmonics': found.harmonics and {
+            **found.harmonics, 'notes': list(map(wording, found.harmonic_findings))},
+        'predicted': found.predicted and predicted_document(found.predicted),
+        'base_model': base and base.compared(found.plain),
+        'origin_of_errors': found.origin and found.origin.document()}
 
 
 def refused_fit(error):
@@ -84,46 +71,6 @@ def refused_fit(error):
         'columns_alike': [], 'readings': error.readings,
         'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
         'origin_of_errors': None}
-
-
-def told_entries(rows, result):
-    """What the report of a night has of a fit that rejected rows, or has few; else nothing.
-
-    Parameters
-    ----------
-    rows : PointingRun
-    result : FitResult
-
-    Returns
-    -------
-    dict
-        ``outliers``: ``star``, ``time``, ``x_arcsec``, ``y_arcsec`` of the rejected rows, the
-        farthest first; ``degrees_of_freedom``.
-    """
-    far = np.hypot(result.residual_x, result.residual_y)
-    away = result.rejected[np.argsort(-far[result.rejected], kind='stable')]
-    found = {}
-    if len(away):
-        found['outliers'] = [{
-            'star': int(rows['star'][i]),
-            'time': float(rows['time'][i]) if 'time' in rows else None,
-            'x_arcsec': float(result.residual_x[i]) / ARCSEC,
-            'y_arcsec': float(result.residual_y[i]) / ARCSEC} for i in away]
-    if result.few:
-        found['degrees_of_freedom'] = result.degrees_of_freedom
-    return found
-
-
-def told_lines(rows, result):
-    """The same in words, list of str."""
-    named = []
-    for one in told_entries(rows, result).get('outliers', ()):
-        when = one['time'] and datetime.fromtimestamp(one['time'], timezone.utc)
-        far = far_text(np.hypot(one['x_arcsec'], one['y_arcsec']))
-        named.append(f'star {one["star"]}{f" at {when:%H:%M:%S} UTC" if when else ""} is rejected: '
-                     f'{far} off')
-    more = [f'{len(named) - _NAMED} rows more are rejected'] * (len(named) > _NAMED)
-    return [*named[:_NAMED], *more, *few_lines(result)]
 
 
 def predicted_document(found):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.zero.zero_season_file import judge_zeros, read_zeros
 from msg_tools.units import ARCSEC
+from telescope_mount.zero_file import judge_zeros, read_zeros
 
 HEADER = 'time,zero_az_arcsec,zero_el_arcsec,temperature_c,supply_v\n'
 

@@ -75,7 +75,7 @@ class BaseModel:
         """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
         if self.model.mount.errors == run.mount.errors:
             return run
-        from calibration.analysis.sky_model import with_errors
+        from .sky_model import with_errors
         return with_errors(run, self.model.mount.errors)
 
     def taken_off(self, run, encoder='enc'):
@@ -149,18 +149,3 @@ class BaseModel:
                         'in_sigma': (model.terms[name] - there) / error if error > 0.0 else None}
             rows.append(row)
         return {'file': str(self.path), 'terms': rows, 'held': self._held()}
-
-    def table(self, model):
-        """`compared` for the console."""
-        from calibration.analysis.term_notes import UNDETERMINED
-        from calibration.report.tables import new_table
-        out = new_table(f'Terms of {self.path.name} and of this run, arcsec', 'term', 'there',
-                        'here', 'sigma', 'here - there', 'in sigma')
-        for row in self.compared(model)['terms']:
-            there, here, sigma, many = (row[k] for k in (
-                'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
-            out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
-                f'{here:+.2f}', UNDETERMINED if sigma is None else f'{sigma:.2f}',
-                f'{here - there:+.2f}',
-                '-' if many is None else f'{many:+.1f}']))
-        return out

@@ -18,12 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
+from calibration.report.row_wording import listed
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats.cells import Cells
 from pointing_model.runs.formats.table import content, floats, read_lines, seconds_or_iso
-
-from ..diagnosis.row_counts import listed
-from .zero_causes import AXES, Season, zero_causes
 
 _DRIVERS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}
