@@ -23,9 +23,8 @@ import numpy as np
 from zero_drift import AXES, START, Night, axes_on
 
 from calibration.analysis.encoders.count_drift import followed
-from calibration.publication import Candidate
-from calibration.session import CalibrationSession
-from calibration.session_diagnosis import Judges
+from calibration.calibration_state import CalibrationState
+from calibration.publication import BlindStars, ModelWithZeros
 from encoder_sim import keyed_noise
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.mount_geometry import MountGeometry
@@ -105,9 +104,9 @@ class WanderingNight(Night):
 
 
 def candidate_of(model):
-    """What a published model says that is in force."""
-    return Candidate(model, Zeros.from_list(model.provenance['zeros_in_force']),
-                     Following.of(model))
+    """The active one, as a published model says."""
+    return ModelWithZeros(model, Zeros.from_list(model.provenance['zeros_in_force']),
+                          Following.of(model))
 
 
 def one_night(rows):
@@ -120,7 +119,7 @@ def one_night(rows):
         ``refused``, ``taken_back``, ``follows``, ``alarms``, ``expected`` (of the last model:
         low, middle, high).
     """
-    session = CalibrationSession()
+    session = CalibrationState()
     count = 0
     models = []
 
@@ -138,8 +137,8 @@ def one_night(rows):
     take(STARS + POLARIS + 2 * CHECK)
     judged = session.judge(site=SITE)
     models.append(judged.model)
-    judges = Judges(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
-    before, after = (rms(*judges.left(candidate_of(m))) / ARCSEC for m in models)
+    blind = BlindStars(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
+    before, after = (rms(*blind.residuals(candidate_of(m))) / ARCSEC for m in models)
     told = models[-1].provenance['expected']
     return {'expected': (told['low_arcsec'], told['rms_arcsec'], told['high_arcsec']),
             'before': before, 'after': after, 'verdict': judged.document['verdict'],

@@ -11,7 +11,7 @@ def headline_of(report):
     Parameters
     ----------
     report : dict
-        Of `CalibrationSession.fit`.
+        Of `CalibrationState.fit`.
 
     Returns
     -------

@@ -32,7 +32,7 @@ def night_tables(report):
     Parameters
     ----------
     report : dict
-        From `calibration.session.CalibrationSession.fit`.
+        From `calibration.calibration_state.CalibrationState.fit`.
 
     Returns
     -------

@@ -20,7 +20,7 @@ def zeros_of(report, run=None, marks=()):
     Parameters
     ----------
     report : dict
-        Of `CalibrationSession.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
+        Of `CalibrationState.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
         (all rows together).
     run : PointingRun, optional
         All rows: the absolute encoder beside the incremental one, and the air.

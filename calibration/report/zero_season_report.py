@@ -19,7 +19,7 @@ def judge_season(power_ons, expected=None):
     Parameters
     ----------
     power_ons : list of dict
-        Of a report of `nights.NightSeries.fit`; the last is tonight's.
+        Of a report of `night_series.NightSeries.fit`; the last is tonight's.
     expected : dict, optional
         ``zero_expected`` of that report: of tonight, before Polaris was seen.
 

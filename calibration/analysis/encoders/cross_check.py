@@ -141,7 +141,7 @@ class WitnessReport:
     latest: Witness | None = None
 
 
-def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL, finished=None):
+def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL):
     """Compare the three witnesses of a night.
 
     Parameters
@@ -159,8 +159,6 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
         What the incremental encoders say of themselves, after they were to be homed; None where
         they say nothing although they should: the report has a note then.
     budget : Budget
-    finished : Finished, optional
-        Has what power-ons say that are over.
 
     Returns
     -------
@@ -179,13 +177,13 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
     if 'az_abs' not in rows:
         out.notes.append('no second encoder: nothing to compare with')
     else:
-        _compare(out, rows, reference, model, budget, finished)
+        _compare(out, rows, reference, model, budget)
     for texts in (out.alarms, out.notes):
         texts[:] = map(rows.mount.names.say, texts)
     return out
 
 
-def _compare(out, rows, reference, model, budget, finished):
+def _compare(out, rows, reference, model, budget):
     for name in ('run', 'star', 'time', 'el_abs'):
         if name not in rows:
             raise ValueError(f'witnesses: observations without column {name}')
@@ -197,7 +195,7 @@ def _compare(out, rows, reference, model, budget, finished):
                    if event.kind == 'wander' else _event_line(event) for event in out.events]
 
     memory = night.memory(sky, found.jumps)
-    witnesses = night.witnesses(memory, model, finished)
+    witnesses = night.witnesses(memory, model)
     if isinstance(reference, Witness | StarsSeen):
         witnesses.insert(0, replace(reference, run=-1.0))
     pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]

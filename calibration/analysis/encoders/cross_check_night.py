@@ -23,7 +23,6 @@ from ...estimation.step_scan import (
     robust_fit,
     two_sided,
 )
-from ...power_on_cache import Finished
 from ..fit import fit_terms
 from ..zero.polaris_zero import zero_from_polaris
 from .cross_check_noise import Colour, colour_of, inflation, strongest
@@ -269,12 +268,11 @@ class CrossCheckNight:
                         seen[axis, n] = colour_of(base, clipped(base, y), label).most
         return Memory(np.array(apart), seen)
 
-    def witnesses(self, memory, model=None, finished=None):
+    def witnesses(self, memory, model=None):
         """A `Witness` for each power-on with Polaris, a `StarsSeen` for one with stars.
 
-        `memory` as of `CrossCheckNight.memory`, `finished` as of `witnesses.check_witnesses`.
+        `memory` as of `CrossCheckNight.memory`.
         """
-        finished = Finished() if finished is None else finished
         out = []
         for run in np.unique(self.stretch):
             rows = self.stretch == run
@@ -285,11 +283,7 @@ class CrossCheckNight:
                 seen = stars_seen(float(run), part.select(is_marked(part)), model, memory.seen)
                 out += [seen] if seen is not None else []
                 continue
-            witness = finished.once(
-                ('witness', float(run)), (part, *(values[..., rows] for values in (
-                    self.apart, self.for_zero, self.rows['az'], self.rows['el'])),
-                    memory.apart, memory.seen), partial(self._witness, run, rows, part, memory))
-            out.append(witness)
+            out.append(self._witness(run, rows, part, memory))
         return out
 
     def _witness(self, run, rows, part, memory):

@@ -7,13 +7,12 @@ import numpy as np
 from pointing_model.model import PointingModel
 from pointing_model.zero_exposures import is_for_zero, is_marked
 
-from ...power_on_cache import Finished
 from ...rows import by_run, zero_exposures_by_run
 from ..fit import fit_terms
 from .stars_zero import is_alone, zero_from_exposures, zeros_of_power_ons
 
 
-def zeros_of_night(rows, reference, needed=None, finished=None):
+def zeros_of_night(rows, reference, needed=None):
     """The zero of each power-on that has enough exposures for one.
 
     Parameters
@@ -24,8 +23,6 @@ def zeros_of_night(rows, reference, needed=None, finished=None):
         Of an earlier night.
     needed : int, optional
         A power-on that must have enough, if it has any.
-    finished : Finished, optional
-        Has the zeros of power-ons that are over, where each is found alone.
 
     Returns
     -------
@@ -38,15 +35,11 @@ def zeros_of_night(rows, reference, needed=None, finished=None):
     ValueError
         `needed` has too few.
     """
-    told = reference and reference.to_json()
     reference = reference or PointingModel({}, mount=rows.mount)
-    finished = Finished() if finished is None else finished
     zeros, parts = {}, {}
     for number, part in zero_exposures_by_run(rows):
         with nullcontext() if number == needed else suppress(ValueError):
-            zeros[number] = finished.once(
-                ('zero', number), (part, told),
-                lambda: zeros_of_power_ons({number: part}, reference)[number])  # noqa: B023
+            zeros[number] = zeros_of_power_ons({number: part}, reference)[number]
             parts[number] = part
     if not is_alone(parts, reference):
         zeros = zeros_of_power_ons(parts, reference)

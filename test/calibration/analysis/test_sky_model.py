@@ -8,7 +8,7 @@ import pytest
 from sides import MOUNT, NAMES, a_run
 
 from calibration.analysis.sky_model import CHANCE, origin_of_errors
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import offsets_and_jacobian
 from pointing_model.model import PointingModel
@@ -104,7 +104,7 @@ def fitted(run):
     """A session that has the run as a night, its model and report."""
     rows = len(run)
     run.columns |= {'star': np.arange(rows), 'run': np.ones(rows), 'time': 1.8e9 + np.arange(rows)}
-    session = CalibrationSession()
+    session = CalibrationState()
     session.add(run, 1)
     return session, *session.fit()
 
@@ -119,7 +119,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     assert rms(*model.residuals(run)) < 2.0 * ARCSEC  # of rows that do not know whose errors are
     assert session.diagnose().model.mount.on_sky
     # a calibration that begins again takes it up with the model in force
-    again = CalibrationSession()
+    again = CalibrationState()
     again.take_up(model)
     again.add(run, 1)
     assert again.observations().mount.on_sky

@@ -3,7 +3,7 @@ import pytest
 
 from calibration.analysis.encoders.count_drift import find_walk, followed
 from calibration.analysis.encoders.cross_check import check_witnesses
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -175,7 +175,7 @@ def test_the_reason_is_named():
 
 
 def session(rows, blind=0):
-    out = CalibrationSession()
+    out = CalibrationState()
     for k in range(len(rows) - blind):
         out.add(rows.select([k]), k + 1)
     out.calibrate_zero()
@@ -195,14 +195,14 @@ def test_a_night_whose_counts_wander_points_as_a_quiet_one():
         'the counts of the elevation encoder wander against the absolute encoder: electromagnetic')
     assert Following.of(found.model).document() == follows.document()
     blind = follows.corrected(rows).select(np.arange(136, 226))
-    left = np.hypot(*found.model.residuals(blind, zero=found.zeros.newest)) / ARCSEC
+    left = np.hypot(*found.model.residuals(blind, zero=found.chosen.zeros.newest)) / ARCSEC
     # 1.41 of the stars, 0.7 of the way to them
     assert np.sqrt(np.mean(left**2)) < 1.8
     without = session(PointingRun({k: v for k, v in rows.columns.items()
                                    if not k.endswith('_abs')}), blind=90)
     plain_model, _ = without.fit()
     raw = np.hypot(*plain_model.residuals(
-        rows.select(np.arange(136, 226)), zero=without.zeros_in_force.newest)) / ARCSEC
+        rows.select(np.arange(136, 226)), zero=without.active_zeros.newest)) / ARCSEC
     assert np.sqrt(np.mean(raw**2)) > 2.5
     assert not Following.of(plain_model)
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from calibration.analysis.zero.stars_zero import zero_from_exposures, zeros_of_power_ons
-from calibration.nights import NightSeries
+from calibration.calibration_state import CalibrationState
+from calibration.night_series import NightSeries
 from calibration.rows import zero_exposures_by_run
-from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
@@ -181,7 +181,7 @@ def night(seed=8, second_by_polaris=False):
 
 
 def session(blocks):
-    out = CalibrationSession()
+    out = CalibrationState()
     for number, block in enumerate(blocks):
         out.add(block, (number + 1) * 10**9)
     return out

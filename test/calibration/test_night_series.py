@@ -5,8 +5,8 @@ import pytest
 
 from calibration.analysis.encoders.cross_check import Homing
 from calibration.analysis.harmonic_fit import HarmonicChoice
-from calibration.nights import NightSeries
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
+from calibration.night_series import NightSeries
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -69,7 +69,7 @@ def season():
     for run in sorted(DRIFTS):
         series.add(night(run, satellite=run == 3), run + 10)
         zeros[run] = series.calibrate_zero()[1]
-        assert (series.reference is None) == (run < 1)
+        assert (series.tonight.reference is None) == (run < 1)
         _, report = series.fit()
     return series, zeros, report
 
@@ -105,7 +105,7 @@ def test_after_the_calibration_the_means_are_within_their_errors(nights):
 
 def test_predicted_errors_are_those_that_come_out(monkeypatch):
     # what the witnesses say takes half of the time of a fit, and nothing here asks for it
-    monkeypatch.setattr(CalibrationSession, '_witnesses', lambda *args: {'alarms': []})
+    monkeypatch.setattr(CalibrationState, '_cross_check', lambda *args: {'alarms': []})
     chi = []
     for seed in range(16):
         series = NightSeries(2)
@@ -124,15 +124,15 @@ def test_zeros_of_all_nights_go_with_one_another(season, nights):
     series, zeros, _ = season
     for run in (1, 2, 3):
         # the change of the zero in the report is that of the zeros, and of what was put in
-        change = zeros[run].angles - series.zeros_in_force[run - 2].angles
+        change = zeros[run].angles - series._nights[run - 2].active_zeros[run - 2].angles
         row = nights[run - 1]['physical']
         assert change / ARCSEC == pytest.approx(
             [row['change_az_arcsec'], row['change_el_arcsec']], abs=1e-9)
         assert change / ARCSEC == pytest.approx(
             np.subtract(DRIFTS[run], DRIFTS[run - 2]), abs=2.5)
     # and of one night from the next, which has no part in its reference
-    apart = (series.zeros_in_force[3].angles - series.zeros_in_force[2].angles) / ARCSEC
-    assert apart == pytest.approx(np.subtract(DRIFTS[3], DRIFTS[2]), abs=4.0)
+    third, second = (series._nights[run].active_zeros[run].angles for run in (3, 2))
+    assert (third - second) / ARCSEC == pytest.approx(np.subtract(DRIFTS[3], DRIFTS[2]), abs=4.0)
 
 
 def test_a_satellite_is_judged_and_not_fitted(nights):
@@ -174,8 +174,8 @@ def test_a_calibration_started_anew_takes_the_table():
     series, late = NightSeries(2), NightSeries(2)
     rows = PointingRun.concatenate([night(-1), night(0)])
     series.add(rows, 5)
-    late.take_table(rows, 5)
-    assert len(series) == len(late) == len(rows)
+    late.add_table(rows, 5)
+    assert series.taken.kept == late.taken.kept == len(rows)
     assert series.calibrate_zero()[1].az == late.calibrate_zero()[1].az
 
 
@@ -193,9 +193,9 @@ def three():
 def test_a_calibration_started_anew_has_the_references_of_the_nights_before(three):
     nights, zero, report = three
     late = NightSeries(2)
-    late.take_table(PointingRun.concatenate(nights), 3)
+    late.add_table(PointingRun.concatenate(nights), 3)
     again = late.calibrate_zero()[1]
-    assert late.reference is not None
+    assert late.tonight.reference is not None
     assert (again.az, again.el) == (zero.az, zero.el)
     assert late.fit()[1]['nights'] == report['nights']
 
@@ -208,7 +208,7 @@ def test_a_table_that_overtakes_the_last_row_leaves_the_zero(three):
         series.add(rows.select(slice(0, -1)) if last else rows, 10 * number + 9)
         series.calibrate_zero()
         if last:
-            series.take_table(PointingRun.concatenate(nights), 30)
+            series.add_table(PointingRun.concatenate(nights), 30)
         _, overtaken = series.fit()
     assert [row['night'] for row in overtaken['nights']] == [1]
     assert overtaken['nights'] == report['nights']
@@ -225,7 +225,7 @@ def test_a_table_that_overtakes_the_last_row_changes_no_number(power_ons):
             if number == 3 and overtakes:
                 series.add(rows.select(slice(0, -1)), last - 1)
                 table = PointingRun.concatenate(nights[1:] if power_ons else nights)
-                assert series.take_table(table, last) == 1
+                assert series.add_table(table, last) == 1
             series.add(rows, last)
             zero = series.calibrate_zero()[1]
             _, report = series.fit()
@@ -244,14 +244,15 @@ def test_nights_long_ago_are_not_kept():
         # the reference of tonight is there: the same numbers
         assert (zero.az, zero.el) == (same.az, same.el)
         assert told['nights'] == report['nights'] and told['power_ons'] == report['power_ons']
-    assert len(series) == sum(map(len, nights[1:]))
-    assert series.taken == (len(series), 3, len(nights[0]), 4) and sorted(series.zeros) == [0, 1, 2]
+    assert series.taken.kept == sum(map(len, nights[1:]))
+    assert series.taken == (series.taken.kept, 3, len(nights[0]), 4)
+    assert sorted(series.zeros) == [0, 1, 2]
     assert [note for note in told['notes'] if note not in report['notes']] == [
         'the nights are of the last 3 power-ons alone (kept_power_ons): rows of earlier ones, if '
         'there are any, are in the log']
     late = NightSeries(2, power_ons=3)
-    late.take_table(PointingRun.concatenate(nights), 4)
-    assert len(late) == len(series) and late.newest == 2
+    late.add_table(PointingRun.concatenate(nights), 4)
+    assert late.taken.kept == series.taken.kept and late.tonight.rows.newest == 2
 
 
 @pytest.mark.parametrize('power_ons', [1, 2])
@@ -309,9 +310,9 @@ def test_a_missing_night_is_said(nights):
 def test_the_zeros_of_the_season_are_in_the_report():
     series = NightSeries(2)
     for run in DRIFTS:
-        series.hear([Homing(0, axis, True, 'below', supply=5.0 + 0.01 * run, temperature=2.0 * run,
-                            started=1.38e9 + DAY * run - 100.0)
-                     for axis in ('azimuth', 'elevation')])
+        series.season.hear([
+            Homing(0, axis, True, 'below', supply=5.0 + 0.01 * run, temperature=2.0 * run,
+                   started=1.38e9 + DAY * run - 100.0) for axis in ('azimuth', 'elevation')])
         series.add(night(run), run + 10)
         report = series.fit()[1]
     rows = report['power_ons']
@@ -338,7 +339,7 @@ def test_the_reference_of_a_night_is_what_was_published_with_harmonics():
             one.add(night(run), run + 10)
             one.calibrate_zero()
             _, reports[one is series] = one.fit()
-    assert series.reference.harmonics.degree == 2 and series.reference.terms == {}
+    assert series.tonight.reference.harmonics.degree == 2 and series.tonight.reference.terms == {}
     with_it, without = (reports[harmonics]['nights'] for harmonics in (True, False))
     assert [row['night'] for row in with_it] == [row['night'] for row in without]
     # the terms are judged beside it, as where they are published

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from calibration.analysis.harmonic_fit import HarmonicChoice
-from calibration.nights import NightSeries
+from calibration.calibration_state import CalibrationState
+from calibration.night_diagnosis import FORMAT
+from calibration.night_series import NightSeries
 from calibration.report.diagnosis_words import verdict_sentences
 from calibration.rows import for_fitting, is_kept_out
-from calibration.session import CalibrationSession
-from calibration.session_diagnosis import FORMAT
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -41,7 +41,7 @@ def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=
 
 
 def session(*blocks, fit=True, **options):
-    out = CalibrationSession(**options)
+    out = CalibrationState(**options)
     for number, rows in enumerate(blocks):
         out.add(rows, (number + 1) * 10**9)
     if fit:
@@ -77,7 +77,7 @@ def test_the_effect_is_added_and_stars_that_nothing_has_seen_gain(eccentric):
     assert before > 3.0 and after < 1.4  # the noise is 0.99
     assert found.document['kept_out'] == 25
     assert found.model.provenance['last_stamp_ns'] == night.last_stamp
-    assert night.zeros_in_force == found.zeros
+    assert night.active_zeros == found.chosen.zeros
 
 
 def test_rows_kept_out_change_nothing_but_the_judgement(eccentric):
@@ -87,7 +87,7 @@ def test_rows_kept_out_change_nothing_but_the_judgement(eccentric):
     fit_b, b = night.model, night.diagnose(site=SITE)
     assert fit_a.terms == fit_b.terms
     assert a.model.to_json() == b.model.to_json()
-    assert a.zeros == b.zeros
+    assert a.chosen.zeros == b.chosen.zeros
     texts = [json.loads(json.dumps(found.document)) for found in (a, b)]
     for text in texts:
         for key in ('before', 'after'):
@@ -101,12 +101,12 @@ def test_rows_kept_out_change_nothing_but_the_judgement(eccentric):
 
 def test_nothing_significant_leaves_the_model_as_it_was():
     night = session(block(70, 1), block(8, 2, polaris=True))
-    fitted, zeros = night.model, dict(night.zeros_in_force)
+    fitted, zeros = night.model, dict(night.active_zeros)
     found = night.diagnose(site=SITE)
     assert found.document['verdict'] == 'none' and found.document['effects'] == []
     assert found.model.terms == fitted.terms and found.model.effects == ()
     np.testing.assert_array_equal(found.model.covariance, fitted.covariance)
-    assert found.zeros == zeros
+    assert found.chosen.zeros == zeros
     assert found.document['format'] == FORMAT
     assert found.document['alpha'] == 0.01
     assert found.document['site_deg'] == pytest.approx([34.3, 109.0])
@@ -121,20 +121,20 @@ def test_model_and_zero_of_each_power_on_belong_together(fit):
         block(45, 4, run=2, zero=DRIFT, eccentric=8.0), fit=fit)
     found = night.diagnose()
     assert 'azimuth_encoder_1' in found.document['applied']
-    change = found.zeros[2].angles - found.zeros[1].angles
+    change = found.chosen.zeros[2].angles - found.chosen.zeros[1].angles
     np.testing.assert_allclose(change / ARCSEC, DRIFT / ARCSEC, atol=1.0)
     for number, zero in ((1, np.zeros(2)), (2, DRIFT)):
         fresh = block(200, 7, run=number, zero=zero, eccentric=8.0)
-        x, y = found.model.residuals(fresh, zero=found.zeros[number])
+        x, y = found.model.residuals(fresh, zero=found.chosen.zeros[number])
         assert np.sqrt(np.mean(x**2 + y**2)) / ARCSEC < 1.4  # the noise is 0.99
     told = {row['run']: row['az_arcsec'] * ARCSEC
             for row in found.model.provenance['zeros_in_force']}
-    assert told == pytest.approx({n: z.az for n, z in found.zeros.items()})
+    assert told == pytest.approx({n: z.az for n, z in found.chosen.zeros.items()})
 
 
 def test_a_diagnosis_without_stars_is_refused_with_a_reason():
     with pytest.raises(ValueError, match='no observation has come yet'):
-        CalibrationSession().diagnose()
+        CalibrationState().diagnose()
     with pytest.raises(ValueError, match='no star to diagnose has come yet'):
         session(block(8, 2, polaris=True), fit=False).diagnose()
     with pytest.raises(ValueError, match='observe more or fit fewer'):
@@ -150,14 +150,14 @@ def test_the_newest_of_many_nights_is_diagnosed():
             series.add(rows, 10 * run + seed)
         series.calibrate_zero()
         series.fit()
-    assert series.diagnose().document['applied'] == ['azimuth_encoder_1']
+    assert series.tonight.diagnose().document['applied'] == ['azimuth_encoder_1']
 
 
 def test_a_reading_is_what_the_encoder_reads():
-    from calibration.session_diagnosis import _at_zero
+    from calibration.rows import without_zeros
     rows = block(5, 1)
     rows.columns['miss_x'] = np.full(5, 9.0) * ARCSEC
-    out = _at_zero(rows, Zeros([RunZero(7 * ARCSEC, 0.0, run=1)]), SITE)
+    out = without_zeros(rows, Zeros([RunZero(7 * ARCSEC, 0.0, run=1)]), SITE)
     np.testing.assert_allclose(
         wrap(out['az_raw'] - rows['az_enc']) * np.cos(rows['el']) / ARCSEC, -9.0, atol=1e-6)
     np.testing.assert_allclose((out['az_enc'] - rows['az_enc']) / ARCSEC, -7.0, atol=1e-6)
@@ -225,7 +225,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     stars, kept = after(block(80, 1), block(25, 3, check=1.0))
     start, length = stars['time'][0], np.ptp(stars['time'])
     night = session(block(8, 2, polaris=True), climbing(stars, start, 8.0, length), kept)
-    fitted, zeros = night.model, dict(night.zeros_in_force)
+    fitted, zeros = night.model, dict(night.active_zeros)
     found = night.diagnose(site=SITE)
     document = found.document
     assert document['verdict'] == 'withheld' and not document['published']
@@ -236,7 +236,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert 'in elevation' in entry['why'] and '25 rows' in entry['why']
     assert entry['judgement']['radial']['chance'] < 0.05
     assert any(note.startswith('not published: elev') for note in document['notes'])
-    assert found.model.terms == fitted.terms and found.zeros == zeros
+    assert found.model.terms == fitted.terms and found.chosen.zeros == zeros
     assert found.model.effects == ()
     assert document['after'] == document['before']
     assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'withheld'
@@ -284,7 +284,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     # it goes on climbing while the first judges look, and is back when the next do
     held = climbing(first, start, 9.0, length)
     night = session(block(8, 2, polaris=True), climbing(stars, start, 9.0, length), held)
-    fitted, zeros = night.model, dict(night.zeros_in_force)
+    fitted, zeros = night.model, dict(night.active_zeros)
     published = night.diagnose(site=SITE)
     assert published.document['published']
     assert 'elevation_zero_with_time' in published.document['applied']
@@ -300,7 +300,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     assert taken.document['verdict'] == 'taken_back' and taken.document['applied'] == []
     assert taken.diagnosis.verdict == 'taken_back' and judged['why'] == taken.diagnosis.caution
     assert taken.model.terms == fitted.terms and taken.model.effects == ()
-    assert dict(night.zeros_in_force) == zeros and night.report['verdict'] == 'taken_back'
+    assert dict(night.active_zeros) == zeros and night.report['verdict'] == 'taken_back'
     assert taken.model.provenance['last_stamp_ns'] == 9 * 10**9
     assert taken.model.provenance['judged'] == 'taken back'
     # once more: the one before is in force
@@ -343,13 +343,13 @@ def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
                                     block(20, 5, check=1.0))
     night = session(block(8, 2, polaris=True), stars, kept, fit=False)
     in_force = night.fit()[0].to_json()
-    good, zeros = night.model, dict(night.zeros_in_force)
+    good, zeros = night.model, dict(night.active_zeros)
     # somebody bumps the encoder while 30 more are observed, and it comes back
     bumped = PointingRun({**more.columns, 'el_enc': more['el_enc'] + 9.0 * ARCSEC})
     night.add(bumped, 8 * 10**9)
     night.add(last, 9 * 10**9)
     model, report = night.fit()
-    assert model.terms == good.terms and dict(night.zeros_in_force) == zeros
+    assert model.terms == good.terms and dict(night.active_zeros) == zeros
     assert model.provenance['last_stamp_ns'] == 9 * 10**9
     assert report['refused'].startswith('this fit is not published: 40 rows')
     assert report['refused'] in report['notes']
@@ -360,7 +360,7 @@ def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
     again.take_up(PointingModel.from_json(in_force))
     taken, told = again.fit()
     assert told['refused'] == report['refused'] and taken.terms == model.terms
-    assert dict(again.zeros_in_force) == zeros
+    assert dict(again.active_zeros) == zeros
     # with good rows it does
     night = session(block(8, 2, polaris=True), stars, kept)
     night.add(more, 8 * 10**9)
@@ -369,7 +369,7 @@ def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
 
 
 def test_the_noise_of_measured_rates_is_no_latency():
-    from calibration.session_diagnosis import _at_zero
+    from calibration.rows import without_zeros
     from pointing_model.context import Context
     rows = block(50, 1)
     alone = Context(rows['az'], rows['el'], None, SITE['latitude'])
@@ -378,8 +378,9 @@ def test_the_noise_of_measured_rates_is_no_latency():
         measured = PointingRun({**rows.columns, **{
             name: factor * alone.get(name) + 0.3 * ARCSEC * rng.normal(size=50)
             for name in ('az_rate', 'el_rate')}})
-        assert ('az_rate' in _at_zero(measured, Zeros(), SITE)) == there
-        assert 'az_rate' in _at_zero(measured, Zeros(), None)  # without a site nothing is known
+        assert ('az_rate' in without_zeros(measured, Zeros(), SITE)) == there
+        # without a site nothing is known
+        assert 'az_rate' in without_zeros(measured, Zeros())
 
 
 @pytest.mark.parametrize('reading', ['zenith', 'printed'])
