@@ -90,7 +90,7 @@ def _legend(steps):
 
 
 def _panel(judged, i):
-    season, seen = judged.season, judged.hindsight
+    season, seen = judged.season, judged.path
     name = season.names[i]
     time = np.array([night.time for night in season.nights])
     values = np.array([night.values[i] for night in season.nights]) / ARCSEC
