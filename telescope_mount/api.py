@@ -12,7 +12,7 @@
 These are the commands of the same names, without their printing: the same file gives the same
 numbers. What they return carries its unit in its name: ``_deg``, ``_arcsec``, ``_c``, ``_hpa``,
 ``_m``; offsets are encoder - catalogue, on the sky. Behind each stands the object of the package
-that computed it, in radians (`Run.rows`, `Fit.result`, `Diagnosis.result`).
+that computed it, in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
 
 These names are kept: what is here now stays, with its meaning and its unit, within a major version.
 """
@@ -37,7 +37,7 @@ from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 from .commands.options import place_of
 from .runs import load_run
 
-__all__ = ['Diagnosis', 'Fit', 'Run', 'apply', 'diagnose', 'fit', 'read_run']
+__all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 
 
 def _one_thread(work):
@@ -178,7 +178,7 @@ class Fit:
                 f'{self.rms_before_arcsec:.2f}" -> {self.rms_arcsec:.2f}"')
 
 
-class Diagnosis:
+class RunDiagnosis:
     """What `diagnose` found.
 
     Attributes
@@ -364,7 +364,7 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
 
     Returns
     -------
-    Diagnosis
+    RunDiagnosis
 
     Raises
     ------
@@ -379,7 +379,7 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
         runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *of_held]}
     check_columns([*runs, *held], encoder)
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
-    return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
+    return RunDiagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
                                seed=seed, progress=progress, jobs=jobs))
 
 
@@ -389,7 +389,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
 
     Parameters
     ----------
-    model : Fit, Diagnosis, PointingModel, str or Path
+    model : Fit, RunDiagnosis, PointingModel, str or Path
         A path: a model file of ours, or of another program.
     az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
         As of `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
@@ -406,7 +406,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
     OSError
         The file cannot be read.
     """
-    if isinstance(model, Fit | Diagnosis):
+    if isinstance(model, Fit | RunDiagnosis):
         model = model.model
     return _apply.apply(model, az_deg, el_deg, reverse=reverse, zero=zero,
                         latitude_deg=latitude_deg, longitude_deg=longitude_deg, **drivers)
