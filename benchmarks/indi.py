@@ -25,9 +25,9 @@ from pointing_model.mounts import Mount
 from pointing_model.rms import rms
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
 from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
-from telescope_mount.bridges.indi.telescope import IndiTelescope, Ticks
 
 
 def survey(seed, pointings, checks, period_ms=100):

@@ -14,7 +14,7 @@ from telescope_mount.observing.plan import parse_plan
 from .graph import measured_graph, night_graph
 from .loop_judgement import judgement, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
-from .simulator import kind_of_mount, scenario_names, undeclared
+from .simulation import kind_of_mount, scenario_names, undeclared
 from .whole_night import NightFailed, observe, prepare_folder
 
 FORMAT = 'telescope_mount/loop'

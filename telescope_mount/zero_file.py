@@ -22,7 +22,7 @@ from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
 from calibration.report.row_wording import listed
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats.cells import Cells
-from pointing_model.runs.formats.table import content, floats, read_lines, seconds_or_iso
+from pointing_model.runs.formats.run_table import content, floats, read_lines, seconds_or_iso
 
 _DRIVERS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}

@@ -23,7 +23,7 @@ from telescope_mount.loop_judgement import judgement, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.runs import load_run
-from telescope_mount.simulator import scenario_names, undeclared
+from telescope_mount.simulation import scenario_names, undeclared
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 LOOPS = [name for name in scenario_names() if name.startswith('loop_')]

@@ -11,7 +11,7 @@ from pathlib import Path
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, told
 
-from . import table
+from . import coefficient_table
 from .indi import INDI
 from .katpoint import KATPOINT
 from .onstepx import ONSTEPX
@@ -79,8 +79,8 @@ def read_model(path, mount=ALTAZ):
     if not data.strip():
         raise ValueError(f'{path} is empty')
     text = data.decode('utf-8-sig', errors='replace').replace('\r\n', '\n')
-    if table.looks_like(text):
-        return ImportedModel(table.read(path, text, mount), table.NAME)
+    if coefficient_table.looks_like(text):
+        return ImportedModel(coefficient_table.read(path, text, mount), coefficient_table.NAME)
     for program in PROGRAMS.values():
         if program.looks_like(text):
             program = of_mount(program, mount)

@@ -10,8 +10,8 @@ from pointing_model.effects.product import RESULTS, written
 from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.terms import stacked_design
 
-from .columns import OF_TERM, TERM_OF, of_model, on_sky
 from .program import Program, Sheet, model_of, rotations
+from .term_columns import OF_TERM, TERM_OF, of_model, on_sky
 
 #: a loss below is none, arcsec
 HELD = 1e-3

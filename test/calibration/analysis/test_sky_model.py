@@ -15,7 +15,7 @@ from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.rms import rms
-from pointing_model.runs.model_files import PROGRAMS, export, table
+from pointing_model.runs.model_files import PROGRAMS, coefficient_table, export
 from pointing_model.runs.run import PointingRun
 
 
@@ -129,9 +129,9 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     assert loaded.mount == model.mount
     other = replace(model, mount=MOUNT)
     assert identity(other.to_json()) != identity(model.to_json())
-    text = table.write(model, 'a model')
-    np.testing.assert_array_equal(table.read('a.csv', text, MOUNT).sky_to_encoder(1.0, 2.0),
-                                  loaded.sky_to_encoder(1.0, 2.0))
+    text = coefficient_table.write(model, 'a model')
+    again = coefficient_table.read('a.csv', text, MOUNT)
+    np.testing.assert_array_equal(again.sky_to_encoder(1.0, 2.0), loaded.sky_to_encoder(1.0, 2.0))
     for name in ('tpoint', 'spk', 'onstepx', 'rts2'):
         export(other, PROGRAMS[name])
         with pytest.raises(ValueError, match='act on the sky, the same on both sides'):

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..indi.dead_man import ALPACA, DeadMan
 from ..indi.goto_mount import RETRY, GotoMount
+from ..indi.indi_telescope import Tick
 from ..indi.pointing import axes_at
-from ..indi.telescope import Tick
-from .telescope import AlpacaError, AlpacaTelescope
+from .alpaca_telescope import AlpacaError, AlpacaTelescope
 
 
 class AlpacaDriver(GotoMount):

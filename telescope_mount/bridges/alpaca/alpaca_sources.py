@@ -1,7 +1,7 @@
 """Where `alpaca_sky` gets the sky that is seen from: a simulator."""
 
-from ..indi.sources import Source
-from .telescope import AlpacaTelescope
+from ..indi.indi_sources import Source
+from .alpaca_telescope import AlpacaTelescope
 
 
 class AlpacaStars(Source):
@@ -10,7 +10,7 @@ class AlpacaStars(Source):
     Parameters
     ----------
     host, port, number
-        As of `telescope.AlpacaTelescope`.
+        As of `alpaca_telescope.AlpacaTelescope`.
     field : telescope_mount.bridges.indi.seen.StarField
     rate : float
         Exposures a second.

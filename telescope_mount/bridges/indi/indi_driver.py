@@ -6,7 +6,7 @@ import time
 from .client import IndiClient, IndiError
 from .dead_man import DeadMan
 from .goto_mount import RETRY, GotoMount
-from .telescope import IndiTelescope, Ticks, check_kind, find_device
+from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 
 #: s in which a driver that was just connected, or told its site, tells its axes anew; one whose
 #: mount stands may tell nothing
@@ -22,7 +22,7 @@ class MountDriver(GotoMount):
     mount, site, tolerance, retry
         As of `GotoMount`.
     device, axes : str
-        As of `telescope.find_device` and `telescope.IndiTelescope`.
+        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
     set_site : bool
         Whether the driver is told the site.
     period_ms : int

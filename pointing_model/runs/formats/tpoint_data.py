@@ -8,7 +8,7 @@ from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
 from .equatorial import PLACES, read_exported, read_short
-from .table import NoObservations, Table, content, floats, is_number, same_width, usual_width
+from .run_table import NoObservations, Table, content, floats, is_number, same_width, usual_width
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...

@@ -9,10 +9,10 @@ import numpy as np
 
 from pointing_model.mounts import is_beyond
 
-from .camera import IndiCamera
 from .client import IndiClient, IndiError
 from .goto_mount import BridgeError
-from .telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
+from .indi_camera import IndiCamera
+from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
 
 #: s between two tries to find what is looked through
 RETRY = 3.0
@@ -119,7 +119,7 @@ class TrueSky(IndiSource):
     host, port, field
         As of `IndiSource`.
     device, axes : str
-        As of `telescope.find_device` and `telescope.IndiTelescope`.
+        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
     rate : float
         Exposures a second at most.
     """

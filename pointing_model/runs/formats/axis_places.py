@@ -11,8 +11,8 @@ from pointing_model.runs.run import column_name
 from . import equinox
 from .checks import PAIRS
 from .declared import standard_pressure
-from .pier import through_the_pole
-from .solves import are_images, refuse_hours
+from .pier_side import through_the_pole
+from .solve_columns import are_images, refuse_hours
 
 _NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
 _MOST = 0.9  # of the rows are near their places, where some are beyond the zenith
@@ -157,13 +157,13 @@ def to_axes(path, table, mount):
     """Catalogue places and readings as angles of the mount's axes, each row on its side.
 
     A reading beyond the pole says on which side the mount was; else the column ``pier_side`` does
-    (`pier.through_the_pole`), and readings are then places of the sky. Without either nothing is
-    through the pole.
+    (`pier_side.through_the_pole`), and readings are then places of the sky. Without either nothing
+    is through the pole.
 
     Raises
     ------
     ValueError
-        As of `pier.through_the_pole`.
+        As of `pier_side.through_the_pole`.
     """
     columns, meta = table.columns, table.meta
     beyond = np.zeros(len(table.lines), bool)

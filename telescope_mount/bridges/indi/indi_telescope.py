@@ -13,8 +13,8 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from .client import PATIENCE, IndiError
+from .indi_server import SIMULATOR, TWO_AXES
 from .pointing import HOUR
-from .server import SIMULATOR, TWO_AXES
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
 #: of an alt-azimuth mount, where it reports that it looks, degrees
