@@ -321,10 +321,11 @@ class Calibration(MountNode):
         document = found.document
         from .report.diagnosis_words import verdict_sentences
         from .report.effect_words import effects_told
+        from .report.wording import paragraph
         headline, _ = verdict_sentences(document, effects_told(found.diagnosis))
         done = f'{self._publish_finding(found)}; {headline}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
-            done = self._refused = found.diagnosis.caution
+            done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
             done += f'; {self._refused}'
         done += self._write_page(found)

@@ -26,6 +26,7 @@ from .publication import (
     carried_on,
     publishable,
 )
+from .report.diagnosis_document import diagnosis_document
 from .report.fit_wording import comparison_sentence
 from .report.wording import wording
 from .rows import stars_without_zeros, without_zeros
@@ -198,7 +199,7 @@ def judge_again(found, active, replaced, blind, stamp):
         if not compared.holds:
             chosen = replaced
             document |= _without_effects(document, active, replaced, compared, why)
-            found.diagnosis.verdict, found.diagnosis.caution = TAKEN_BACK, why
+            found.diagnosis.verdict, found.diagnosis.cautions = TAKEN_BACK, [why]
     model = chosen.published(
         verdict=document['verdict'],
         judged='holds' if chosen is active else 'taken back', last_stamp_ns=stamp)
@@ -276,9 +277,9 @@ def _document(result, published, kept, judged, refused):
     for entry in refused:
         result.notes.append('not published: ' + entry['why'])
     if refused:
-        result.caution = ' '.join(filter(None, [result.caution, _WITHHELD_WORDS.format(
-            ', '.join(name for entry in refused for name in entry['effects']))]))
-    document = result.to_dict()
+        result.cautions = [*result.cautions, _WITHHELD_WORDS.format(
+            ', '.join(name for entry in refused for name in entry['effects']))]
+    document = diagnosis_document(result)
     for entry, found in zip(document['effects'], result.effects):
         entry['aliases'] = list(found.aliases)
     away = {name for entry in refused for name in entry['effects']}

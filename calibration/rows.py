@@ -12,11 +12,15 @@ from pointing_model.zero import NO_ZERO
 from pointing_model.zero_exposures import MARK, is_for_zero, is_marked
 
 from .distrust import distrusted
+from .estimation.robust import BISQUARE
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
 #: the same of a fitted model
 BEYOND_COLLIMATION = 'nearer to the zenith than the collimation lets the mount look'
+#: of one that the robust fit of a diagnosis gives no weight
+OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
+           'whole lines of the encoder')
 #: rad: a sigma below was not measured, and its weight is no number
 LEAST_SIGMA = 1e-12 * ARCSEC
 #: of the median sigma of an axis, that of a row which claims to be far better; part of the rows

@@ -28,6 +28,7 @@ from calibration.analysis.diagnosis import check_columns, naming_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
+from calibration.report.diagnosis_document import diagnosis_document
 from calibration.report.fit_document import fit_document
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import model_application as _apply
@@ -193,7 +194,7 @@ class RunDiagnosis:
     @cached_property
     def document(self):
         """What ``telescope-mount diagnose --json`` writes, dict."""
-        return self.result.to_dict()
+        return diagnosis_document(self.result)
 
     @property
     def verdict(self):
@@ -205,8 +206,9 @@ class RunDiagnosis:
         """The verdict for people: a headline, and what follows from it; list of str."""
         from calibration.report.diagnosis_words import verdict_sentences
         from calibration.report.effect_words import effects_told
+        from calibration.report.wording import paragraph
         headline, more = verdict_sentences(self.document, effects_told(self.result),
-                                           caution=self.result.caution)
+                                           caution=paragraph(self.result.cautions))
         return [headline, *more]
 
     @property

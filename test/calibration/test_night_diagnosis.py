@@ -8,6 +8,7 @@ from calibration.calibration_state import CalibrationState
 from calibration.night_diagnosis import FORMAT
 from calibration.night_series import NightSeries
 from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.wording import paragraph
 from calibration.rows import for_fitting, is_kept_out
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
@@ -239,9 +240,10 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert found.model.terms == fitted.terms and found.chosen.zeros == zeros
     assert found.model.effects == ()
     assert document['after'] == document['before']
-    assert 'Not published' in found.diagnosis.caution and found.diagnosis.verdict == 'withheld'
+    assert found.diagnosis.verdict == 'withheld'
+    assert 'Not published' in paragraph(found.diagnosis.cautions)
     headline, sentences = verdict_sentences(found.diagnosis.to_dict(),
-                                            caution=found.diagnosis.caution)
+                                            caution=paragraph(found.diagnosis.cautions))
     assert 'stays in force' in headline and any('Not published' in text for text in sentences)
     json.dumps(document, allow_nan=False)
     # and there is nothing to take back
@@ -298,7 +300,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     assert judged['why'].startswith('taken back: 25 rows')
     assert judged['radial']['after_arcsec'] > 1.5 * judged['radial']['before_arcsec']
     assert taken.document['verdict'] == 'taken_back' and taken.document['applied'] == []
-    assert taken.diagnosis.verdict == 'taken_back' and judged['why'] == taken.diagnosis.caution
+    assert taken.diagnosis.verdict == 'taken_back' and [judged['why']] == taken.diagnosis.cautions
     assert taken.model.terms == fitted.terms and taken.model.effects == ()
     assert dict(night.active_zeros) == zeros and night.report['verdict'] == 'taken_back'
     assert taken.model.provenance['last_stamp_ns'] == 9 * 10**9

@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 from pointing_model.runs.copies import SAME
 
+from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT
 
 #: reasons of rows that whoever wrote the file took back
@@ -64,10 +65,8 @@ class RowCounts:
 
     @property
     def refusal(self):
-        """Why no effect is claimed then."""
-        return (f'{self.used} of {self.read} rows could be used. With more than a third left out '
-                'no effect is claimed: what the others show may come from what is wrong with '
-                'those. Look at the rows left out, and at the columns.')
+        """Why no effect is claimed then, a Finding."""
+        return Finding('too few rows', self.used, unit='rows', evidence={'read': self.read})
 
     @property
     def detection_factor(self):
@@ -194,31 +193,5 @@ def refused_if_few(result):
     return replace(
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None,
+        cv_contiguous={}, cautions=[told.refusal], wander=None, detectable=None,
         expected=None, no_star=[])
-
-
-def refused_document(error):
-    """The JSON result where the columns are not what they are named.
-
-    Parameters
-    ----------
-    error : MistakenColumns
-
-    Returns
-    -------
-    dict
-        The keys of `Diagnosis.to_dict`; what does not apply is None.
-    """
-    nothing = dict.fromkeys(RMS_KEYS)
-    return {
-        'observations': error.rows_used, 'runs': None, 'base_terms': None, 'verdict': 'refused',
-        'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
-        'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
-        'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
-        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
-        'equinox': None, 'unequal_scatter': None,
-        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
-        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
-        'rows_taken_back': 0, 'rows_not_drawn': 0, 'detection_factor': 1.0}

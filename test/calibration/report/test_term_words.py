@@ -7,11 +7,11 @@ from documents import CAUSES, document
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.implausible_terms import refraction_in_place, suspicious
-from calibration.analysis.diagnosis.raw_errors import raw_error_sentence
 from calibration.analysis.run_fit import implausible_values
 from calibration.report.diagnosis_words import told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
 from calibration.report.fit_wording import implausible_term
+from calibration.report.raw_error_wording import raw_error_sentence
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS

@@ -16,6 +16,7 @@ from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.diagnosis_words import verdict_sentences
 from calibration.report.row_wording import used_sentence
+from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.runs.run import PointingRun
@@ -70,7 +71,7 @@ def test_above_a_third_left_out_no_effect_is_claimed():
     result = diagnose(run, **FAST)
     assert result.verdict == 'refused' and result.effects == []
     assert result.model == result.base_model and result.before == result.after
-    headline, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    headline, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert 'Nothing is concluded' in headline
     assert sentences[0].startswith('59 of 90 rows could be used')
     assert 'no effect is claimed' in sentences[0]
