@@ -2,7 +2,7 @@
 
     python benchmarks/wandering_counts.py                # a few seeds
     python benchmarks/wandering_counts.py --full         # 20 seeds of each kind, 120 nights
-    python benchmarks/wandering_counts.py --clean 300    # false alarms of the witnesses as well
+    python benchmarks/wandering_counts.py --clean 300    # false alarms of the cross-check as well
     python benchmarks/wandering_counts.py --alone        # no absolute encoder: the judges alone
 
 Scenario `default`, with `miscounts` (wrong counts in a million passed) of 10, 30 and 100 on either
@@ -22,7 +22,7 @@ from collections import defaultdict
 import numpy as np
 from zero_drift import AXES, START, Night, axes_on
 
-from calibration.analysis.encoders.count_drift import followed
+from calibration.analysis.encoders.count_drift import zero_following
 from calibration.calibration_state import CalibrationState
 from calibration.publication import BlindStars, ModelWithZeros
 from encoder_sim import keyed_noise
@@ -169,9 +169,9 @@ def main():
             if args.alone:
                 rows = PointingRun({k: v for k, v in rows.columns.items() if k[2:] != '_abs'})
             if clean and seed >= args.first + len(seeds):
-                # the witnesses alone: false alarms want many nights
+                # the cross-check alone: false alarms want many nights
                 fit = rows.select(rows['check'] == 0.0)
-                nights['witnesses alone'].append(list(followed(fit).axes))
+                nights['cross-check alone'].append(list(zero_following(fit).axes))
                 continue
             night = one_night(rows)
             nights[kind].append(night)
@@ -213,7 +213,7 @@ def print_tables(kinds, nights, seconds):
     width = np.median([(n['expected'][2] - n['expected'][0]) / n['after'] for n in found])
     print(f'{"expected error, 90 %: holds the blind stars":46}{np.mean(held):14.1%}  83 ... 97 %  '
           f'({len(found)} nights, width {width:.2f} of the figure)')
-    alone = nights['witnesses alone'] + [n['follows'] for n in nights['', 0.0]]
+    alone = nights['cross-check alone'] + [n['follows'] for n in nights['', 0.0]]
     if alone:
         print(f'{"clean nights in which a zero follows":46}'
               f'{f"{sum(map(bool, alone))} of {len(alone)}":>14}')

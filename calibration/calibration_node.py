@@ -27,7 +27,7 @@ from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 from pointing_model.zero_message import zero_to_joints
 
-from .analysis.encoders.cross_check import UNJUDGED, homings_of
+from .analysis.encoders.cross_check import UNJUDGED, axis_homings
 from .analysis.external_check import ways
 from .analysis.held_out import steps_of
 from .calibration_params import PARAMS, site_of
@@ -156,7 +156,7 @@ class Calibration(MountNode):
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
         if self.value('reference_age'):
-            self._state.season.hear(homings_of(self._marks, 0))
+            self._state.season.update_marks(axis_homings(self._marks, 0))
 
     def _unjudged(self):
         """Whether an incremental encoder is there that tells nothing of its marks."""
@@ -167,8 +167,8 @@ class Calibration(MountNode):
         if self._unjudged():
             return None
         # an encoder that has lost its zero since says so itself
-        return [homing for homing in homings_of(self._marks or {}, self._state.tonight.rows.newest)
-                if homing.homed]
+        run = self._state.tonight.rows.newest
+        return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
@@ -381,7 +381,7 @@ class Calibration(MountNode):
         return {self.resolve_topic_name(topics.OBSERVATION.name)}
 
     def problems(self):
-        """What the three witnesses of the last night disagree on, or cannot say."""
+        """Where the encoders and the sky of the last night disagree, or cannot be compared."""
         tracking = self._state.tonight.tracking
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
                  *([UNJUDGED] if self._unjudged() else []),

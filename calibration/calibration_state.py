@@ -12,16 +12,20 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 from pointing_model.zero_exposures import is_for_zero
 
-from .analysis.encoders.count_drift import followed
-from .analysis.encoders.cross_check import check_witnesses
+from .analysis.encoders.count_drift import zero_following
+from .analysis.encoders.cross_check import cross_check
 from .analysis.external_check import power_on_check, split_half, ways
 from .analysis.fit_result import named
 from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
 from .analysis.held_out import held_out_steps
 from .analysis.sky_model import origin_of_night, with_errors
 from .analysis.tracking import BATCH, TRACK
-from .analysis.zero.stars_zero import zero_from_exposures
-from .analysis.zero.zero_changes import zero_change, zero_changes, zeros_of_night
+from .analysis.zero.power_on_zeros import (
+    night_zeros,
+    zero_change,
+    zero_changes,
+    zero_from_exposures,
+)
 from .distrust import contradiction, notes_of, reasons
 from .publication import BlindStars, ModelWithZeros
 from .report.fit_wording import comparison_sentence, origin_sentence
@@ -83,8 +87,8 @@ class CalibrationState:
         The terms alone, as the last fit found them.
     report : dict or None
         Of the last fit, the encoders checked again with the model that came after it.
-    witness : cross_check_records.Witness or None
-        How Polaris and the encoders stand to each other tonight, from `fit` on.
+    encoder_zeros : EncoderZeros, StarOffsets or None
+        Zeros of the encoders tonight by the sky, from `fit` on.
     tracking : LiveTracking or None
         In mode track.
     requests : StarRequests
@@ -99,7 +103,7 @@ class CalibrationState:
         self.zeros, self.terms, self._degree = Zeros(), None, None
         self.fitted = self.active = self.replaced = self.model = None
         self.since = 0
-        self.report = self.witness = None
+        self.report = self.encoder_zeros = None
         self._homings, self._diagnosis = (), None
         self.tracking, self.requests = None, StarRequests()
         if mode == TRACK:
@@ -157,7 +161,7 @@ class CalibrationState:
         self._check_mount(run)
         count = self._after(lambda: self.rows.add_table(run, stamp))
         if count > 1:  # of a night under way, and no row that a table has overtaken
-            self.zeros.update(zeros_of_night(self.observations(), self.reference)[0])
+            self.zeros.update(night_zeros(self.observations(), self.reference)[0])
             if self.tracking:
                 self.tracking.again(self)
         return count
@@ -218,7 +222,7 @@ class CalibrationState:
 
     def _measure_zeros(self):
         newest = self.rows.newest
-        zeros, exposures = zeros_of_night(self.observations(), self.reference, newest)
+        zeros, exposures = night_zeros(self.observations(), self.reference, newest)
         self.zeros.update(zeros)
         if newest not in exposures:
             self.zeros.pop(newest, None)  # of exposures that are not trusted any more
@@ -294,7 +298,7 @@ class CalibrationState:
 
         Parameters
         ----------
-        homings : iterable of cross_check_records.Homing
+        homings : iterable of cross_check.Homing
             What the incremental encoders say of themselves.
 
         Returns
@@ -316,7 +320,7 @@ class CalibrationState:
         origin = origin_of_night(for_fitting(self.observations()))
         self._errors = (origin and origin.holds) or self._errors
         observed = for_fitting(self.observations())
-        follows = followed(observed)
+        follows = zero_following(observed)
         rows = follows.corrected(observed)
         notes = notes_of(self.observations())
         if kept := kept_words(self.rows.power_on_numbers, self.rows.power_ons):
@@ -453,8 +457,8 @@ class CalibrationState:
         return compared.holds
 
     def _cross_check(self, rows, model, homings):
-        found = check_witnesses(rows, self._yesterday, model=model, homings=homings)
-        self.witness = found.latest
+        found = cross_check(rows, self._yesterday, model=model, homings=homings)
+        self.encoder_zeros = found.latest
         return {'alarms': found.alarms, 'notes': found.notes}
 
     # --- diagnosis --------------------------------------------------------------------------------
@@ -523,7 +527,7 @@ class CalibrationState:
         ModelWithZeros
             Without a model where nothing was fitted.
         """
-        follows, old = followed(rows.select(rows['star'] >= 0)), self.fitted
+        follows, old = zero_following(rows.select(rows['star'] >= 0)), self.fitted
         if old is None:
             return ModelWithZeros(None, self._first_zeros(rows), follows)
         if not set(follows.axes) > set(old.follows.axes):

@@ -135,4 +135,4 @@ def contradiction(rows, report=None):
     if held_out <= CONTRADICTED * noise:
         return ''
     return (f'not published: it leaves {held_out:.0f} arcsec on stars held out, where the noise is '
-            f'{noise:.1f}, and the witnesses say why: {alarms[0]}')
+            f'{noise:.1f}, and the cross-check of the encoders says why: {alarms[0]}')

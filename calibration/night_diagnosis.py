@@ -16,7 +16,7 @@ from pointing_model.zero_exposures import is_for_zero
 
 from .analysis.diagnosis import Diagnosis, diagnose
 from .analysis.diagnosis.expected_error import expected_error_of_terms
-from .analysis.encoders.count_drift import follow_line
+from .analysis.encoders.cross_check import count_drift_line
 from .estimation.comparison import FEWEST
 from .publication import (
     UNJUDGED,
@@ -149,7 +149,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
         document['after']['holdout_rms_arcsec'] = result.after['holdout_rms_arcsec']
     if follows:
         document[FOLLOWS] = follows.document()
-        document['notes'] = [*map(follow_line, document[FOLLOWS]), *document['notes']]
+        document['notes'] = [*map(count_drift_line, document[FOLLOWS]), *document['notes']]
     say = rows.mount.names.say
     document['notes'] = list(map(say, document['notes']))
     for entry in document['refused']:

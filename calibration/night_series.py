@@ -21,7 +21,7 @@ from .analysis.fit import fit_harmonics
 from .analysis.harmonic_fit import choice_of
 from .analysis.satellite_check import tracking_errors
 from .analysis.tracking import BATCH, TRACK
-from .analysis.zero.stars_zero import zero_from_exposures
+from .analysis.zero.power_on_zeros import zero_from_exposures
 from .analysis.zero.zero_causes import zero_causes
 from .analysis.zero.zero_season import SeasonLog, season_rows
 from .calibration_state import NO_HARMONICS, CalibrationState
@@ -110,7 +110,7 @@ class NightSeries:
         yesterday = self._nights.get(number - 1) if number is not None else None
         return CalibrationState(
             self._reference(number), self._split_seed, self._harmonics,
-            yesterday=yesterday and yesterday.witness)
+            yesterday=yesterday and yesterday.encoder_zeros)
 
     @property
     def taken(self):
@@ -213,7 +213,7 @@ class NightSeries:
 
         Parameters
         ----------
-        homings : iterable of cross_check_records.Homing
+        homings : iterable of cross_check.Homing
             What the incremental encoders say of themselves.
 
         Returns
@@ -258,7 +258,7 @@ class NightSeries:
         exposures = dict(zero_exposures_by_run(rows))
         if number in exposures:
             with suppress(ValueError):  # too few of them
-                self.season.measured(number, exposures[number], model)
+                self.season.add_zero(number, exposures[number], model)
         season = self.season.season()
         return {'power_ons': season_rows(season),
                 'zero_causes': zero_causes(season, leave_out=False),
@@ -270,10 +270,10 @@ class NightSeries:
         Returns
         -------
         dict or None
-            See `season.SeasonLog.expected`; ValueError before the first row of tonight.
+            See `zero_season.SeasonLog.expected`; ValueError before the first row of tonight.
         """
         number = self.tonight.rows.newest
-        self.season.begin(number, self.tonight.observations())
+        self.season.add_power_on(number, self.tonight.observations())
         self._expected[number] = self.season.expected(number)
         return self._expected[number]
 

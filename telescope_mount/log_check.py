@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.encoders.cross_check import (
+    axis_homings,
+    diagnostic_homings,
     encoder_diagnostics,
-    homings_from_diagnostics,
-    homings_of,
 )
 from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.analysis.tracking.tracked_night import KEY
@@ -92,7 +92,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     state = _state(log, parameters, reference, seed, rows)
     if isinstance(state, NightSeries):
         for _, homings in rows.homings:
-            state.season.hear(homings(0))
+            state.season.update_marks(homings(0))
     _calibrate(rows, state, parameters, check, *([progress] if progress else []))
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')
@@ -213,9 +213,9 @@ def _read(log, prefix, check):
             if found:
                 clocks[str(found['exposures'])] = found
         elif name == 'incremental/homing':
-            rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
+            rows.homings.append((message.log_time, partial(axis_homings, cloud_to_homing(data))))
         else:
-            rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
+            rows.diagnosed += [(message.log_time, partial(diagnostic_homings, values))
                                for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
     for found in clocks.values():
@@ -393,7 +393,7 @@ class _Replay:
         self.compare_request()
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
-        # the report of the fit comes with it, its witnesses judged by the new model
+        # the report of the fit comes with it, the encoders cross-checked by the new model
         report = state.report
         logged = (self._report(report['last_stamp_ns'])
                   if 'published' in document and report is not None else None)

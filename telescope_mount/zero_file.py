@@ -24,7 +24,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.runs.formats.cells import Cells
 from pointing_model.runs.formats.run_table import content, floats, read_lines, seconds_or_iso
 
-_DRIVERS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
+_COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}
 _SIDES = {'below': 1.0, 'above': -1.0}
 _SHORT = ('_az', '_el')
@@ -46,7 +46,7 @@ def read_zeros(path):
     season : Season
         In order of time.
     tonight : dict of str to ndarray, shape (2,), or None
-        The drivers of a last row that has no zero.
+        The covariates of a last row that has no zero.
     notes : list of str
         Rows that are left out, columns that are not used.
 
@@ -74,8 +74,8 @@ def read_zeros(path):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
     notes = _unknown_columns(path, cells.header)
     zeros, sigmas = _pair(path, cells, 'zero{}_arcsec'), _pair(path, cells, 'sigma{}_arcsec')
-    drivers = {name: _pair(path, cells, pattern, _SIDES if name == 'side' else {})
-               for name, pattern in _DRIVERS.items()}
+    covariates = {name: _pair(path, cells, pattern, _SIDES if name == 'side' else {})
+               for name, pattern in _COLUMNS.items()}
     time, run = _time(path, cells), _column(path, cells, 'run')
     for k, axis in enumerate(_SHORT):
         cells.leave_out(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
@@ -84,20 +84,20 @@ def read_zeros(path):
     notes += _left_out(path, cells.lines, cells.reasons)
     if not kept.any():
         raise ValueError('; '.join([f'{path}: no row can be used', *notes]))
-    if not any(np.isfinite(values[kept]).any() for values in drivers.values()):
+    if not any(np.isfinite(values[kept]).any() for values in covariates.values()):
         raise ValueError('; '.join([
             f'{path} tells nothing that the zeros could follow: give temperature_c '
             '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
     season = Season(
         np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),
-        time, zeros * ARCSEC, sigmas * ARCSEC, drivers).select(kept)
+        time, zeros * ARCSEC, sigmas * ARCSEC, covariates).select(kept)
     lines = cells.lines[kept]
     if np.isfinite(season.time).all():
         order = np.argsort(season.time, kind='stable')
         season, lines = season.select(order), lines[order]
     tonight = None
     if np.isnan(season.zeros[-1]).all():
-        tonight = {name: values[-1] for name, values in season.drivers.items()}
+        tonight = {name: values[-1] for name, values in season.covariates.items()}
         season, lines = season.select(slice(0, -1)), lines[:-1]
     there = np.isfinite(season.zeros).sum(axis=1)
     reasons = np.zeros(len(there), dtype=object)
@@ -145,9 +145,9 @@ def _time(path, cells):
 
 
 def _unknown_columns(path, names):
-    """Notes of columns that mean nothing here: a driver that is misspelt would be missed."""
+    """Notes of columns that mean nothing here: a covariate that is misspelt would be missed."""
     known = ['time', 'run', *(pattern.format(axis) for pattern in (
-        'zero{}_arcsec', 'sigma{}_arcsec', *_DRIVERS.values()) for axis in ('', *_SHORT))]
+        'zero{}_arcsec', 'sigma{}_arcsec', *_COLUMNS.values()) for axis in ('', *_SHORT))]
     notes, others = [], []
     for name in (name for name in names if name not in known):
         near = difflib.get_close_matches(name.lower(), known, 1, 0.75)
@@ -161,7 +161,7 @@ def _unknown_columns(path, names):
     return notes
 
 
-def judge_zeros(path):
+def zero_file_causes(path):
     """What the zeros in a file follow, and tonight's.
 
     Parameters
@@ -177,7 +177,7 @@ def judge_zeros(path):
     Raises
     ------
     ValueError
-        As of `read_zeros`; too few power-ons; no driver varied.
+        As of `read_zeros`; too few power-ons; no covariate varied.
     OSError
     """
     season, tonight, notes = read_zeros(path)

@@ -221,10 +221,10 @@ def print_calibration(console, report):
         if report.get('expected'):
             console.print(expected_sentence(report))
         zeros = report['changes'] or report['zeros']
-        witnesses = report['witnesses']
+        cross_check = report['witnesses']
         print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
-                                      *witnesses['notes']])
-        print_lines(console, 'alarm', witnesses['alarms'])
+                                      *cross_check['notes']])
+        print_lines(console, 'alarm', cross_check['alarms'])
     else:
         print_lines(console, 'note', report['notes'])
     if 'tracking' in report:

@@ -104,7 +104,7 @@ def test_after_the_calibration_the_means_are_within_their_errors(nights):
 
 
 def test_predicted_errors_are_those_that_come_out(monkeypatch):
-    # what the witnesses say takes half of the time of a fit, and nothing here asks for it
+    # the cross-check of the encoders takes half of the time of a fit, and nothing here asks for it
     monkeypatch.setattr(CalibrationState, '_cross_check', lambda *args: {'alarms': []})
     chi = []
     for seed in range(16):
@@ -310,7 +310,7 @@ def test_a_missing_night_is_said(nights):
 def test_the_zeros_of_the_season_are_in_the_report():
     series = NightSeries(2)
     for run in DRIFTS:
-        series.season.hear([
+        series.season.update_marks([
             Homing(0, axis, True, 'below', supply=5.0 + 0.01 * run, temperature=2.0 * run,
                    started=1.38e9 + DAY * run - 100.0) for axis in ('azimuth', 'elevation')])
         series.add(night(run), run + 10)

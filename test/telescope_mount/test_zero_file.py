@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from telescope_mount.zero_file import judge_zeros, read_zeros
+from telescope_mount.zero_file import read_zeros, zero_file_causes
 
 HEADER = 'time,zero_az_arcsec,zero_el_arcsec,temperature_c,supply_v\n'
 
@@ -23,7 +23,7 @@ def test_zeros_that_follow_the_temperature(tmp_path, ended):
     assert (code, err) == (0, '')
     assert 'the zero follows the temperature' in out and 'tonight, foretold' in out
     assert 'not tried: supply voltage: constant' in out and (tmp_path / 'out.json').is_file()
-    judged = judge_zeros(file)
+    judged = zero_file_causes(file)
     for axis in ('azimuth', 'elevation'):
         cause, = judged['causes']['axes'][axis]['causes']
         assert cause['driver'] == 'temperature'
@@ -33,7 +33,7 @@ def test_zeros_that_follow_the_temperature(tmp_path, ended):
 
 
 def test_zeros_that_follow_nothing(tmp_path):
-    judged = judge_zeros(written(tmp_path / 'zeros.csv', slope=0.0))
+    judged = zero_file_causes(written(tmp_path / 'zeros.csv', slope=0.0))
     assert judged['causes']['verdict'] == 'nothing' and judged['tonight'] is None
 
 
@@ -46,9 +46,9 @@ def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
                      'a power-on counts with both']
     assert season.run.tolist() == [7, 8] and tonight is None
     np.testing.assert_allclose(season.zeros / ARCSEC, [[1, 10], [2, 20]])
-    np.testing.assert_allclose(season.drivers['temperature'], [[3, 4], [5, 6]])
-    np.testing.assert_allclose(season.drivers['side'], [[1, 1], [-1, -1]])
-    assert np.isnan(season.drivers['supply']).all()
+    np.testing.assert_allclose(season.covariates['temperature'], [[3, 4], [5, 6]])
+    np.testing.assert_allclose(season.covariates['side'], [[1, 1], [-1, -1]])
+    assert np.isnan(season.covariates['supply']).all()
 
 
 @pytest.mark.parametrize('text, words', [
@@ -125,8 +125,8 @@ def test_a_bad_row_of_zeros_is_left_out_by_name(tmp_path, spoil, reason):
     assert notes == [f'{file}, line 6 left out: {reason}']
     kept = np.arange(12) != 4
     np.testing.assert_array_equal(season.zeros, whole.zeros[kept])
-    np.testing.assert_array_equal(season.drivers['temperature'],
-                                  whole.drivers['temperature'][kept])
+    np.testing.assert_array_equal(season.covariates['temperature'],
+                                  whole.covariates['temperature'][kept])
 
 
 def test_zeros_with_decimal_commas_are_the_same(tmp_path):

@@ -119,7 +119,7 @@ def test_what_became_of_each_row_is_told(night):
     assert list(late.words).count('came after the fit') == 1
 
 
-def test_each_witness_says_its_zero(night):
+def test_zeros_by_the_sky_and_by_the_encoders(night):
     first, second = zeros_of(night.report, night.run)
     for axis, moved in (('az', 20.0), ('el', -12.0)):
         assert second[axis]['measured'] - first[axis]['measured'] == pytest.approx(moved, abs=2.0)
