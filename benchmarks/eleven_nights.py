@@ -13,7 +13,7 @@ import json
 import numpy as np
 from zero_drift import Night
 
-from calibration.nights import NightSeries
+from calibration.night_series import NightSeries
 from encoder_sim.scenario_file import load_scenario
 from telescope_mount.papers.table_1 import PAPER_TABLE_1, compare_with_paper, statistics
 

@@ -6,7 +6,7 @@ For `absolute_encoder.py`.
 import numpy as np
 
 from encoder_reading.disc import Disc
-from encoder_reading.readings import CORRECTED, REJECTED
+from encoder_reading.frame_readings import CORRECTED, REJECTED
 from encoder_sim.ccd import LinearCCD
 from msg_tools.units import ARCSEC, wrap
 

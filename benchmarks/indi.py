@@ -19,14 +19,15 @@ import numpy as np
 
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
+from calibration.report.fit_wording import origin_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
 from pointing_model.rms import rms
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
 from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
-from telescope_mount.bridges.indi.telescope import IndiTelescope, Ticks
 
 
 def survey(seed, pointings, checks, period_ms=100):
@@ -85,7 +86,7 @@ def main(args=None):
         blinds.append(blind)
         print(f'seed {seed}: ' + ' '.join(f'{name} {terms[name] / ARCSEC:+.1f} ({off[name]:+.2f})'
                                           for name in MODEL))
-        print(f'    {origin.sentence()}')
+        print(f'    {origin_sentence(origin)}')
         print(f'    blind {blind:.2f} arcsec at {len(checks)} places; '
               f'{time.monotonic() - began:.0f} s', flush=True)
     print(f'\n{given.seeds} models, {rows} pointings on both sides')

@@ -1,4 +1,4 @@
-"""Who moved in a jump, how often the witnesses say so, and how often they cry of nothing.
+"""Who moved in a jump, how often the cross-check names it, and how often it alarms of nothing.
 
     python benchmarks/zero_drift.py --causes 100
     python benchmarks/zero_drift.py --quiet 100
@@ -9,11 +9,11 @@ for the absolute one, but for the jump: of the incremental encoder, of the absol
 power-on, as `zero_drifts_arcsec` of the encoders makes it, or in the night, 20 rows or more from
 its ends, when nobody knows.
 
-One sigma is that of the witness. At a power-on: the noise of absolute encoder - sky from night to
-night, and the 0.5" of what is usual. In the night: of a step at that moment, fitted to the night
-by who knows the moment and the noise. `night to night` is the noise from night to night for a step
-in the night as well: 152 rows know the difference of the encoders better than the 76 of one night,
-so that these jumps are of 3.5 to 4 sigma only.
+One sigma is that of a zero by the sky. At a power-on: the noise of absolute encoder - sky from
+night to night, and the 0.5" of what is usual. In the night: of a step at that moment, fitted to the
+night by who knows the moment and the noise. `night to night` is the noise from night to night for a
+step in the night as well: 152 rows know the difference of the encoders better than the 76 of one
+night, so that these jumps are of 3.5 to 4 sigma only.
 
 Two peers stand beside each figure, both of one who knows the noise. `moment known`: he decides as
 the calibration does, but is told the moment; no detector that calls as few jumps of one encoder
@@ -28,10 +28,15 @@ import numpy as np
 from scipy.special import ndtri
 from zero_drift import ABSOLUTE_NOISE, AXES, Night, changed, load_scenario
 
-from calibration.analysis.encoders.cross_check import check_witnesses
-from calibration.analysis.encoders.cross_check_night import CrossCheckNight as Rows
-from calibration.analysis.encoders.cross_check_records import USUAL
-from calibration.analysis.encoders.jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
+from calibration.analysis.encoders.cross_check import cross_check
+from calibration.analysis.encoders.cross_check_rows import (
+    ABSOLUTE,
+    ALIKE,
+    BOTH,
+    INCREMENTAL,
+    USUAL,
+    CrossCheckNight,
+)
 from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC
 
@@ -76,14 +81,14 @@ def pair(seed, axis, jump):
     return Night(before, seed, 0).observe(), Night(after, seed, 1).observe()
 
 
-def jumps(cause, witness, apart, sigmas, rng):
-    """(incremental, absolute, mount) of a jump by `cause`, so many sigma of its witness, rad."""
-    size = rng.choice([-1.0, 1.0]) * sigmas * witness
+def jumps(cause, absolute, difference, sigmas, rng):
+    """(incremental, absolute, mount) of a jump by `cause`, of so many sigma, rad."""
+    size = rng.choice([-1.0, 1.0]) * sigmas * absolute
     if cause == BOTH:
         # against each other, or to one side by as many sigma of their difference
         if rng.random() < 0.5:
             return size, -size, 0.0
-        return size + np.sign(size) * sigmas * apart, size, 0.0
+        return size + np.sign(size) * sigmas * difference, size, 0.0
     return tuple(size * (cause == one) for one in (INCREMENTAL, ABSOLUTE, ALIKE))
 
 
@@ -114,24 +119,25 @@ class Known:
 
 
 def inside(rows, model, axis, since):
-    """Sizes (apart, absolute - sky) of a step at a row as fitted, and a `Known` of it."""
-    night = Rows(rows, None)
+    """Sizes of a step at a row, as fitted, of both differences, and a `Known` of it."""
+    night = CrossCheckNight(rows, None)
     sky = night.sky([], model, [])
     column = np.where(np.arange(len(rows)) >= since, 1.0, 0.0)
-    apart, apart_sigma = last(night.apart_base(axis), column, night.apart[axis],
-                              np.full(len(rows), ABSOLUTE_NOISE))
+    difference, difference_sigma = last(
+        night.difference_design(axis), column, night.difference[axis],
+        np.full(len(rows), ABSOLUTE_NOISE))
     # the incremental encoder reads (all but) without noise: its difference from the sky has none
     # in common with that from the absolute one
-    first, first_sigma = last(sky.fixed, night.on(axis, column), sky.enc,
+    first, first_sigma = last(sky.design, night.on_sky(axis, column), sky.incremental,
                               np.full(2 * len(rows), STAR_NOISE))
-    shared = apart_sigma**2
-    return (apart, first - apart), Known(np.array(
+    shared = difference_sigma**2
+    return (difference, first - difference), Known(np.array(
         [[shared, -shared], [-shared, shared + first_sigma**2]]))
 
 
 def last(base, column, y, noise):
     """The last coefficient of a fit with that noise, and its sigma."""
-    inverse = np.linalg.pinv(np.column_stack([base.dense(), column]) / noise[:, None], 1e-9)
+    inverse = np.linalg.pinv(np.column_stack([np.asarray(base).T, column]) / noise[:, None], 1e-9)
     return float(inverse[-1] @ (y / noise)), float(np.linalg.norm(inverse[-1]))
 
 
@@ -144,11 +150,11 @@ def one_jump(cause, when, sigmas, night_to_night, seed):
     if when == 'power-on':
         jump = jumps(cause, *usual[axis], sigmas, rng) if cause else nothing
         earlier, rows = pair(seed, axis, jump)
-        report = check_witnesses(rows, earlier, model=fit_terms(earlier).model)
-        change = report.changes[axis]
+        report = cross_check(rows, earlier, model=fit_terms(earlier).model)
+        change = report.shifts[axis]
         moves = USUAL_MOVE**2 * np.array([[2.0, -1.0], [-1.0, 1.0]])
         known = Known(moves + np.diag(noise[axis, ::-1] ** 2))
-        sizes, searched = (change.apart, change.absolute), 1
+        sizes, searched = (change.difference, change.absolute), 1
         said = change.cause
     else:
         earlier, rows = pair(seed, axis, nothing)
@@ -161,7 +167,7 @@ def one_jump(cause, when, sigmas, night_to_night, seed):
             rows[f'{("az", "el")[axis]}_{encoder}'][since:] += value + jump[2]
         sizes, _ = inside(rows, model, axis, since)
         searched = len(rows) - 9
-        report = check_witnesses(rows, earlier, model=model)
+        report = cross_check(rows, earlier, model=model)
         found = [event.moved if event.kind == 'step' else event.kind
                  for event in report.events if event.axis == AXES[axis]]
         said = found[0] if len(found) == 1 else f'{len(found)} events'
@@ -180,8 +186,8 @@ def night_to_night(first, count=20):
     found = []
     for seed in range(first, first + count):
         earlier, rows = pair(seed, 0, (0.0, 0.0, 0.0))
-        changes = check_witnesses(rows, earlier, model=fit_terms(earlier).model).changes
-        found.append([[c.absolute_sigma, c.apart_sigma] for c in changes])
+        changes = cross_check(rows, earlier, model=fit_terms(earlier).model).shifts
+        found.append([[c.absolute_sigma, c.difference_sigma] for c in changes])
     noise = np.median(found, axis=0)
     return noise, np.hypot(noise, USUAL.absolute * np.sqrt([1.0, 2.0]))
 
@@ -190,9 +196,9 @@ def print_causes(count, first):
     """A table: jump by, when, of how many sigma, how often it is named."""
     sigma = night_to_night(first)
     for name, rows in zip(('noise', 'and what is usual'), sigma):
-        for axis, (witness, apart) in zip(AXES, rows / ARCSEC):
+        for axis, (absolute, difference) in zip(AXES, rows / ARCSEC):
             print(f'1 sigma from night to night, {name}, {axis}: absolute encoder - sky '
-                  f'{witness:.2f}", incremental - absolute {apart:.2f}"')
+                  f'{absolute:.2f}", incremental - absolute {difference:.2f}"')
     print(f'{"jump of":20} {"when":15} {"sigma":>5} {"nights":>6} {"right":>7} {"moment":>7} '
           f'{"beyond":>7} {"alarm":>7}\n{"":57} {"known":>7} {"chance":>7}  target 95 %')
     for when in ('power-on', 'in the night', 'night to night'):
@@ -293,11 +299,11 @@ def print_quiet(count, first):
         said, false, walks = Counter(), 0, 0
         for seed in range(first, first + count):
             earlier, rows = (night(scenario, seed, k).observe() for k in (0, 1))
-            report = check_witnesses(rows, earlier, model=fit_terms(earlier).model)
+            report = cross_check(rows, earlier, model=fit_terms(earlier).model)
             alarms = report.alarms
             if counts is not None:
                 own = [line for line in alarms if line.startswith(f'elevation: {INCREMENTAL}')]
-                walks += any('wander' in line for line in own)
+                walks += any('drift against' in line for line in own)
                 alarms = [line for line in alarms if line not in own]
             false += bool(alarms)
             said.update(' '.join(line.split()[:5]) for line in alarms)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.diagnosis import diagnose
+from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun
 from telescope_mount.papers.encoder_test import TABLE_2_MEASURED, TABLE_2_STANDARD
@@ -148,7 +149,8 @@ def main():
         begin = time.process_time()
         found, published = work(args.data)
         document = found.to_dict()
-        results[name] = {**document, 'own_terms': list(found.base.own), 'caution': found.caution,
+        results[name] = {**document, 'own_terms': list(found.base.own), 'caution': paragraph(
+            found.cautions),
                          'cpu_seconds': time.process_time() - begin}
         effects = '; '.join(effect['name'] + (f' ({len(effect["alternatives"])} others)'
                                               if effect['alternatives'] else '')

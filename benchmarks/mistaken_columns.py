@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.runs.formats import NoUsableRow, read_run
@@ -113,7 +114,8 @@ def outcome(columns, said, own, path):
         text.startswith(said) for text in checked.alike)
     result = diagnose(run, flips=499, cross_validation=False)
     new = [e for e in result.effects if not sets_of([e]) & own]
-    kind = 'alike' if alike else 'noted' if said in ' '.join(checked.notes) else 'NOT SEEN'
+    noted = ' '.join(map(wording, checked.findings))
+    kind = 'alike' if alike else 'noted' if said in noted else 'NOT SEEN'
     return kind, len(new)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from calibration.analysis.diagnosis import check_columns, naming_columns
 from calibration.analysis.fit import fit_terms
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
@@ -165,7 +166,8 @@ def outcome(path, said, truth):
     off = [abs(wrap(fitted.model.terms[n] - truth[n])) for n in names]
     sigma = np.sqrt(np.diagonal(fitted.covariance))
     worst = float(np.max(np.divide(off, np.maximum(sigma, 1e-12))))
-    notes = [*checked.notes, *(n for n in run.meta['notes'] if 'axis would lean' in n)]
+    notes = [*map(wording, checked.findings),
+             *(n for n in run.meta['notes'] if 'axis would lean' in n)]
     text = '; '.join(notes) + ' alike: ' + '; '.join(checked.alike) + f' {worst:.1f} sigma'
     signs = ('mount and catalogue exchanged', 'of catalogue and encoders counted the other way')
     if worst <= SIGMAS:
@@ -250,8 +252,8 @@ def right(rng, form, path, of_sky):
     except ValueError as error:
         return 'refused', str(error)
     more = [text for text in checked.alike if 'exchanged' not in text and 'counted' not in text]
-    return ('noted' if checked.notes else 'alike' if more else 'passed'), '; '.join(
-        [*checked.notes, *more])
+    return ('noted' if checked.findings else 'alike' if more else 'passed'), '; '.join(
+        [*map(wording, checked.findings), *more])
 
 
 def table(found, columns):

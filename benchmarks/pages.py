@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document
+from calibration.analysis.run_fit import fit_run
+from calibration.report.fit_document import fit_document
 from calibration.report.fit_page import write_fit_page
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'calibration'))
 from chromium import Browser, program
@@ -52,8 +51,8 @@ def main():
         sys.exit('error: no Chromium here; Debian: apt install chromium')
     with tempfile.TemporaryDirectory() as folder:
         path, run = Path(folder, 'page.html'), a_run(args.rows)
-        result = fit_terms(run, PHYSICAL)
-        write_fit_page(path, run, result, fit_document(run, result))
+        found = fit_run(run)
+        write_fit_page(path, found, fit_document(found))
         size, seconds = path.stat().st_size, []
         for number in range(args.times):  # each in a browser of its own: nothing is cached
             home = Path(folder, f'home_{number}')

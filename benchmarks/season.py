@@ -16,7 +16,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from calibration.analysis.season.season_causes import candidates, choose_causes
-from calibration.analysis.season.season_filter import Told, find_wander, forecast, levels, smoothed
+from calibration.analysis.season.season_filter import (
+    NightlyTerms,
+    fit_variation,
+    forecast,
+    season_path,
+)
 from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
@@ -58,10 +63,10 @@ def season(rng, what, count=30):
     return Nights(NAMES, ALTAZ, nights, []), term, at
 
 
-def told_of(found):
-    """As of `filter.Told`, without columns."""
+def terms_of_nights(found):
+    """`NightlyTerms` without columns."""
     n, k = len(found.nights), len(found.names)
-    return Told(days(found.nights), np.array([night.values for night in found.nights]),
+    return NightlyTerms(days(found.nights), np.array([night.values for night in found.nights]),
                 np.array([night.covariance for night in found.nights]), np.zeros((n, k, 0)))
 
 
@@ -73,8 +78,8 @@ def of_chance(count, seed):
         for trial in range(count):
             rng = np.random.default_rng([seed, number, trial])
             nights, term, at = season(rng, what)
-            told = told_of(nights)
-            got, _ = choose_causes(told, candidates(nights, told.days))
+            terms = terms_of_nights(nights)
+            got, _ = choose_causes(terms, candidates(nights, terms.days))
             claimed += bool(got)
             names = [(c.cause.kind, c.cause.terms) for c in got]
             kind = {'temperature': 'column', 'a step': 'step', 'four steps': 'step'}.get(what)
@@ -97,14 +102,14 @@ def foretold(folder):
         except ValueError:
             continue
     found = nights_of(runs, NAMES)
-    told, out, wander = told_of(found), [], None
+    terms, out, variation = terms_of_nights(found), [], None
     by_name = {run.meta['source'].rsplit('/', 1)[-1]: run for run in runs}
     k = len(NAMES)
     for i in range(8, len(found.nights)):
-        past = Told(*(part[:i] for part in told))
-        wander, _ = find_wander(past._replace(columns=levels(i, k)), wander)
-        mean, cov = forecast(smoothed(past, wander), wander, told.days[i] - told.days[i - 1],
-                             np.zeros((k, 0)))
+        past = NightlyTerms(*(part[:i] for part in terms))
+        variation, _ = fit_variation(past, variation)
+        mean, cov = forecast(season_path(past, variation), variation,
+                             terms.days[i] - terms.days[i - 1], np.zeros((k, 0)))
         run = by_name[found.nights[i].source]
         x_of, y_of = design(NAMES, run['az'], run['el'])
         off = np.concatenate([np.angle(np.exp(1j * (run['az_enc'] - run['az'])))
@@ -112,11 +117,11 @@ def foretold(folder):
         rows = np.concatenate([x_of, y_of])
         n = len(run)
         left = [off - rows @ p for p in (mean, past.values[-1], past.values.mean(0),
-                                         told.values[i])]
+                                         terms.values[i])]
         # the middle, as a false star is in some runs
         size = [np.median(np.hypot(v[:n], v[n:])) for v in left]
-        at_once = told.values[i] - mean
-        chi = at_once @ np.linalg.solve(cov + told.covariances[i], at_once) / k
+        at_once = terms.values[i] - mean
+        chi = at_once @ np.linalg.solve(cov + terms.covariances[i], at_once) / k
         out.append([*size, chi])
     return np.array(out)
 

@@ -2,7 +2,7 @@
 
     python benchmarks/wandering_counts.py                # a few seeds
     python benchmarks/wandering_counts.py --full         # 20 seeds of each kind, 120 nights
-    python benchmarks/wandering_counts.py --clean 300    # false alarms of the witnesses as well
+    python benchmarks/wandering_counts.py --clean 300    # false alarms of the cross-check as well
     python benchmarks/wandering_counts.py --alone        # no absolute encoder: the judges alone
 
 Scenario `default`, with `miscounts` (wrong counts in a million passed) of 10, 30 and 100 on either
@@ -22,10 +22,9 @@ from collections import defaultdict
 import numpy as np
 from zero_drift import AXES, START, Night, axes_on
 
-from calibration.analysis.encoders.count_drift import followed
-from calibration.publication import Candidate
-from calibration.session import CalibrationSession
-from calibration.session_diagnosis import Judges
+from calibration.analysis.encoders.count_drift import zero_following
+from calibration.calibration_state import CalibrationState
+from calibration.publication import BlindStars, ModelWithZeros
 from encoder_sim import keyed_noise
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.mount_geometry import MountGeometry
@@ -105,9 +104,9 @@ class WanderingNight(Night):
 
 
 def candidate_of(model):
-    """What a published model says that is in force."""
-    return Candidate(model, Zeros.from_list(model.provenance['zeros_in_force']),
-                     Following.of(model))
+    """The active one, as a published model says."""
+    return ModelWithZeros(model, Zeros.from_list(model.provenance['zeros_in_force']),
+                          Following.of(model))
 
 
 def one_night(rows):
@@ -120,7 +119,7 @@ def one_night(rows):
         ``refused``, ``taken_back``, ``follows``, ``alarms``, ``expected`` (of the last model:
         low, middle, high).
     """
-    session = CalibrationSession()
+    session = CalibrationState()
     count = 0
     models = []
 
@@ -138,8 +137,8 @@ def one_night(rows):
     take(STARS + POLARIS + 2 * CHECK)
     judged = session.judge(site=SITE)
     models.append(judged.model)
-    judges = Judges(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
-    before, after = (rms(*judges.left(candidate_of(m))) / ARCSEC for m in models)
+    blind = BlindStars(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
+    before, after = (rms(*blind.residuals(candidate_of(m))) / ARCSEC for m in models)
     told = models[-1].provenance['expected']
     return {'expected': (told['low_arcsec'], told['rms_arcsec'], told['high_arcsec']),
             'before': before, 'after': after, 'verdict': judged.document['verdict'],
@@ -170,9 +169,9 @@ def main():
             if args.alone:
                 rows = PointingRun({k: v for k, v in rows.columns.items() if k[2:] != '_abs'})
             if clean and seed >= args.first + len(seeds):
-                # the witnesses alone: false alarms want many nights
+                # the cross-check alone: false alarms want many nights
                 fit = rows.select(rows['check'] == 0.0)
-                nights['witnesses alone'].append(list(followed(fit).axes))
+                nights['cross-check alone'].append(list(zero_following(fit).axes))
                 continue
             night = one_night(rows)
             nights[kind].append(night)
@@ -214,7 +213,7 @@ def print_tables(kinds, nights, seconds):
     width = np.median([(n['expected'][2] - n['expected'][0]) / n['after'] for n in found])
     print(f'{"expected error, 90 %: holds the blind stars":46}{np.mean(held):14.1%}  83 ... 97 %  '
           f'({len(found)} nights, width {width:.2f} of the figure)')
-    alone = nights['witnesses alone'] + [n['follows'] for n in nights['', 0.0]]
+    alone = nights['cross-check alone'] + [n['follows'] for n in nights['', 0.0]]
     if alone:
         print(f'{"clean nights in which a zero follows":46}'
               f'{f"{sum(map(bool, alone))} of {len(alone)}":>14}')

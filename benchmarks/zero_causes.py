@@ -12,8 +12,8 @@ import argparse
 import numpy as np
 from diagnosis import Table
 
-from calibration.analysis.zero.covariate_choice import ALPHA
 from calibration.analysis.zero.zero_causes import Season, zero_causes
+from calibration.estimation.covariate_choice import ALPHA
 from msg_tools.units import ARCSEC
 
 NIGHTS = 11
@@ -69,7 +69,7 @@ def make_season(rng, n, kind, daily=None, slopes=(0.0, 0.0)):
 def trial(rng, n, *kind, leave_out, **slopes):
     """A season of n nights and what is found in it, with the night after it: document, pulls."""
     season = make_season(rng, n + 1, *kind, **slopes)
-    tonight = {name: values[-1] for name, values in season.drivers.items()}
+    tonight = {name: values[-1] for name, values in season.covariates.items()}
     found = zero_causes(season.select(slice(0, n)), tonight, leave_out=leave_out)
     pulls = [(season.zeros[-1, axis] / ARCSEC - told['zero_arcsec']) / told['sigma_arcsec']
              for axis, told in enumerate(found['tonight'].values())]

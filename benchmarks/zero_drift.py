@@ -1,4 +1,4 @@
-"""Many nights without ROS: the zero by Polaris against the true one, and the three witnesses.
+"""Many nights without ROS: the zero by Polaris against the true one, and the cross-check.
 
     python benchmarks/zero_drift.py --nights 1000 --faults 200
     python benchmarks/zero_drift.py --causes       # who moved in a jump: see `jump_causes`
@@ -18,9 +18,9 @@ from collections import Counter
 
 import numpy as np
 
-from calibration.analysis.encoders.cross_check import Homing, check_witnesses
+from calibration.analysis.encoders.cross_check import Homing, cross_check
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.zero.polaris_zero import zero_from_polaris
+from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.incremental import IncrementalEncoder
@@ -154,7 +154,7 @@ def changed(scenario, path, **values):
 
 
 def faults():
-    """Name -> (scenario of the second night, witness that has to be named, axis)."""
+    """Name -> (scenario of the second night, who has to be named, axis)."""
     default = load_scenario('default')
     slipped = default.absolute.elevation.zero_offset + 6 * ARCSEC
     return {
@@ -181,13 +181,13 @@ def one(reference_scenario, scenario, seed, with_zero):
     model = fit_terms(earlier).model
     if rows is None:
         nothing = earlier.select(slice(0, 0))
-        return check_witnesses(nothing, earlier, model=model, homings=now.homings), None
-    report = check_witnesses(rows, earlier, model=model, homings=now.homings)
+        return cross_check(nothing, earlier, model=model, homings=now.homings), None
+    report = cross_check(rows, earlier, model=model, homings=now.homings)
     if not with_zero:
         return report, None
     then = earlier.select(earlier['star'] == POLARIS_HIP)
     exposures = rows.select(rows['star'] == POLARIS_HIP)
-    zero = zero_from_polaris(exposures, then, model=model)
+    zero = zero_from_exposures(exposures, then, model=model)
     true = [b.zero - a.zero for a, b in zip(before.encoders, now.encoders)]
     return report, [(zero.az - true[0], zero.sigma_az), (zero.el - true[1], zero.sigma_el)]
 
@@ -227,18 +227,18 @@ def main():
         return
     default = load_scenario('default')
     rows = []
-    for name, (scenario, witness, axis) in faults().items():
+    for name, (scenario, who, axis) in faults().items():
         if not name.startswith(args.only):
             continue
-        count = args.nights if not witness else args.faults
+        count = args.nights if not who else args.faults
         began = time.process_time()
         raised = named = agree = 0
         kinds, figures = Counter(), []
         for seed in range(args.first, args.first + count):
-            report, zero = one(default, scenario, seed, not witness)
+            report, zero = one(default, scenario, seed, not who)
             raised += bool(report.alarms)
-            named += any(line.startswith(f'{axis}: {witness}') for line in report.alarms)
-            agree += all(abs(change.pull) <= 3.0 for change in report.changes)
+            named += any(line.startswith(f'{axis}: {who}') for line in report.alarms)
+            agree += all(abs(change.pull) <= 3.0 for change in report.shifts)
             kinds.update(' '.join(line.split()[:3]) for line in report.alarms)
             if zero:
                 figures.append(zero)
@@ -246,7 +246,7 @@ def main():
                 print('\n'.join([name, *report.alarms, *report.notes]))
         if figures:
             print_zero(figures)
-        rows.append((name, count, raised, named if witness else None, agree, kinds,
+        rows.append((name, count, raised, named if who else None, agree, kinds,
                      (time.process_time() - began) / count))
     print(f'\n{"fault":30} {"nights":>6} {"alarm":>7} {"named":>7} {"agree 3s":>8} {"CPU ms":>7}')
     for name, count, raised, named, agree, kinds, took in rows:

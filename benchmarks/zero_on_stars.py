@@ -18,9 +18,9 @@ from unittest.mock import patch
 import numpy as np
 import zero_drift
 
-from calibration.analysis.encoders.cross_check import check_witnesses
+from calibration.analysis.encoders.cross_check import cross_check
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.zero.stars_zero import zero_from_exposures
+from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
@@ -34,7 +34,7 @@ from telescope_mount.observing.zero_stars import Before, zero_stars
 START, DAY = 1_768_482_000.0, 86400.0
 LATITUDES = (-80, -60, -40, -20, 0, 20, 40, 60, 80)
 TARGET, PEER = 1.3, 34.3
-PARTS = ('sixteen', 'change', 'few', 'coloured', 'mounts', 'witnesses')
+PARTS = ('sixteen', 'change', 'few', 'coloured', 'mounts', 'encoders')
 PACE, SLEW = 8.0, 30.0
 FIRST = 900_000  # number of a star that is exposed for a zero
 of_polaris = zero_drift.sky
@@ -196,9 +196,9 @@ def with_stars(times, seed):
     return az, el, star
 
 
-def witnesses(nights):
-    """What the witnesses say of pairs of nights whose zeros are by the same stars."""
-    print(f'\nWitnesses by five stars, pairs of nights\n{"":30} {"nights":>6} {"alarms":>7} '
+def encoders(nights):
+    """The cross-check of the encoders in pairs of nights whose zeros are by the same stars."""
+    print(f'\nEncoders by five stars, pairs of nights\n{"":30} {"nights":>6} {"alarms":>7} '
           f'{"against the sky":>16} {"named":>6}')
     faults = zero_drift.faults()
     quiet = faults['no fault'][0]
@@ -212,10 +212,10 @@ def witnesses(nights):
                 rows = [night.observe() for night in pair]
             rows = [PointingRun({**run.columns, MARK: (run['star'] >= FIRST).astype(float)})
                     for run in rows]
-            said = check_witnesses(rows[1], rows[0], model=fit_terms(rows[0]).model,
+            said = cross_check(rows[1], rows[0], model=fit_terms(rows[0]).model,
                                    homings=pair[1].homings)
             alarms += bool(said.alarms)
-            against += any(change.alarm for change in said.changes)
+            against += any(change.alarm for change in said.shifts)
             named += bool(who) and any(text.startswith(axis) and who in text
                                        for text in said.alarms)
         print(f'{name:30} {count:6d} {alarms:7d} {against:16d} {named if who else "":>6}',
@@ -258,9 +258,9 @@ def main():
         return cases(latitude, n, moments, seeds, seed=args.seed, **options)
     print('Zeros of both axes, coordinate angles, arcsec; noise 1" an axis on the sky. '
           f'Target: sigma <= {TARGET} x that of 16 exposures of Polaris at +{PEER}, both axes.')
-    if 'witnesses' in parts:
-        witnesses(40 if args.full else 10)
-    if parts == ['witnesses']:
+    if 'encoders' in parts:
+        encoders(40 if args.full else 10)
+    if parts == ['encoders']:
         return
     peer = of(PEER, polaris=True)
     if 'sixteen' in parts:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,20 +26,12 @@ from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 from pointing_model.zero_message import zero_to_joints
 
-from .analysis.encoders.cross_check import UNJUDGED, homings_of
+from .analysis.encoders.cross_check import UNJUDGED, axis_homings
 from .analysis.external_check import ways
-from .analysis.harmonic_fit import choice_of
 from .analysis.held_out import steps_of
-from .analysis.tracking import TRACK
 from .calibration_params import PARAMS, site_of
-from .distrust import contradicted
-from .live_apart import LiveApart
-from .nights import NightSeries
-from .power_on_cache import document_text
-from .session import CalibrationSession
-
-#: power-ons whose begin is known: the zero of a later one is published
-STARTS = 100
+from .calibration_state import Contradiction
+from .night_series import state_of
 
 
 class Calibration(MountNode):
@@ -53,28 +44,14 @@ class Calibration(MountNode):
         reference = None
         if self.value('model_file'):
             reference = PointingModel.load(self.value('model_file'))
-        seed, age = self.value('split_seed'), self.value('reference_age')
-        harmonics = choice_of({name: self.value(name) for name in (
-            'harmonics', 'harmonics_alone', 'harmonics_degree', 'harmonics_rcond')})
-        kept = self.value('kept_power_ons')
-        self._session = (NightSeries(age, reference, seed, harmonics, kept) if age else
-                         CalibrationSession(reference, seed, harmonics=harmonics, power_ons=kept))
-        if age and self.value('mode') == TRACK:
-            raise ValueError('mode track follows one night after the other by itself: leave out '
-                             'reference_age')
+        self._state = state_of({param.name: self.value(param.name) for param in PARAMS}, reference)
         self._skyline = parse_horizon(self.value('horizon'))
-        self._tracking = None
-        if self.value('mode') == TRACK:
-            from .analysis.tracking.live_tracking import LiveTracking
-            self._tracking = LiveTracking()
-        self._apart, self._alarms = LiveApart(), []
-        self._finding = self._refused = ''
         self._model_name = identity(reference.to_json() if reference else '')
         self._spoke = False  # a zero or a model is published
-        self._contradiction = ''  # why the last model was not
+        self._alarms = []
+        self._finding = self._refused = self._contradiction = ''  # for the diagnostics
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
-        self._starts = {}  # number of a power-on -> when it began
         self._marks = None  # what the incremental encoder says of them
         self._zero_pub = self.publisher(topics.ZERO)
         self._expected_pub = self.publisher(topics.ZERO_EXPECTED)
@@ -85,14 +62,14 @@ class Calibration(MountNode):
         self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
         self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
         self._tracking_pub = self.publisher(topics.TRACKING)
-        self._apart_pub = self.publisher(topics.APART)
+        self._request_pub = self.publisher(topics.APART)
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         for topic, call in ((topics.OBSERVATION, self._on_observation),
                             (topics.OBSERVATIONS, self._on_table),
                             (topics.HOMING, self._on_homing),
                             (topics.OBSERVER_STATUS, self._on_observer),
-                            (topics.IN_FORCE, self._on_in_force)):
+                            (topics.IN_FORCE, self._on_active)):
             self.subscribe(topic, self._long.waiting(call))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
                            ('judge', self._work_judge)):
@@ -104,10 +81,9 @@ class Calibration(MountNode):
 
     def _on_observation(self, message):
         run = self._rows(message)
-        self._session.add(run, convert.from_stamp(message.header.stamp))
-        self._note_starts(run)
-        self._ask(self._apart.observed(self._session))
-        if self._tracking and self._tracking.observed(self._session, run):
+        tracked = self._state.add(run, convert.from_stamp(message.header.stamp))
+        self._publish_request()
+        if tracked:
             self._publish_tracked()  # before the observer hears that the row was taken
         else:
             self._say('collecting')
@@ -116,8 +92,7 @@ class Calibration(MountNode):
     def _on_table(self, message):
         if message.width:
             run = self._rows(message)
-            new = self._session.take_table(run, convert.from_stamp(message.header.stamp))
-            self._note_starts(run)
+            new = self._state.add_table(run, convert.from_stamp(message.header.stamp))
             if new > 1:  # it may overtake its last row
                 self._take_up_rows()
             else:
@@ -127,61 +102,48 @@ class Calibration(MountNode):
 
     def _publish_tracked(self):
         """The model after a star, and what it said."""
-        model, zero = self._tracking.pair(self._session)
+        state = self._state.tonight
+        model, zero = state.tracking.pair(state)
         self._send_model(model)
-        self._spoke = True
-        self._zero_pub.publish(zero_to_joints(zero, self._session.last_stamp,
-                                              self._session.names.keys))
-        self._tracking_pub.publish(String(data=json.dumps(self._tracking.document())))
-        self._say(self._tracking.sentence())
+        self._send_zero(zero)
+        self._tracking_pub.publish(String(data=json.dumps(state.tracking.document())))
+        self._say(state.tracking.sentence())
 
     def _take_up_rows(self):
-        with_zero = self._session.zeros_again()
-        told = ways(self._session.zeros.values()) or 'Polaris'
-        if self._tracking:
-            self._tracking.again(self._session)
-        self._taken_up = [f'{len(self._session)} observations', f'zeros by {told} of power-ons '
-                          + (', '.join(map(str, with_zero)) or 'none')]
+        zeros = self._state.zeros
+        self._taken_up = [
+            f'{self._state.taken.kept} observations', f'zeros by '
+            f'{ways(zeros.values()) or "Polaris"} of power-ons '
+            + (', '.join(map(str, sorted(zeros))) or 'none')]
         self._say_taken_up()
 
     def _say_taken_up(self):
-        model = ('the model in force' if self._session.in_force is not None else
+        model = ('the active model' if self._state.tonight.model is not None else
                  'no model is known until the next fit')
         self._say(f'started in the middle of a night: took up {", ".join(self._taken_up)}; {model}')
 
-    def _on_in_force(self, message):
+    def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
         if self._spoke or self.value('reference_age'):
             return
         text, stamp, zero = text_to_pair(message.data)
         if text:
-            model = PointingModel.from_json(text)
-            if not (self._tracking and self._tracking.take_up(
-                    self._session, model)):
-                self._session.take_up(model)
+            self._state.take_up(PointingModel.from_json(text))
             self._model_pub.publish(String(data=text))
         self._model_name, self._spoke = identity(text), True
-        self._zero_pub.publish(zero_to_joints(zero, stamp, self._session.names.keys))
-        self._taken_up.append('the zero in force')
+        self._send_zero(zero, stamp)
+        self._taken_up.append('the active zero')
         self._say_taken_up()
 
     def _on_observer(self, message):
         progress = Progress.read(message)
-        if progress.observations or not len(self._session):
+        if progress.observations or not self._state.taken.kept:
             self._observer = progress
             return
-        run = self._session.observations()
-        self._table_pub.publish(run_to_cloud(run, self._session.last_stamp))
+        run = self._state.observations()
+        self._table_pub.publish(run_to_cloud(run, self._state.last_stamp))
         self._say('gave the rows of the night to an observer that has none',
                   **handover_rows(len(run), self._observer))
-
-    def _note_starts(self, run):
-        if 'encoder_start' in run and 'run' in run:
-            known = np.isfinite(run['encoder_start'])
-            self._starts.update(zip(run['run'][known].astype(int).tolist(),
-                                    run['encoder_start'][known].tolist()))
-            for number in sorted(self._starts)[:-STARTS]:
-                del self._starts[number]
 
     def _rows(self, message):
         rows = cloud_to_run(message)
@@ -193,7 +155,7 @@ class Calibration(MountNode):
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
         if self.value('reference_age'):
-            self._session.hear(homings_of(self._marks, 0))
+            self._state.season.update_marks(axis_homings(self._marks, 0))
 
     def _unjudged(self):
         """Whether an incremental encoder is there that tells nothing of its marks."""
@@ -204,13 +166,13 @@ class Calibration(MountNode):
         if self._unjudged():
             return None
         # an encoder that has lost its zero since says so itself
-        return [homing for homing in homings_of(self._marks or {}, self._session.newest)
-                if homing.homed]
+        run = self._state.tonight.rows.newest
+        return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._status_pub.publish(convert.status(
             level, self.get_fully_qualified_name(), text,
-            **{**self._session.taken.rows(), **values}))
+            **{**self._state.taken.rows(), **values}))
 
     def _answer(self, work, request, response):
         """What `work` has done, or why it could not."""
@@ -219,20 +181,28 @@ class Calibration(MountNode):
             response.message = work()
             response.success = True
         except (ValueError, np.linalg.LinAlgError) as err:
-            response.message = str(err)
-            self._say(response.message)
+            self._refuse(response, err)
         return response
 
+    def _refuse(self, response, error):
+        """Why a service has not done its work; the report of a fit is published all the same."""
+        response.message = str(error)
+        if isinstance(error, Contradiction):
+            self._contradiction = response.message
+            if error.report is not None:
+                self._send_report(error.report)
+        self._say(response.message)
+
     def _work_zero(self):
-        if self._tracking and self._tracking.night is not None:
+        tracking = self._state.tonight.tracking
+        if tracking and tracking.night is not None:
             done = 'the zero is followed with each star; nothing is set anew'
             self._say(done)
             return done
-        run, zero = self._session.calibrate_zero()
-        old = self._session.reference
-        if self.value('reference_age') and old is not None:
+        run, zero = self._state.calibrate_zero()
+        if self.value('reference_age') and self._state.tonight.reference is not None:
             # the zero goes with the model that it is relative to
-            self._send_model(self._dated(old))
+            self._send_model(self._dated(self._state.tonight.reference))
         self._publish_zero(zero)
         first, second = zero.mount.names.axes
         done = (
@@ -253,7 +223,7 @@ class Calibration(MountNode):
 
     def _dated(self, model):
         return replace(model, provenance={
-            **model.provenance, 'last_stamp_ns': self._session.last_stamp})
+            **model.provenance, 'last_stamp_ns': self._state.last_stamp})
 
     def _send_model(self, model):
         text = model.to_json()
@@ -262,31 +232,34 @@ class Calibration(MountNode):
 
     def _expect_zero(self):
         """Once a power-on, from what the nights before it followed."""
-        if not self.value('reference_age') or self._session.newest == self._expected_of:
+        if not self.value('reference_age') or self._state.tonight.rows.newest == self._expected_of:
             return
-        number = self._session.newest
-        self._expected_of = number
-        found = self._session.expect()
+        self._expected_of = number = self._state.tonight.rows.newest
+        found = self._state.expect()
         if found is None:
             return
         axes = [found[axis] for axis in convert.AXES]
         self._expected_pub.publish(convert.joint_state(
-            self._session.last_stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
+            self._state.last_stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
             effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
                     for axis in axes],
-            frame=f'power_on_{number}', names=self._session.names.keys))
+            frame=f'power_on_{number}', names=self._state.tonight.mount.names.keys))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
+        self._send_zero(replace(zero, model=self._model_name,
+                                started=self._state.tonight.started(zero.run)))
+
+    def _send_zero(self, zero, stamp=None):
         self._spoke = True
-        bound = replace(zero, model=self._model_name, started=self._starts.get(zero.run))
-        self._zero_pub.publish(
-            zero_to_joints(bound, self._session.last_stamp, self._session.names.keys))
+        self._zero_pub.publish(zero_to_joints(
+            zero, self._state.last_stamp if stamp is None else stamp,
+            self._state.tonight.mount.names.keys))
 
     def _work_fit(self):
         self._say('fitting')
-        self._refuse_contradicted()
-        model, report = self._session.fit(self._homings(), self._refuse_contradicted)
+        model, report = self._state.fit(self._homings())
+        self._contradiction = ''
         self._send_report(report)
         self._publish_model(model)
         give_back()
@@ -300,35 +273,14 @@ class Calibration(MountNode):
         self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
         return done
 
-    def _refuse_contradicted(self, report=None):
-        """ValueError where what is known speaks against a model of these observations.
-
-        The report of a fit that is refused is published all the same.
-        """
-        alarms = self._alarms if report is None else report['witnesses']['alarms']
-        why = contradicted(alarms, self._session.observations(), report)
-        self._contradiction = why
-        if why:
-            if report is not None:
-                self._send_report(report)
-            raise ValueError(why)
-
-    def _publish_report(self):
-        """That of the last fit: its alarms are judged again whenever the model changes."""
-        if self._session.report is not None:
-            self._send_report(self._session.report)
-
     def _send_report(self, report):
         self._alarms = report['witnesses']['alarms']
-        self._report_pub.publish(String(data=document_text(report)))
+        self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
         self._send_model(model)
-        self._session.in_force = model
-        self._publish_zero(self._session.zero_of_model)
-        if self._tracking:
-            self._tracking.begin(self._session)
+        self._publish_zero(self._state.tonight.zero_of_model())
 
     def _refuse_beside_another(self):
         if self._long.name:
@@ -336,30 +288,28 @@ class Calibration(MountNode):
                              'calibration/cancel')
 
     async def _on_diagnose(self, request, response):
-        """Seconds or more: in a thread, on a session that counts only when it is done."""
+        """Seconds or more: in a thread; what is found counts only when it is done."""
+        state, until = self._state.tonight, self.value('diagnosed_at')
+        site = site_of(self.value('site'))
         try:
             self._refuse_beside_another()
             self._say('diagnosing')
-            self._refuse_contradicted()
-            session = deepcopy(self._session)
             found = await self._long.run('diagnosing', partial(
-                session.diagnose, self.value('alpha'), site_of(self.value('site')),
-                self.value('diagnosed_at')))
-            self._session = session
-            self._ask(self._apart.begin(session, found, site_of(self.value('site')),
-                                        self.value('diagnosed_at')))  # before its model
+                state.find_effects, self.value('alpha'), site, until))
+            self._contradiction = ''
+            state.apply(found, site, until)
+            self._publish_request()  # before its model
             response.message, response.success = self._diagnosed(found), True
         except (ValueError, np.linalg.LinAlgError) as err:
-            response.message = str(err)
-            self._say(response.message)
+            self._refuse(response, err)
         self._long.caught_up(lambda call, err: self.reject(call.__name__, str(err)))
         give_back()
         return response
 
-    def _ask(self, text):
-        """Publish how causes stand, if there is anything new."""
-        if text:
-            self._apart_pub.publish(String(data=text))
+    def _publish_request(self):
+        """How causes stand, if there is anything new."""
+        if text := self._state.tonight.requests.news():
+            self._request_pub.publish(String(data=text))
 
     def _tell_stage(self):
         stage, self._long.stage = self._long.stage, ''
@@ -370,10 +320,11 @@ class Calibration(MountNode):
         document = found.document
         from .report.diagnosis_words import verdict_sentences
         from .report.effect_words import effects_told
+        from .report.wording import paragraph
         headline, _ = verdict_sentences(document, effects_told(found.diagnosis))
         done = f'{self._publish_finding(found)}; {headline}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
-            done = self._refused = found.diagnosis.caution
+            done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
             done += f'; {self._refused}'
         done += self._write_page(found)
@@ -381,7 +332,7 @@ class Calibration(MountNode):
         return done
 
     def _work_judge(self):
-        found = self._session.judge(site_of(self.value('site')))
+        found = self._state.tonight.judge(site_of(self.value('site')))
         self._publish_finding(found)
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
@@ -402,10 +353,11 @@ class Calibration(MountNode):
         return ''
 
     def _publish_finding(self, found):
-        """Diagnosis, report, model and zero of an `Amended`; what was found, in words."""
+        """Diagnosis, report, model and zero of a `NightDiagnosis`; what was found, in words."""
         document = found.document
         self._diagnosis_pub.publish(String(data=json.dumps(document)))
-        self._publish_report()
+        if self._state.tonight.report is not None:  # its alarms are others with another model
+            self._send_report(self._state.tonight.report)
         self._publish_model(found.model)
         self._finding = document['verdict']
         if document['applied']:
@@ -428,21 +380,25 @@ class Calibration(MountNode):
         return {self.resolve_topic_name(topics.OBSERVATION.name)}
 
     def problems(self):
-        """What the three witnesses of the last night disagree on, or cannot say."""
+        """Where the encoders and the sky of the last night disagree, or cannot be compared."""
+        tracking = self._state.tonight.tracking
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
                  *([UNJUDGED] if self._unjudged() else []),
                  *([self._refused] if self._refused else []),
-                 *(self._tracking.problems() if self._tracking else [])]
+                 *(tracking.problems() if tracking else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):
         """What has come."""
-        return [('observations', str(len(self._session))),
-                ('power-ons with a zero', str(len(self._session.zeros))),
-                ('zeros by', ways(self._session.zeros.values()) or 'nothing yet'),
+        state, zeros = self._state.tonight, self._state.zeros
+        asked = state.requests.document
+        return [('observations', str(self._state.taken.kept)),
+                ('power-ons with a zero', str(len(zeros))),
+                ('zeros by', ways(zeros.values()) or 'nothing yet'),
                 ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
-                ('diagnosis', self._finding or 'none yet'), *self._apart.details(),
-                *(self._tracking.details() if self._tracking else [])]
+                ('diagnosis', self._finding or 'none yet'),
+                *([('causes told apart', asked['says'])] if asked else []),
+                *(state.tracking.details() if state.tracking else [])]
 
 
 def main(args=None):

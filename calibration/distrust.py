@@ -109,31 +109,30 @@ def notes_of(rows):
             'model and its small residuals are worth nothing if it does not']
 
 
-def contradicted(alarms, health, report=None):
+def contradiction(rows, report=None):
     """Why a model is not to be published; '' if it may be.
 
     Parameters
     ----------
-    alarms : list of str
-        What the witnesses of the night disagree on.
-    health : PointingRun
+    rows : PointingRun
         All observations of the night: see `distrusted`.
     report : dict, optional
-        Of the fit, as `CalibrationSession.fit` makes it; None before there is one.
+        Of the fit, as `CalibrationState.fit` makes it; None before there is one.
 
     Returns
     -------
     str
         One sentence.
     """
-    share = float(np.mean(distrusted(health))) if len(health) else 0.0
+    share = float(np.mean(distrusted(rows))) if len(rows) else 0.0
     if share > MOST_DISTRUSTED:
-        return f'not published: {reasons(health)[0]}'
-    if report is None or not alarms:
+        return f'not published: {reasons(rows)[0]}'
+    alarms = report['witnesses']['alarms'] if report else ()
+    if not alarms:
         return ''
     held_out = report['steps'][-1]['held_out']['radial']
     noise = float(np.hypot(*report['noise_arcsec']))
     if held_out <= CONTRADICTED * noise:
         return ''
     return (f'not published: it leaves {held_out:.0f} arcsec on stars held out, where the noise is '
-            f'{noise:.1f}, and the witnesses say why: {alarms[0]}')
+            f'{noise:.1f}, and the cross-check of the encoders says why: {alarms[0]}')

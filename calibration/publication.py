@@ -1,21 +1,25 @@
-"""What of an amended model is published: what holds before rows that nothing has seen."""
+"""What may be published: a model that holds before rows that nothing has seen."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
 
 from pointing_model.model import PointingModel
 from pointing_model.zero import Zeros
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 
-from .analysis.refit import refitted
-from .estimation.comparison import FEWEST
+from .analysis.refit import going_on, held_within, is_drift, left_out, refitted
+from .estimation.comparison import FEWEST, judge
+from .report.fit_wording import comparison_sentence
+from .rows import is_kept_out, without_zeros
 
 UNJUDGED = (f'not judged before it was published: fewer than {FEWEST} rows to judge by, and too '
             'few to leave some out')
 
 
-class Candidate(NamedTuple):
+class ModelWithZeros(NamedTuple):
     """A model, the zeros that go with it, and which of these follow the absolute encoder."""
 
     model: PointingModel
@@ -26,10 +30,11 @@ class Candidate(NamedTuple):
         """The model with all that whoever points with it must know."""
         follows = {FOLLOWS: self.follows.document()} if self.follows else {}
         return replace(self.model, provenance={
-            **self.model.provenance, **provenance, 'zeros_in_force': self.in_force, **follows})
+            **self.model.provenance, **provenance, 'zeros_in_force': self.zeros_document,
+            **follows})
 
     @property
-    def names(self):
+    def effect_names(self):
         """Of its effects."""
         return [e.effect.name for e in self.model.effects]
 
@@ -40,14 +45,15 @@ class Candidate(NamedTuple):
         return tuple(axis for axis in ('az', 'el') if acting & {axis, 'both'})
 
     @property
-    def in_force(self):
+    def zeros_document(self):
         """The zeros as a document has them."""
         return Zeros(self.zeros[number] for number in sorted(self.zeros)).to_list()
 
-    def says_as(self, other):
+    def predicts_as(self, other):
         """Whether both predict the same."""
         series = self.model.harmonics
-        return (self.model.terms == other.model.terms and self.in_force == other.in_force
+        return (self.model.terms == other.model.terms
+                and self.zeros_document == other.zeros_document
                 and (series.says_as(other.model.harmonics) if series is not None
                      else other.model.harmonics is None)
                 and self.follows.document() == other.follows.document()
@@ -55,34 +61,104 @@ class Candidate(NamedTuple):
                 == [e.document() for e in other.model.effects])
 
 
-@dataclass
-class Published:
-    """What a calibration has published last, and what that replaced.
+def carried_on(model, stars):
+    """The model with its drifts in time going on as far as the night has shown.
 
-    Attributes
+    `diagnose` holds a driver at its value soon after the last row. The stars of tonight come
+    after it: a linear drift goes on for as long as stretches left out at the end were predicted
+    better with it, and is held from the last row on where they were not. One with the square of
+    time would run away, and is always held.
+    """
+    if 'time' not in stars or not any(map(is_drift, model.effects)):
+        return model
+    first, last = np.nanmin(stars['time']), np.nanmax(stars['time'])
+    on = [share * (last - first) for share in going_on(model, stars)]
+    return replace(model, effects=[
+        held_within(e, first - more, last + more) if is_drift(e) else e
+        for e, more in zip(model.effects, on)])
+
+
+class BlindStars:
+    """Stars that were kept out of fits and choices, in order of time, to compare models by.
+
+    Parameters
     ----------
-    now, before : Candidate or None
-        `before` is None where nothing was replaced, or it came back.
+    rows : PointingRun
+        All of the night.
+    site : dict, optional
+        ``latitude``, ``longitude``, rad.
     since : int
-        How many rows were known then, of those that are still there.
+        Rows before this one are left out.
     """
 
-    now: Candidate | None = None
-    before: Candidate | None = None
-    since: int = 0
+    def __init__(self, rows, site=None, since=0):
+        mask = is_kept_out(rows) & (rows['star'] >= 0) & (np.arange(len(rows)) >= since)
+        order = np.argsort(rows['time'], kind='stable') if 'time' in rows else slice(None)
+        self._rows, self._mask, self._site = rows.select(order), mask[order], site
 
-    def replace(self, candidate, since):
-        """`candidate` is in force; what was before it can come back unless it is the same."""
-        same = self.now is not None and candidate.says_as(self.now)
-        self.before = None if same else self.now
-        self.now, self.since = candidate, since
+    def __len__(self):
+        return int(np.count_nonzero(self._mask))
 
-    def take_back(self):
-        """What was replaced is in force again."""
-        self.now, self.before = self.before, None
+    def residuals(self, candidate):
+        """What a `ModelWithZeros` leaves of them with nothing refitted, shape (2, n), rad."""
+        # what a row inherits from the one before it needs all rows
+        rows = candidate.follows.corrected(self._rows)
+        rows = without_zeros(rows, candidate.zeros, self._site)
+        return np.array(candidate.model.residuals(rows))[:, self._mask]
+
+    def compare(self, before, after, axes=()):
+        """Two `ModelWithZeros`, a PairedComparison; None where the stars are too few."""
+        if len(self) < FEWEST:
+            return None
+        return judge(self.residuals(before), self.residuals(after), axes)
 
 
-def publishable(base, whole, strength, stars, zeros, court):
+class AmendmentComparison:
+    """Compares a model with the active one, on rows that neither fit nor choice has seen.
+
+    The blind stars, where there are enough of them. Otherwise some of the rows of the night are
+    left out, and fit and search are repeated without them.
+
+    Parameters
+    ----------
+    blind : BlindStars
+    stars : PointingRun
+        Those that were diagnosed.
+    active : ModelWithZeros
+    diagnose : callable
+        ``diagnose(stars)`` repeats fit and search, a `Diagnosis`.
+    """
+
+    def __init__(self, blind, stars, active, diagnose):
+        self._blind, self._stars, self._active = blind, stars, active
+        self._diagnose, self._trial = diagnose, None
+
+    def __call__(self, candidate):
+        """A PairedComparison; None where nothing is there to compare by."""
+        try:
+            return self._blind.compare(self._active, candidate, candidate.axes) \
+                or self._without(candidate)
+        except ValueError:  # too few rows, of the blind ones or of those to be left out
+            return None
+
+    def _without(self, candidate):
+        hidden = left_out(self._stars)
+        if not hidden.any():
+            return None
+        seen = self._stars.select(~hidden)
+        if self._trial is None:
+            self._trial = self._diagnose(seen)
+        # what is not found without these rows is at least fitted without them
+        effects = [e for e in self._trial.model.effects
+                   if e.effect.name in candidate.effect_names] or candidate.model.effects
+        models = [refitted(self._trial.base_model, self._stars, own, ~hidden)[0]
+                  for own in ((), effects)]
+        models[1] = carried_on(models[1], seen)
+        return judge(*(np.array(m.residuals(self._stars))[:, hidden] for m in models),
+                     candidate.axes)
+
+
+def publishable(base, whole, strength, stars, zeros, comparison):
     """The amended model, or as much of it as holds.
 
     Where the whole does not hold, it is tried without the effects of the axis that it makes
@@ -90,40 +166,40 @@ def publishable(base, whole, strength, stars, zeros, court):
 
     Parameters
     ----------
-    base, whole : Candidate
-        The model in force, and the amended one.
+    base, whole : ModelWithZeros
+        The active model, and the amended one.
     strength : dict of str to float
         How well each effect of `whole` is founded.
     stars : PointingRun
         To which parts of it are fitted again, `zeros` taken off, corrected for what the zeros
         follow.
     zeros : Zeros
-    court : callable
-        ``court(candidate)`` gives a Judgement against `base`, or None.
+    comparison : callable
+        ``comparison(candidate)`` gives a PairedComparison against `base`, or None.
 
     Returns
     -------
-    chosen : Candidate
+    chosen : ModelWithZeros
         `base` where nothing holds.
-    judged : Judgement or None
+    judged : PairedComparison or None
         Of `chosen`; of `whole` where nothing holds; None where there was nothing to judge by.
     refused : list of dict
         ``effects`` (their names), ``why`` (a sentence) and ``judgement``.
     """
-    judged = court(whole)
+    judged = comparison(whole)
     if judged is None or judged.holds:
         return whole, judged, []
     for out in _left_out(whole, judged, strength):
         part = _part(whole, out, stars, zeros)
-        verdict = court(part)
+        verdict = comparison(part)
         if verdict.holds:
             return part, verdict, [_refusal(out, judged)]
-    return base, judged, [_refusal(whole.names, judged)]
+    return base, judged, [_refusal(whole.effect_names, judged)]
 
 
 def _left_out(whole, judged, strength):
     """Sets of names to try without, some effects being left each time."""
-    names = sorted(dict.fromkeys(whole.names), key=lambda name: strength.get(name, 0.0))
+    names = sorted(dict.fromkeys(whole.effect_names), key=lambda name: strength.get(name, 0.0))
     tried = []
     for axis in judged.worse:
         acting = {e.effect.name for e in whole.model.effects if e.effect.axes in (axis, 'both')}
@@ -143,11 +219,11 @@ def _part(whole, out, stars, zeros):
     own = zeros.carried(sorted({*zeros, *map(int, shifts), *map(int, stars['run'])}))
     for run, shift in shifts.items():
         own[run] = own[run].plus(*shift)
-    return Candidate(model, own, whole.follows)
+    return ModelWithZeros(model, own, whole.follows)
 
 
 def _refusal(names, judged):
     names = list(dict.fromkeys(names))
-    return {'effects': names, 'why': f'{", ".join(names)}: {judged.sentence()}',
+    return {'effects': names, 'why': f'{", ".join(names)}: {comparison_sentence(judged)}',
             'judgement': judged.to_dict()}
 

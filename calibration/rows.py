@@ -5,19 +5,27 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, all_finite, wrap
+from pointing_model.context import Context
 from pointing_model.mounts import told
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
 
 from .distrust import distrusted
+from .estimation.robust import BISQUARE
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
+#: the same of a fitted model
+BEYOND_COLLIMATION = 'nearer to the zenith than the collimation lets the mount look'
+#: of one that the robust fit of a diagnosis gives no weight
+OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
+           'whole lines of the encoder')
 #: rad: a sigma below was not measured, and its weight is no number
 LEAST_SIGMA = 1e-12 * ARCSEC
 #: of the median sigma of an axis, that of a row which claims to be far better; part of the rows
 #: that may do so and are no instrument of their own
 _FLOOR, _LONE = 0.2, 0.1
+_RATE_NOISE = 2.0 * ARCSEC  # a second; stars go 15, satellites 30 and more
 
 
 def is_kept_out(rows):
@@ -77,6 +85,57 @@ def with_marks(rows):
         return rows
     return PointingRun({**rows.columns, **{name: np.zeros(len(rows)) for name in missing}},
                        rows.meta)
+
+
+def stars_without_zeros(rows, zeros, site, follows):
+    """The rows that are diagnosed: stars that fits may see, with the zeros taken off.
+
+    Parameters
+    ----------
+    rows, zeros, site
+        As of `without_zeros`.
+    follows : Following
+        Which zeros follow the absolute encoder.
+    """
+    seen = for_fitting(follows.corrected(rows))
+    return without_zeros(seen.select(~is_for_zero(seen)), zeros, site)
+
+
+def without_zeros(rows, zeros, site=None):
+    """The rows with the zeros taken off, as `diagnose` wants them.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        With columns `star` and `run`.
+    zeros : Zeros
+        A power-on without one has that before it.
+    site : dict, optional
+        ``latitude``, ``longitude``, rad.
+    """
+    columns = dict(rows.columns)
+    az, el = zeros.carried(np.unique(rows['run'])).of_rows(rows)
+    # readings are what the encoders read: the zero and the star's place are no part of them
+    for axis, zero, factor, miss in (('az', az, np.cos(rows['el']), 'miss_x'),
+                                     ('el', el, 1.0, 'miss_y')):
+        if f'{axis}_raw' not in columns:
+            columns[f'{axis}_raw'] = rows[f'{axis}_enc'] - np.nan_to_num(rows.get(miss)) / factor
+        columns[f'{axis}_enc'] = rows[f'{axis}_enc'] - zero
+    if site and _sidereal(rows, site):
+        # what differs from the stars' own rates is noise of the encoder, and no latency
+        for name in ('az_rate', 'el_rate'):
+            columns.pop(name, None)
+    if np.all(columns['star'] == np.floor(columns['star'])):
+        columns['star'] = columns['star'].astype(np.int64)
+    return PointingRun(columns, {**rows.meta, **({'site': site} if site else {})})
+
+
+def _sidereal(rows, site):
+    """Whether the rates of the rows are those of stars, but for the noise of two readings."""
+    alone = Context(rows['az'], rows['el'], None, site['latitude'])
+    off = np.hypot((rows.get('az_rate') - alone.get('az_rate')) * np.cos(rows['el']),
+                   rows.get('el_rate') - alone.get('el_rate'))
+    return bool(np.nanmedian(off) < _RATE_NOISE) if np.isfinite(off).any() else False
 
 
 class Usable(NamedTuple):

@@ -5,8 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from .frame_readings import FrameReadings
 from .paper_reader import PaperReader
-from .readings import FrameReadings
 from .template_reader import TemplateReader
 
 _TURN = 2.0 * np.pi

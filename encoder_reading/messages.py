@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from msg_tools import convert, topics
 
 from .axis_reader import read_frames
-from .readings import QUALITIES, REJECTED, Differenced
+from .frame_readings import QUALITIES, REJECTED, Differenced
 
 _BOTH = np.arange(2)
 #: mono8 and the name that OpenCV has for it
@@ -104,7 +104,7 @@ class AngleOutput:
         self._rates, self._frame = Differenced(), ''
 
     def read(self, stamps, frames, told):
-        """Read frames and publish the angles, with the rates of `readings.Differenced`.
+        """Read frames and publish the angles, with the rates of `frame_readings.Differenced`.
 
         Parameters
         ----------

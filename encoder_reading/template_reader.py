@@ -17,7 +17,7 @@ from .bar_fit import BarLine, Bars
 from .bar_lattice import BarLattice
 from .bar_template import BarTemplate
 from .disc import windows_of
-from .readings import REJECTED, FrameReadings, checked_frames
+from .frame_readings import REJECTED, FrameReadings, checked_frames
 
 _CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
 _STRETCHES = 8192  # of bars at once, which stay in the cache

@@ -3,7 +3,7 @@
 import numpy as np
 
 from encoder_reading.axis_reader import AxisReader, read_frames
-from encoder_reading.readings import FrameReadings
+from encoder_reading.frame_readings import FrameReadings
 
 from .ccd import LinearCCD
 from .disturbance import stamp_delays

@@ -68,7 +68,7 @@ def plan_move(distance, rate, limits, frame_rate=0.0):
         rad, signed.
     rate : float
         At the start, rad/s.
-    limits : AxisLimits
+    limits : AxisDynamics
         Of the axis.
     frame_rate : float
         Rate of the frame in which the move is described: that of a target to be caught, rad/s.
@@ -263,7 +263,7 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
         State of the axes now, rad and rad/s.
     trajectory : Trajectory
         To be followed from then on. The first axis takes the short way where the travel allows it.
-    limits : sequence of AxisLimits, length 2
+    limits : sequence of AxisDynamics, length 2
         Of both axes.
     words : sequence of str, length 2
         What they are called, for people.
@@ -340,7 +340,7 @@ class MountAxes:
 
     Parameters
     ----------
-    first, second : AxisLimits
+    first, second : AxisDynamics
         Of the axes.
     time : float
         At which they stand still at `angles`, s.

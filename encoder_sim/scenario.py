@@ -35,7 +35,7 @@ TRAVEL = {'equatorial': ((-180.0, 180.0), (-100.0, 100.0)),
 
 
 @dataclass(frozen=True)
-class AxisLimits:
+class AxisDynamics:
     """How an axis moves.
 
     Attributes
@@ -305,7 +305,7 @@ class Scenario:
     name: str = 'ideal'
     clock_offset: float = number(0.0, 'ms', -600000.0, 600000.0)
     mount: MountErrors = section(MountErrors)
-    axes: object = both_axes(AxisLimits)
+    axes: object = both_axes(AxisDynamics)
     incremental: object = both_axes(Incremental)
     absolute: object = both_axes(Absolute)
     camera: CameraErrors = section(CameraErrors)

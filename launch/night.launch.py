@@ -3,7 +3,7 @@
 from telescope_mount.graph import night_graph
 from telescope_mount.launch_actions import description, started
 from telescope_mount.observing.plan import night_plan, parse_plan
-from telescope_mount.simulator import kind_of_mount
+from telescope_mount.simulation import kind_of_mount
 
 ARGUMENTS = (
     ('bag', 'bag', 'folder of the log; it must not exist'),

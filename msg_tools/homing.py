@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .cloud_tables import cloud_to_table, table_to_cloud
 from .convert import AXES
 from .power_on import PowerOn
-from .tables import cloud_to_table, table_to_cloud
 
 _SIDES = {'': 0.0, 'below': 1.0, 'above': -1.0}
 _LATER = ('started', 'supply', 'temperature')  # fields that older messages do not have

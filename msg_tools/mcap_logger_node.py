@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool
 
 from . import topics
 from .bag import BagWriter
-from .bag.provenance import ParameterCollector, as_text
+from .bag.parameter_query import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param

@@ -12,7 +12,7 @@
 These are the commands of the same names, without their printing: the same file gives the same
 numbers. What they return carries its unit in its name: ``_deg``, ``_arcsec``, ``_c``, ``_hpa``,
 ``_m``; offsets are encoder - catalogue, on the sky. Behind each stands the object of the package
-that computed it, in radians (`Run.rows`, `Fit.result`, `Diagnosis.result`).
+that computed it, in radians (`Run.rows`, `Fit.result`, `RunDiagnosis.result`).
 
 These names are kept: what is here now stays, with its meaning and its unit, within a major version.
 """
@@ -26,10 +26,10 @@ from threadpoolctl import threadpool_limits
 
 from calibration.analysis.diagnosis import check_columns, naming_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
-from calibration.analysis.external_check import checked_by_halves
-from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document
-from calibration.analysis.sky_model import settled, settled_together
+from calibration.analysis.run_fit import fit_run
+from calibration.analysis.sky_model import settled_together
+from calibration.report.diagnosis_document import diagnosis_document
+from calibration.report.fit_document import fit_document
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
@@ -38,7 +38,7 @@ from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 from .commands.options import place_of
 from .runs import load_run
 
-__all__ = ['Diagnosis', 'Fit', 'Run', 'apply', 'diagnose', 'fit', 'read_run']
+__all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 
 
 def _one_thread(work):
@@ -179,7 +179,7 @@ class Fit:
                 f'{self.rms_before_arcsec:.2f}" -> {self.rms_arcsec:.2f}"')
 
 
-class Diagnosis:
+class RunDiagnosis:
     """What `diagnose` found.
 
     Attributes
@@ -194,7 +194,7 @@ class Diagnosis:
     @cached_property
     def document(self):
         """What ``telescope-mount diagnose --json`` writes, dict."""
-        return self.result.to_dict()
+        return diagnosis_document(self.result)
 
     @property
     def verdict(self):
@@ -206,8 +206,9 @@ class Diagnosis:
         """The verdict for people: a headline, and what follows from it; list of str."""
         from calibration.report.diagnosis_words import verdict_sentences
         from calibration.report.effect_words import effects_told
+        from calibration.report.wording import paragraph
         headline, more = verdict_sentences(self.document, effects_told(self.result),
-                                           caution=self.result.caution)
+                                           caution=paragraph(self.result.cautions))
         return [headline, *more]
 
     @property
@@ -336,17 +337,8 @@ def fit(run, terms=None, *, encoder='enc', robust=True):
     ValueError
         Too few usable rows, unknown terms, or columns that are not what they are named.
     """
-    rows = _rows(run)
-    names = rows.mount.names.physical if terms is None else tuple(terms)
-    checked = check_columns(rows, encoder)
-    rows, origin = settled(rows, names, encoder=encoder, robust=robust)
-    result = fit_terms(rows, names, robust=robust, encoder=encoder,
-                       provenance={'source': str(rows.meta.get('source', ''))})
-    document = fit_document(rows, result, encoder,
-                            checked_by_halves(rows, result, names, encoder, robust), checked)
-    if origin is not None:
-        document['origin_of_errors'] = origin.document()
-    return Fit(Run(rows), result, document)
+    found = fit_run(_rows(run), terms, encoder=encoder, robust=robust)
+    return Fit(Run(found.run), found.terms, fit_document(found))
 
 
 @_one_thread
@@ -374,7 +366,7 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
 
     Returns
     -------
-    Diagnosis
+    RunDiagnosis
 
     Raises
     ------
@@ -389,7 +381,7 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
         runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *of_held]}
     check_columns([*runs, *held], encoder)
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
-    return Diagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
+    return RunDiagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
                                seed=seed, progress=progress, jobs=jobs))
 
 
@@ -399,7 +391,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
 
     Parameters
     ----------
-    model : Fit, Diagnosis, PointingModel, str or Path
+    model : Fit, RunDiagnosis, PointingModel, str or Path
         A path: a model file of ours, or of another program.
     az_deg, el_deg, reverse, zero, latitude_deg, longitude_deg, **drivers
         As of `apply` of `pointing_model.model_application`: ``temperature_c=4.5``, ...
@@ -416,7 +408,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=N
     OSError
         The file cannot be read.
     """
-    if isinstance(model, Fit | Diagnosis):
+    if isinstance(model, Fit | RunDiagnosis):
         model = model.model
     return _apply.apply(model, az_deg, el_deg, reverse=reverse, zero=zero,
                         latitude_deg=latitude_deg, longitude_deg=longitude_deg, **drivers)

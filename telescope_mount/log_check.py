@@ -9,17 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.encoders.cross_check import (
+    axis_homings,
+    diagnostic_homings,
     encoder_diagnostics,
-    homings_from_diagnostics,
-    homings_of,
 )
-from calibration.analysis.harmonic_fit import choice_of, choice_of_report
-from calibration.analysis.tracking import TRACK
-from calibration.analysis.tracking.live_tracking import LiveTracking
+from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.analysis.tracking.tracked_night import KEY
-from calibration.live_apart import LiveApart
-from calibration.nights import NightSeries
-from calibration.session import CalibrationSession
+from calibration.night_series import NightSeries, state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
@@ -93,11 +89,11 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     declared = declared_by(parameters, check.unchecked)
     for part in (*rows.observations.values(), *rows.tables.values()):
         part.meta |= declared
-    session = _session(log, parameters, reference, seed, rows)
-    if isinstance(session, NightSeries):
+    state = _state(log, parameters, reference, seed, rows)
+    if isinstance(state, NightSeries):
         for _, homings in rows.homings:
-            session.hear(homings(0))
-    _calibrate(rows, session, parameters, check, *([progress] if progress else []))
+            state.season.update_marks(homings(0))
+    _calibrate(rows, state, parameters, check, *([progress] if progress else []))
     if not check.checked:
         raise ValueError(f'{bag} has nothing derived in it that could be verified')
     check.unchecked += log.problems
@@ -217,9 +213,9 @@ def _read(log, prefix, check):
             if found:
                 clocks[str(found['exposures'])] = found
         elif name == 'incremental/homing':
-            rows.homings.append((message.log_time, partial(homings_of, cloud_to_homing(data))))
+            rows.homings.append((message.log_time, partial(axis_homings, cloud_to_homing(data))))
         else:
-            rows.diagnosed += [(message.log_time, partial(homings_from_diagnostics, values))
+            rows.diagnosed += [(message.log_time, partial(diagnostic_homings, values))
                                for values in encoder_diagnostics(data, prefix)]
     pairing.finish(rows.observations)
     for found in clocks.values():
@@ -232,8 +228,7 @@ def _read(log, prefix, check):
 # --- the calibration, once more ------------------------------------------------------------------
 
 
-def _session(log, parameters, reference, seed, rows):
-    seed = seed if seed is not None else parameters.get('split_seed', 1)
+def _state(log, parameters, reference, seed, rows):
     model = None
     if reference is not None:
         model = PointingModel.load(reference)
@@ -245,17 +240,15 @@ def _session(log, parameters, reference, seed, rows):
         else:
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')
-    age = parameters.get('reference_age', 0)
-    harmonics = choice_of(parameters)
     reports = rows.said['calibration/report']
     if not parameters and reports:
-        harmonics = choice_of_report(_document(reports[-1][1].data))
-    kept = parameters.get('kept_power_ons', 0)
-    return (NightSeries(age, model, seed, harmonics, kept) if age
-            else CalibrationSession(model, seed, harmonics=harmonics, power_ons=kept))
+        parameters = choice_of_report(_document(reports[-1][1].data)).parameters()
+    if seed is not None:
+        parameters = {**parameters, 'split_seed': seed}
+    return state_of(parameters, model)
 
 
-def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
+def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
     """Feed the observations one by one, and repeat what was asked for after each."""
     zeros, models = {}, {}
     for _, data in rows.said['zero']:
@@ -267,17 +260,15 @@ def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
             check.unchecked.append('a model that is no document of ours')
             continue
         models.setdefault(stamp, []).append((log_time, data.data))
-    replay = _Replay(session, rows, parameters, check)
+    replay = _Replay(state, rows, parameters, check)
     stamps = sorted({*rows.observations, *zeros, *models, *rows.tables})
     for done, stamp in enumerate(stamps):
         progress('computing again', done, len(stamps))
         if stamp in rows.observations:
-            replay.session.add(rows.observations[stamp], stamp)
-            replay.asked()
-            replay.track(rows.observations[stamp])
+            replay.state.add(rows.observations[stamp], stamp)
+            replay.compare_request()
         elif stamp in rows.tables:
-            replay.session.take_table(rows.tables[stamp], stamp)
-            replay.track(rows.tables[stamp])
+            replay.state.add_table(rows.tables[stamp], stamp)
         if stamp in zeros or stamp in models:
             replay.at(stamp, zeros.get(stamp, []), models.get(stamp, []))
 
@@ -285,11 +276,9 @@ def _calibrate(rows, session, parameters, check, progress=lambda *_: None):
 class _Replay:
     """What the calibration was asked for at one stamp, done again and compared."""
 
-    def __init__(self, session, rows, parameters, check):
-        self.session, self._rows, self._check = session, rows, check
-        self._parameters = parameters
-        self._tracking = LiveTracking() if parameters.get('mode') == TRACK else None
-        self._apart, self._asked = LiveApart(), {}
+    def __init__(self, state, rows, parameters, check):
+        self.state, self._rows, self._check = state, rows, check
+        self._parameters, self._asked = parameters, {}
         for _, data in rows.said['apart']:
             told = _document(data.data)
             self._asked.setdefault((told.get('diagnosed_ns'), told.get('last_stamp_ns')),
@@ -298,14 +287,9 @@ class _Replay:
             deque(data.data for _, data in rows.said[name])
             for name in ('calibration/report', 'diagnosis'))
 
-    def track(self, rows):
-        """Rows have come, where the mount is tracked."""
-        if self._tracking:
-            self._tracking.observed(self.session, rows)
-
-    def asked(self, text=None):
-        """What is asked for to tell causes apart, after a row or (`text`) a diagnosis."""
-        text = text or self._apart.observed(self.session)
+    def compare_request(self):
+        """What is asked for to tell causes apart, after a row or a diagnosis."""
+        text = self.state.tonight.requests.news()
         if not text:
             return
         made = json.loads(text)
@@ -315,7 +299,7 @@ class _Replay:
 
     def at(self, stamp, zeros, models):
         """Zeros by Polaris first, then fits, then diagnoses, each with its zero."""
-        if self.session.last_stamp != stamp:
+        if self.state.last_stamp != stamp:
             self._check.unchecked.append(
                 f'what was derived at {at_time(stamp)}: its observation is not in the log')
             return
@@ -324,15 +308,16 @@ class _Replay:
         computed = []
         if calibrated:
             try:
-                run, zero = self.session.calibrate_zero()
+                run, zero = self.state.calibrate_zero()
             except ValueError as error:
                 self._check.differences.append(f'zero of {at_time(stamp)}: {error}')
                 return
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
             told = json.loads(text)['provenance']
-            if KEY in told and self._tracking and self._tracking.night:
-                model, zero = self._tracking.pair(self.session)
+            tracking = self.state.tonight.tracking
+            if KEY in told and tracking and tracking.night:
+                model, zero = tracking.pair(self.state)
                 self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
                 computed.append((zero, False))
                 continue
@@ -345,10 +330,7 @@ class _Replay:
             else:
                 model = self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), at_time(stamp))
-            self.session.in_force = model
-            if self._tracking:
-                self._tracking.begin(self.session)
-            computed.append((self.session.zeros_in_force.newest, False))
+            computed.append((self.state.tonight.active_zeros.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)
             self._check.compare('zero', logged.angles, zero.angles, at_time(stamp))
@@ -357,10 +339,10 @@ class _Replay:
 
     def _is_dated_reference(self, text):
         """Whether a model is the reference, published with the zero that is relative to it."""
-        if not self._parameters.get('reference_age') or self.session.reference is None:
+        reference = self.state.tonight.reference
+        if not self._parameters.get('reference_age') or reference is None:
             return False
-        document = json.loads(text)
-        own = json.loads(self.session.reference.to_json())
+        document, own = json.loads(text), json.loads(reference.to_json())
         for one in (document, own):
             one['provenance'] = {k: v for k, v in one['provenance'].items()
                                  if k != 'last_stamp_ns'}
@@ -368,17 +350,17 @@ class _Replay:
 
     def _fit(self, stamp, log_time):
         logged = self._report(stamp)
-        before, first = self.session, None
+        before, first = self.state, None
         for homings in self._homings(log_time):
-            session = copy.deepcopy(before)  # a fit is judged against the one before it
-            model, report = session.fit(homings)
-            tried = session, model, json.dumps(report)
+            state = copy.deepcopy(before)  # a fit is judged against the one before it
+            model, report = state.fit(homings)
+            tried = state, model, json.dumps(report)
             first = first or tried
             if logged is None or _same(logged, tried[-1]):
                 break
         else:
             tried = first
-        self.session, model, report = tried
+        self.state, model, report = tried
         if logged is None:
             self._check.unchecked.append(f'report of {at_time(stamp)}: it is not in the log')
         else:
@@ -391,7 +373,7 @@ class _Replay:
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
         for i in near[:_STATES]:
-            yield [h for h in states[i][1](self.session.newest) if h.homed]
+            yield [h for h in states[i][1](self.state.tonight.rows.newest) if h.homed]
         if not states:
             yield []
         yield None
@@ -405,14 +387,14 @@ class _Replay:
                    else document.get('site_deg'))
         site = None if not degrees else {
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
-        found = (self.session.judge(site) if again
-                 else self.session.diagnose(document.get('alpha', 0.01), site))
-        if not again:
-            self.asked(self._apart.begin(self.session, found, site))
+        state = self.state.tonight
+        found = (state.judge(site) if again
+                 else state.diagnose(document.get('alpha', 0.01), site))
+        self.compare_request()
         if document:
             self._check.compare('diagnosis', logged, json.dumps(found.document), at_time(stamp))
-        # the report of the fit comes with it, its witnesses judged by the new model
-        report = self.session.report
+        # the report of the fit comes with it, the encoders cross-checked by the new model
+        report = state.report
         logged = (self._report(report['last_stamp_ns'])
                   if 'published' in document and report is not None else None)
         if logged is not None:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from calibration.analysis.diagnosis.row_counts import rows_of_reader
+from calibration.analysis.diagnosis.row_counts import reader_row_counts
 from msg_tools.output import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import parse_plan
@@ -14,7 +14,7 @@ from telescope_mount.observing.plan import parse_plan
 from .graph import measured_graph, night_graph
 from .loop_judgement import judgement, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
-from .simulator import kind_of_mount, scenario_names, undeclared
+from .simulation import kind_of_mount, scenario_names, undeclared
 from .whole_night import NightFailed, observe, prepare_folder
 
 FORMAT = 'telescope_mount/loop'
@@ -112,7 +112,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         domain_number, incomplete=incomplete)
     told = None
     if file is not None:
-        report['rows_read'] += rows_of_reader(run).lost
+        report['rows_read'] += reader_row_counts(run).lost
     else:  # now that everything is decided
         told = undeclared(folder / 'bag_truth')
     report = _judge(folder, report, told, incomplete)
@@ -175,7 +175,7 @@ def _sound_run(file, place):
     with naming_columns():
         run = load_run(file, **place)
     check_columns(run)
-    told = rows_of_reader(run)
+    told = reader_row_counts(run)
     if told.too_few:
         raise ValueError(f'{file}: {told.refusal}')
     return run

@@ -113,7 +113,7 @@ def loop_sentences(report):
             out.append(f'found: {report["found"]}'
                        + ('; besides: ' + ', '.join(map(readable, report['false']))
                           if _besides(report) else ''))
-    return out + report['notes'] + [f'witnesses: {alarm}' for alarm in report['alarms']]
+    return out + report['notes'] + [f'encoder cross-check: {alarm}' for alarm in report['alarms']]
 
 
 def all_table(report):
@@ -147,5 +147,5 @@ def _besides(report):
 
 
 def _alarms(row):
-    """The beginning of each alarm of the witnesses: axis, witness, what it did."""
+    """The beginning of each alarm of the cross-check: axis, who moved, what it did."""
     return '\n'.join(shorten(alarm, _ALARM, placeholder=' …') for alarm in row['alarms'])

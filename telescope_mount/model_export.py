@@ -75,7 +75,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         One cannot be read or written.
     """
     from pointing_model.mounts import ALTAZ
-    from pointing_model.runs.model_files import PROGRAMS, read_model, table
+    from pointing_model.runs.model_files import PROGRAMS, coefficient_table, read_model
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the model it is made from')
@@ -90,8 +90,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         model.save(path)
         return Written(path, to, None, notes)
     facts = {'caption': f'telescope_mount, {source.name}'}
-    if to == table.NAME:
-        write_text(path, table.write(model, facts['caption']))
+    if to == coefficient_table.NAME:
+        write_text(path, coefficient_table.write(model, facts['caption']))
         return Written(path, to, None, notes)
     from pointing_model.runs.model_files import export
     context, told = None, ''
@@ -107,8 +107,10 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 def _said_of_open(model):
     """What no file of another program tells: which terms nobody knows."""
-    from calibration.analysis.term_notes import undetermined_notes
-    said = undetermined_notes(model.undetermined, model.terms)
+    from calibration.analysis.fit_result import undetermined_terms
+    from calibration.report.wording import wording
+    said = [wording(undetermined_terms(model.undetermined, model.terms))] \
+        if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
         said.append('all rows of the fit are on one side of the pier: on the other nobody has '
                     'seen this model')

@@ -35,25 +35,36 @@ def end_with_parent():
         sys.exit(-signal.SIGTERM)
 
 
-def _runs(process):
-    """Whether a process is there, and not only what is left of it until its own parent asks."""
+def _status(process):
+    """The fields of ``/proc/PID/stat`` after the name, from the state on; none where it is gone."""
     with suppress(OSError):
         # the name, in parentheses, may have any letters
-        return Path(f'/proc/{process}/stat').read_text().rpartition(') ')[2][0] not in 'ZX'
-    return False
+        return Path(f'/proc/{process}/stat').read_text().rpartition(') ')[2].split()
+    return []
+
+
+def _runs(process):
+    """Whether a process is there, and not only what is left of it until its own parent asks."""
+    return _status(process)[:1] not in ([], ['Z'], ['X'])
 
 
 def _is_orphan():
     """Whether a shell started `ros2`, that this process, and it has ended meanwhile.
 
-    Who takes over an orphan is of another session; so is the parent of a service, but its `_`,
-    where a shell writes the command that it starts, is no `ros2`.
+    A shell writes the command that it starts into `_`, and the children of that have it too: that
+    of a service is no `ros2`. A daemon that `ros2` was to start leads a session of its own.
     """
-    with suppress(OSError):  # of another user
-        parent = os.getppid()
-        return bool(os.path.basename(os.environ.get('_', '')) == 'ros2' and parent
-                    and os.getsid(parent) != os.getsid(0) != os.getpid())
-    return False
+    if os.path.basename(os.environ.get('_', '')) != 'ros2' or os.getsid(0) == os.getpid():
+        return False
+    process = os.getppid()
+    while process > 0:  # what is in between (`--prefix`) has `ros2` as its parent
+        if _starts(process):
+            return False
+        status = _status(process)
+        if not status:  # it ends this moment, or /proc is of another system
+            return False
+        process = int(status[1])
+    return True
 
 
 def _starts(process):

@@ -4,6 +4,7 @@
 import numpy as np
 
 from calibration.analysis.solves import judge_solves
+from calibration.report.wording import wording
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
@@ -58,9 +59,9 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = log_of(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        run = _without_judges(judge_solves(read_run(
+        run = _without_judges(_worded(judge_solves(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
-            mount=mount, equinox=equinox)))
+            mount=mount, equinox=equinox))))
     else:
         if equinox is not None:
             raise ValueError(f'{path} is a log, which has no catalogue places; leave out --equinox')
@@ -76,6 +77,18 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         run.meta['graduation'] = declared_graduation(graduation)
     if drivers:
         run.meta['drivers'] = _drivers(path, run, drivers)
+    return run
+
+
+def _worded(run):
+    """The run with what its own rows say of it in words, for people."""
+    names = run.meta.get('row_names') or {}
+    if run.meta.get('of_solves'):
+        run.meta['notes'] = list(map(wording, run.meta['notes']))
+        run.meta['excluded'] = [
+            {**one, 'reason': ': '.join([*([names[one['row']]] if one['row'] in names else []),
+                                         wording(one['reason'])])}
+            for one in run.meta['excluded']]
     return run
 
 

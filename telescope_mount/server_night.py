@@ -116,7 +116,7 @@ def ask_server(text, sky=None, seen=False):
 
 def _ask_indi(host, port, told, seen):
     from telescope_mount.bridges.indi.client import IndiClient
-    from telescope_mount.bridges.indi.telescope import (
+    from telescope_mount.bridges.indi.indi_telescope import (
         SIDE,
         IndiTelescope,
         check_kind,
@@ -136,7 +136,7 @@ def _ask_indi(host, port, told, seen):
 
 
 def _ask_alpaca(host, port, told, seen):
-    from telescope_mount.bridges.alpaca.telescope import AlpacaTelescope
+    from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaTelescope
     telescope = AlpacaTelescope(host, port)
     telescope.connect()
     simulated = telescope.is_simulator

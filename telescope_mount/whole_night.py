@@ -18,7 +18,7 @@ from .graph import NODES, night_graph
 from .graph_end import come_to_rest
 from .interrupt import noted, raise_noted
 from .night_files import add_truth, diagnosing, write_page, write_results
-from .simulator import kind_of_mount
+from .simulation import kind_of_mount
 
 #: wall seconds without any progress after which a night is given up
 STALL = 60.0

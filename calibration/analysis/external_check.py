@@ -1,14 +1,11 @@
 """External check: fit on half of the stars, judge on the others (paper 000)."""
 
-from functools import partial
-
 import numpy as np
 
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import BY_POLARIS, NO_ZERO, is_for_zero, zero_in_force
 
-from ..power_on_cache import Finished
 from ..rows import by_run
 from .fit import fit_terms
 from .harmonic_fit import Recipe
@@ -94,7 +91,7 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
     return rms_arcsec(*left)
 
 
-def checked_by_halves(run, result, names, encoder='enc', robust=True):
+def checked_by_halves(run, result, names, **options):
     """`external_check` of a fit, on the rows that it used; None where they are too few for it.
 
     Parameters
@@ -104,13 +101,13 @@ def checked_by_halves(run, result, names, encoder='enc', robust=True):
         Of terms to `run`.
     names : sequence of str
         The terms.
-    encoder, robust
-        As of the fit.
+    **options
+        As of the fit, for `external_check`.
     """
     used = run.select(result.weights > 0.0)
     if len(used) < 4 * len(names):
         return None
-    return external_check(used, names=names, encoder=encoder, robust=robust)
+    return external_check(used, names=names, **options)
 
 
 def rms_of(model, run, zero):
@@ -118,7 +115,7 @@ def rms_of(model, run, zero):
     return rms_arcsec(*model.residuals(run, zero=zero))._asdict()
 
 
-def power_on_check(rows, reference, first, measured, change, notes, finished=None, other=None):
+def power_on_check(rows, reference, first, measured, change, notes, other=None):
     """The paper's check, from one power-on to the next: its coefficients on later stars.
 
     Parameters
@@ -134,11 +131,9 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
         ``change(rows, before, after, model)`` gives the change of the zero, a MeasuredZero.
     notes : list of str
         Gets a line where a power-on has too few stars.
-    finished : Finished, optional
-        Has the checks of power-ons that are over.
-    other : (str, str, callable), optional
-        Another kind of model: its name, such as ``harmonics of``, all that it is of, as its
-        degree, and ``fit(rows, recipe)``, which gives a FitResult.
+    other : (str, callable), optional
+        Another kind of model: its name, such as ``harmonics of``, and ``fit(rows, recipe)``, which
+        gives a FitResult.
 
     Returns
     -------
@@ -157,24 +152,19 @@ def power_on_check(rows, reference, first, measured, change, notes, finished=Non
                 {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
     kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
-        kinds.append((other[0], lambda part, zero: other[2](
+        kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
-    finished = Finished() if finished is None else finished
     out, parts = [], by_run(rows)
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
     for before, after in zip(numbers, numbers[1:]):
-        pair, way = (parts[before], parts[after]), ways([measured[int(after)]])
-        found, said = finished.once(
-            ('check', after), (*pair, first[before].angles, way, other and other[1]),
-            partial(_from_to, *pair, before, after, first[before], way, change, kinds))
-        out += found
-        notes += said
+        out += _from_to(parts[before], parts[after], before, after, first[before],
+                        ways([measured[int(after)]]), change, kinds, notes)
     return out
 
 
-def _from_to(then, later, before, after, old, way, change, kinds):
-    """Checks of models of a power-on on another, and what could not be checked."""
-    out, notes = [], []
+def _from_to(then, later, before, after, old, way, change, kinds, notes):
+    """Checks of models of a power-on on another."""
+    out = []
     both, stars = PointingRun.concatenate([then, later]), later.select(~is_for_zero(later))
     for kind, fit in kinds:
         try:
@@ -186,7 +176,7 @@ def _from_to(then, later, before, after, old, way, change, kinds):
         label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
         out.append({'check': f'{label}, with the old zero', **rms_of(model, stars, old)})
         out.append({'check': f'{label}, zero by {way}', **rms_of(model, stars, new)})
-    return out, notes
+    return out
 
 
 def ways(zeros):

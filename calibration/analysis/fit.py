@@ -150,7 +150,7 @@ def fit_first_order(az, el, x, y, names=PHYSICAL, sx=None, sy=None, *, rcond=RCO
 
 
 def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder='enc',
-              zero=NO_ZERO, run_zeros=False, rcond=RCOND, provenance=None):
+              zero=NO_ZERO, run_zeros=False, rcond=RCOND, provenance=None, **solver):
     """Fit pointing terms to a run.
 
     Gauss-Newton: the geometric terms act as exact rotations (`pointing_model.geometry`) and are
@@ -186,6 +186,8 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         Relative singular value below which a direction is left out and reported.
     provenance : dict, optional
         Kept in the model beside what the fit itself writes.
+    **solver
+        As of `gauss_newton.gauss_newton`.
 
     Returns
     -------
@@ -223,7 +225,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
     problem = LinearProblem(observed, design) if linear else RotationProblem(
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
-                         mild_sigmas(used), zeros_of_axes)
+                         mild_sigmas(used), zeros_of_axes, **solver)
 
     def make_model(p, covariance, facts):
         return _on_top(base, terms, p, covariance, facts)

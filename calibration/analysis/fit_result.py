@@ -11,6 +11,8 @@ from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from ..estimation.few_rows import FEW, interval_factor
+from ..rows import BEYOND_COLLIMATION
+from .finding import Finding
 
 #: times what a direction moves at the stars, from where it moves more than they show
 _BEYOND = 10.0
@@ -150,6 +152,58 @@ class FitResult:
         """Indices of the rows that the robust fit gave no weight, without the excluded ones."""
         return np.flatnonzero((self.weights == 0.0) & np.isfinite(self.residual_x))
 
+    def findings(self, run):
+        """What people must know of the fit beside its figures.
+
+        Parameters
+        ----------
+        run : PointingRun
+            That was fitted.
+
+        Returns
+        -------
+        list of Finding
+        """
+        out = []
+        if self.undetermined:
+            out.append(undetermined_terms(self.undetermined,
+                                          dict(zip(self.names, self.coefficients))))
+        word = 'row' if run.meta.get('lines') is None else 'line'
+        out += [Finding('raised sigma', evidence={
+            **one, 'place': f'{word} {run.lines[one["row"]]}'}) for one in self.raised]
+        return [*out, *self.freedom_findings]
+
+    @property
+    def freedom_findings(self):
+        """Findings of a fit of few rows; none of others."""
+        if not self.few:
+            return []
+        out = [Finding('few degrees of freedom', evidence={'degrees': self.degrees_of_freedom})]
+        return out if self.robust else [*out, Finding('rows not judged')]
+
+    def rejected_stars(self, rows):
+        """Findings on the stars that the robust fit rejected, the farthest first.
+
+        Parameters
+        ----------
+        rows : PointingRun
+            That were fitted, with their stars.
+        """
+        far = np.hypot(self.residual_x, self.residual_y)
+        away = self.rejected[np.argsort(-far[self.rejected], kind='stable')]
+        time = rows['time'] if 'time' in rows else np.full(len(rows), np.nan)
+        return [Finding('rejected star', float(far[i]) / ARCSEC, evidence={
+            'star': int(rows['star'][i]),
+            'time': float(time[i]) if np.isfinite(time[i]) else None,
+            'x_arcsec': float(self.residual_x[i]) / ARCSEC,
+            'y_arcsec': float(self.residual_y[i]) / ARCSEC}) for i in away]
+
+    @property
+    def open_directions(self):
+        """A Finding on each direction that the stars do not determine, list."""
+        return [Finding('open direction', evidence={'direction': one['text']})
+                for one in self.dropped]
+
     def rms_arcsec(self, rejected=True):
         """RMS of the residuals on the fitted rows.
 
@@ -165,6 +219,28 @@ class FitResult:
         """
         keep = slice(None) if rejected else self.weights > 0.0
         return rms_arcsec(self.residual_x[keep], self.residual_y[keep])
+
+
+def named(rejected, most=5):
+    """Findings as of `rejected_stars`, those beyond `most` as one."""
+    more = len(rejected) - most
+    return [*rejected[:most], *([Finding('more stars rejected', more, unit='')] * (more > 0))]
+
+
+def undetermined_terms(names, values):
+    """Finding on terms that the stars do not determine.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of them.
+    values : dict of str to float
+        Of all terms: zero of those that are held.
+    """
+    held = [name for name in names if values[name] == 0.0]
+    return Finding('undetermined terms', evidence={
+        'terms': list(names), 'held': held,
+        'carrying': [name for name in names if name not in held]})
 
 
 def _dropped(left_open, names):
@@ -202,8 +278,8 @@ def make_result(run, names, used, found, make_model, zeros, notes):
     lost = used.rows[~np.isfinite(found.residual[:n])]
     if len(lost):
         excluded = sorted([*excluded, *(
-            {'row': int(i), 'reason': 'nearer to the zenith than the collimation lets the mount '
-                                      'look'} for i in lost)], key=lambda one: one['row'])
+            {'row': int(i), 'reason': BEYOND_COLLIMATION} for i in lost)],
+            key=lambda one: one['row'])
     if sigmas is not None:
         scatter = tuple(of * rms(s) for of, s in zip(scatter, sigmas.reshape(2, n)))
     undetermined = tuple(names[i] for i in left_open.terms)

@@ -15,6 +15,7 @@ from pointing_model.rms import rms_arcsec
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, is_for_zero
 
+from .finding import Finding
 from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 
 NONE = 'none'
@@ -273,7 +274,8 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         For a report: ``harmonics``, ``alone``, ``degree``, ``degree_by``, ``label``,
         ``coefficients`` (rows with ``name``, ``value_arcsec``, ``sigma_arcsec``), ``rcond``,
         ``rank``, ``condition``, ``rejected``, ``fitted`` (RMS on the rows that have a weight),
-        ``notes`` and ``cross_validation``.
+        ``cross_validation``.
+    findings : list of Finding
 
     Raises
     ------
@@ -295,14 +297,14 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
         fitted = recipe.fit(rows, choice, degree, terms)
     series = fitted.model.harmonics
     label = choice.label(degree, recipe.names or rows.mount.names.physical)
-    notes = [f'the stars do not determine {dropped["text"]}' for dropped in fitted.dropped]
+    findings = fitted.open_directions
     best = min(tried['choices'], key=lambda one: one['radial'], default=None)
     if degree not in own:
-        notes.append(f'{label}: not cross-validated, the stars are too few to leave some out')
+        findings.append(Finding('not cross-validated', evidence={'model': label}))
     elif best['radial'] < (1.0 - _NAMED) * own[degree]['radial']:
-        notes.append(f'cross-validation prefers another model: {best["label"]} '
-                     f'{best["radial"]:.2f} arcsec radial on stars left out, {label} '
-                     f'{own[degree]["radial"]:.2f}')
+        findings.append(Finding('better model', before=own[degree]['radial'],
+                                after=best['radial'],
+                                evidence={'model': label, 'best': best['label']}))
     return fitted, {
         'harmonics': choice.reading, 'alone': choice.alone, 'degree': degree,
         'degree_by': BY_PARAMETER if choice.degree else 'cross-validation', 'label': label,
@@ -313,8 +315,8 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
                          for name, (value, sigma) in series.coefficients.items()],
         'fitted': fitted.rms_arcsec(rejected=False)._asdict(),
         'rcond': choice.rcond, 'rank': fitted.rank, 'condition': fitted.condition,
-        'rejected': len(fitted.rejected), 'notes': notes, 'cross_validation': tried,
-    }
+        'rejected': len(fitted.rejected), 'cross_validation': tried,
+    }, findings
 
 
 def rows_of_terms(model):

@@ -123,20 +123,6 @@ class Origin:
                                        for name, value in self.left_out.items()},
             'terms': {name: fit.term_rows() for name, fit in self.fits.items()}}
 
-    def sentence(self):
-        """For people."""
-        mount, sky = (self.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
-        figures = (f'{mount:.2f} arcsec radial on rows left out as errors of the mount, {sky:.2f} '
-                   f'as errors applied on the sky (p = {self.chance:.1g})')
-        if self.holds == ON_SKY:
-            terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
-                              for row in self.fits[ON_SKY].term_rows())
-            return (f'the errors do not go through the pole with the mount: {figures}. A driver '
-                    f'corrects them there, or makes them; with one sign on both sides: {terms}')
-        if self.holds == OF_MOUNT:
-            return f'the errors go through the pole with the mount: {figures}'
-        return f'whether the errors go through the pole with the mount cannot be told: {figures}'
-
 
 def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     """Compare both, where the run can tell.

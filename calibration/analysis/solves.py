@@ -10,6 +10,7 @@ from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, O
 from pointing_model.runs.run import PointingRun
 
 from ..estimation.robust import sigma_of
+from .finding import Finding
 from .fit import fit_terms
 
 #: below so many rows nothing is judged: seven terms and a scatter need more
@@ -44,8 +45,9 @@ def judge_solves(run):
     Returns
     -------
     PointingRun
-        False solves and copied solutions are in ``meta['excluded']``. Where the solutions have a
-        sigma of their own, `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
+        False solves and copied solutions are in ``meta['excluded']``; their reasons, and what
+        is new in ``meta['notes']``, are Findings. Where the solutions have a sigma of their own,
+        `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
         ``meta['of_solves']`` says that this was done.
 
     Raises
@@ -62,13 +64,10 @@ def judge_solves(run):
     meta['notes'] = list(meta.get('notes', ()))
     meta['of_solves'] = True
     reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
-    names = meta.get('row_names') or {}
     keep = np.array([i not in reasons for i in range(len(run))], bool)
     meta['excluded'] = sorted(
-        [*meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': text}
-                                      for i, text in reasons.items())], key=lambda e: e['row'])
-    meta['excluded'] = [{**e, 'reason': f'{names[e["row"]]}: {e["reason"]}'}
-                        if e['row'] in names else e for e in meta['excluded']]
+        [*meta.get('excluded', ()), *({'row': int(run.lines[i]), 'reason': found}
+                                      for i, found in reasons.items())], key=lambda e: e['row'])
     meta['lines'] = run.lines[keep]
     run, solved = run.select(keep), solved.at(run.lines[keep])
     run.meta = meta
@@ -82,18 +81,18 @@ def judge_solves(run):
 # ----------------------------------------------------------------------------------- false rows
 
 def _false_rows(run, solved, notes):
-    """Reason of each row that is no pointing, by its place in the run."""
+    """Finding on each row that is no pointing, by its place in the run."""
     left, noise = _from_the_others(run)
     if left is None:
         return {}
     far = left > max(_FALSE * noise, _FALSE_LEAST)
     copies = _copies(run, solved, left, far)
     if len(set(np.flatnonzero(far)) | set(copies)) > _MOST * len(run):
-        notes.append(f'{int(far.sum())} of {len(run)} places are far from where the encoders '
-                     'point: with so many none is left out for it')
+        notes.append(Finding('many far places', int(far.sum()), unit='',
+                             evidence={'rows': len(run)}))
         return {}
-    return {**{int(i): f'{_far(left[i])} from where the encoders point: a false solve, or a slip'
-               for i in np.flatnonzero(far)}, **copies}
+    return {**{int(i): Finding('far place', left[i] / ARCSEC) for i in np.flatnonzero(far)},
+            **copies}
 
 
 def _copies(run, solved, left, far):
@@ -113,8 +112,8 @@ def _copies(run, solved, left, far):
         rows = sorted(rows, key=lambda i: left[i])
         for i in rows[1:]:
             if far[i] or unlike:
-                out[i] = (f'the solution of row {run.lines[rows[0]]} copied, '
-                          f'{_far(left[i])} from where the encoders point')
+                out[i] = Finding('copied solution', left[i] / ARCSEC,
+                                 evidence={'of': run.lines[rows[0]]})
     return out
 
 
@@ -203,12 +202,6 @@ def _apart(turn, place, reading):
     return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(off, axis=-1), 0.0, 1.0))
 
 
-def _far(angle):
-    if angle < 600.0 * ARCSEC:
-        return f'{angle / ARCSEC:.0f} arcsec'
-    return f'{angle / DEG:.2f} deg'
-
-
 # ---------------------------------------------------------------------------------------- frame
 
 @dataclass
@@ -252,9 +245,9 @@ def _check_frame(run, solved):
         if -2 * len(run) * gain < _TOLD:
             _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
                         f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
-        run.meta['notes'].append(
-            f'no frame is declared; {taken.what} leaves {taken.rms_arcsec:.1f} arcsec, the next, '
-            f'{best.what}, {best.rms_arcsec:.1f}: {taken.what} it is')
+        run.meta['notes'].append(Finding(
+            'frame taken', causes=(taken.what, best.what), before=taken.rms_arcsec,
+            after=best.rms_arcsec))
 
 
 def _refuse_others(run, best):
@@ -316,10 +309,9 @@ def _note_tilt(run):
     lean = {own: terms[own] for own, (same, _) in names.terms.items() if same in ('AN', 'AW')}
     tilt = np.hypot(*lean.values())
     if tilt > _TILT:
-        said = ', '.join(f'{name} {value / DEG:+.1f}' for name, value in lean.items())
-        run.meta['notes'].append(
-            f'the {names.axes[0]} axis would lean {tilt / DEG:.1f} deg ({said}): a clock that is '
-            'not UTC, or a wrong longitude or latitude, looks the same')
+        run.meta['notes'].append(Finding('leaning first axis', tilt / DEG, unit='deg', evidence={
+            'axis': names.axes[0], 'terms_deg': {name: value / DEG for name, value in lean.items()},
+        }))
 
 
 # ---------------------------------------------------------------------------------------- sigma
@@ -349,10 +341,9 @@ def _with_noise(run):
     told = run['sigma_x']
     columns = {name: np.hypot(told, more) for name, more in zip(('sigma_x', 'sigma_y'), extra)}
     out = PointingRun({**run.columns, **columns}, run.meta)
-    out.meta['notes'] = [*run.meta['notes'], (
-        f'solutions weigh by their own sigma ({told.min() / ARCSEC:.2g} to '
-        f'{told.max() / ARCSEC:.2g} arcsec) and the scatter beyond it: {extra[0] / ARCSEC:.2g} '
-        f'arcsec in azimuth, {extra[1] / ARCSEC:.2g} in elevation')]
+    out.meta['notes'] = [*run.meta['notes'], Finding('sigma of the solver', evidence={
+        'given_arcsec': (told.min() / ARCSEC, told.max() / ARCSEC),
+        'scatter_arcsec': [more / ARCSEC for more in extra]})]
     return out
 
 

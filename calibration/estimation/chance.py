@@ -173,7 +173,7 @@ class Chance:
         Of all rows, where these are a part of them: runs that it has simulated count here too.
     group : ndarray of int, shape (n,), optional
         Rows of one group are flipped together: a star measured twice within minutes has its error
-        twice, and is no second witness.
+        twice, and is no second measurement.
     """
 
     def __init__(self, n, count, rng, whole=None, group=None):

@@ -82,18 +82,6 @@ class PairedComparison:
         """Whether nothing is made worse."""
         return not self.worse
 
-    def sentence(self, words=('azimuth', 'elevation')):
-        """What the judges say, for people; `words` for the axes."""
-        names = {'az': f'in {words[0]}', 'el': f'in {words[1]}', 'radial': 'on the sky'}
-        shown = self.worse or ('radial',)
-        parts = []
-        for axis in shown:
-            c = getattr(self, axis)
-            parts.append(f'{c.before:.2f} -> {c.after:.2f} arcsec {names[axis]} '
-                         f'(p = {c.chance:.2g})')
-        return (f'{self.rows} rows that it has not seen: ' + ', '.join(parts)
-                + '; p: the chance that a harmless change looks as bad')
-
     def to_dict(self):
         """JSON-ready."""
         return {'rows': self.rows, 'worse': list(self.worse),

@@ -27,6 +27,7 @@ _ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in
 _AT_ONCE = 200_000
 
 
+
 class Sequence:
     """The order in which rows were observed, and how far apart they are.
 
@@ -145,15 +146,15 @@ class CorrelatedNoise:
         1 / sigma of the white part, 0 for rows set aside.
     sequence : Sequence
     memory : tuple of AxisNoise
-        Of x and y.
+        Of x and y, or of as many axes as there are.
     """
 
     def __init__(self, root, sequence, memory):
-        n = len(root) // 2
-        self.root, self._sequence, self._memory = root, sequence, memory
+        n = len(sequence.run)
+        self.root, self._sequence, self.memory = root, sequence, memory
         self._axes = [(part, _Differences(_AxisRows(root[part], sequence, one.scaled), one))
-                      for one, part in zip(memory, (slice(0, n), slice(n, 2 * n)))
-                      if one.variance > 0.0]
+                      for k, one in enumerate(memory) if one.variance > 0.0
+                      for part in [slice(k * n, (k + 1) * n)]]
 
     @classmethod
     def beside(cls, noise, scale, sequence, memory):
@@ -173,6 +174,13 @@ class CorrelatedNoise:
         """The way back: white noise (..., 2n) as this noise; 0 in rows set aside."""
         return self._each(values, _sigma(self.root), _Differences.coloured)
 
+    def process(self, residual):
+        """What the process did in rows of these residuals, (..., 2n), as far as they show.
+
+        Simple kriging (Cressie 1993, Statistics for Spatial Data, section 3.2).
+        """
+        return self._each(residual, 0.0, _Differences.process)
+
     def _each(self, values, factor, of_axis):
         out = values * factor
         for part, axis in self._axes:
@@ -191,12 +199,24 @@ class CorrelatedNoise:
 
     def without(self, rows):
         """The same with some rows (indices of n) set aside."""
-        return CorrelatedNoise(_set_aside(self.root, rows), self._sequence, self._memory)
+        return CorrelatedNoise(_set_aside(self.root, rows), self._sequence, self.memory)
 
     def rows(self, rows):
         """Of some rows (indices of n)."""
-        return CorrelatedNoise(self.root.reshape(2, -1)[:, rows].ravel(),
-                               self._sequence.rows(rows), self._memory)
+        return CorrelatedNoise(self.root.reshape(len(self.memory), -1)[:, rows].ravel(),
+                               self._sequence.rows(rows), self.memory)
+
+    def values(self, places):
+        """Of some values (indices of 2n) of one axis."""
+        axis, n = places[0] // len(self._sequence.run), len(self._sequence.run)
+        return CorrelatedNoise(self.root[places], self._sequence.rows(places - axis * n),
+                               self.memory[axis:axis + 1])
+
+    @property
+    def neighbour(self):
+        """Correlation of each axis with a place before that is 1 away; 0 of white noise."""
+        return np.array([np.exp(-1.0 / one.memory) if one.variance > 0.0 else 0.0
+                         for one in self.memory])
 
 
 def _sigma(root):
@@ -267,6 +287,14 @@ class _Differences:
         u = np.append(u[:-1] + self._lower[:, None] * u[1:], u[-1:], axis=0)
         return self._rows.placed(u * self._root)
 
+    def process(self, values):
+        """The process in values, its mean as they tell it: they less their white part."""
+        rows = self._rows
+        u = _solved(self._phi, self._root, self._lower, rows.scaled(values)) / self._root
+        u = _bidiagonal(np.vstack((np.ones(len(u)), np.append(self._lower, 0.0))), u, 'T')
+        u[:-1] -= self._phi[1:, None] * u[1:]
+        return rows.placed(rows.unscaled(rows.scaled(values) - rows.white[:, None] * u))
+
     def coloured(self, values):
         """Inverse of the whitening."""
         noise = values[:, self._rows.rows].T * self._root
@@ -331,12 +359,12 @@ def noise_memory(sequence, root, scale, rows, b, own=None):
     out, memories = [], sequence.memories()
     for axis in (0, 1):
         best = AxisNoise(scale=scale[axis])
-        likelihood = _AxisLikelihood(sequence, axis, False, root, scale, rows, b, own)
+        likelihood = AxisLikelihood(sequence, axis, False, root, scale, rows, b, own)
         if not likelihood.few:
             best = likelihood.climb(memories, _SIZES, best)
         if axis == 0 and best.gain > 0.0:
             # nearly the same curve: near the best of the other
-            likelihood = _AxisLikelihood(sequence, axis, True, root, scale, rows, b, own)
+            likelihood = AxisLikelihood(sequence, axis, True, root, scale, rows, b, own)
             size = best.variance / (best.scale / scale[0])**2 / likelihood.typical
             best = likelihood.climb([best.memory], [size], best)
         out.append(best)
@@ -363,7 +391,7 @@ def likely_memories(sequence, root, memory, scale, rows, b, own=None):
     """
     out = []
     for axis in (0, 1):
-        likelihood = _AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, rows, b, own)
+        likelihood = AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, rows, b, own)
         tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories(), _FINER))
         every = [AxisNoise(scale=scale[axis]), *tried]
         gain = np.array([one.gain for one in every])
@@ -378,7 +406,7 @@ def _grid(memories, sizes):
     return np.repeat(memories, len(sizes)), np.tile(sizes, len(memories))
 
 
-class _AxisLikelihood:
+class AxisLikelihood:
     """The restricted likelihood of noise of one axis; parameters as of `noise_memory`.
 
     Attributes
@@ -390,7 +418,7 @@ class _AxisLikelihood:
     """
 
     def __init__(self, sequence, axis, scaled, root, scale, rows, b, own):
-        n = len(b) // 2
+        n = len(b) // len(scale)
         part = slice(axis * n, (axis + 1) * n)
         own, rows = (some[np.abs(some).max(axis=1, initial=0.0) > 0.0] for some in (
             rows[:0, part] if own is None else own[:, part], rows[:, part]))
@@ -440,11 +468,12 @@ class _AxisLikelihood:
         What each run fits for itself comes first in the columns: no row of one run has to do with
         those of another, so it is taken out run by run.
         """
-        taken, fitted = 0, 0.0
+        taken, fitted, size = 0, 0.0, None
         if self._own:
             n = len(white) // tries
             starts = (self._rows.starts + n * np.arange(tries)[:, None]).ravel()
             own, rest = white[:, :self._own], white[:, self._own:]
+            size = np.linalg.norm(rest[:, :-1].reshape(tries, n, -1), axis=1)
             gram = np.add.reduceat(own[:, :, None] * own[:, None, :], starts)
             values, vectors = np.linalg.eigh(gram)
             live = values > EIGEN * np.maximum(values[:, -1:], 1e-300)
@@ -455,10 +484,10 @@ class _AxisLikelihood:
             fitted = np.log(np.where(live, values, 1.0)).reshape(tries, -1).sum(axis=1)
             white = rest - np.einsum('nj,njk->nk', own,
                                      np.repeat(p, np.tile(self._rows.lengths, tries), axis=0))
-        return restricted(white.reshape(tries, -1, white.shape[1]), log_det + fitted, taken=taken)
+        return restricted(white.reshape(tries, -1, white.shape[1]), log_det + fitted, taken, size)
 
 
-def restricted(columns, log_det, least=0.0, taken=0, size=None):
+def restricted(columns, log_det, taken=0, size=None):
     """-2 ln L restricted, the variance by the rows themselves.
 
     Parameters
@@ -467,11 +496,9 @@ def restricted(columns, log_det, least=0.0, taken=0, size=None):
         Whitened: the design, and behind it what it is fitted to.
     log_det : float or ndarray, shape (...)
         Of the covariance they are whitened by, but for the variance.
-    least : float
-        1 sigma at least.
     taken : int or ndarray, shape (...)
         Numbers that were fitted before.
-    size : ndarray, shape (k,), optional
+    size : ndarray, shape (..., k), optional
         Length of the design's columns before that.
 
     Returns
@@ -507,7 +534,6 @@ def restricted(columns, log_det, least=0.0, taken=0, size=None):
         lengths = np.take_along_axis(lengths, order, -1)
     square = np.square(np.take_along_axis(diagonal, count[..., None], -1)[..., 0])
     free = np.maximum(n - taken - count, 1)
-    variance = np.maximum(np.maximum(square / free, least**2), 1e-300)
+    variance = np.maximum(square / free, 1e-300)
     logs = np.log(np.where(live, diagonal * lengths, 1.0)).sum(-1)
-    value = free * np.log(variance) + log_det + 2.0 * logs
-    return value + np.where(variance > square / free, square / variance - free, 0.0), variance
+    return free * np.log(variance) + log_det + 2.0 * logs, variance

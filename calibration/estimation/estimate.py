@@ -105,3 +105,4 @@ class Estimate(NamedTuple):
     undetermined: Undetermined | None = None
     singular_values: np.ndarray | None = None  # of the first-order design, descending
     iterations: int = 1
+    log_likelihood: float | None = None  # restricted, but for a constant

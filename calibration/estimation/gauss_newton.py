@@ -67,7 +67,7 @@ class LinearProblem:
         return self.first_order
 
 
-def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None):
+def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterations=_MOST):
     """Iterate to the (robust) least-squares solution.
 
     What the stars determine is decided by the first-order design: in the second order aliases
@@ -85,6 +85,8 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None):
     last : sequence of int, optional
         Coefficients that are held only where no others can be. Without it none is held: of a
         series, whose coefficients mean nothing one by one, the smallest solution is taken.
+    most_iterations : int
+        Before it is given up.
 
     Returns
     -------
@@ -107,7 +109,7 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None):
     while True:
         weak = rank > 1 and spectrum.s[k - rank] < _WEAK * spectrum.s[-1]
         try:
-            found = _iterate(problem, weights, loss, rcond, spectrum, rank, last)
+            found = _iterate(problem, weights, loss, rcond, spectrum, rank, last, most_iterations)
             if not weak or problem.linear or not _is_bent(problem, found, spectrum, by, rank):
                 return found
         except ValueError:
@@ -116,7 +118,7 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None):
         rank -= 1
 
 
-def _iterate(problem, weights, loss, rcond, spectrum, rank, last):
+def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most):
     """`gauss_newton` of the best determined directions, `rank` of them."""
     k, n = len(spectrum.s), problem.first_order.shape[1] // 2
     if 4 * n < 3 * k:
@@ -128,7 +130,7 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last):
              else spectrum.vectors[:, k - rank:] / spectrum.scale[:, None])
     p, scales, row_weights, feasible, expected = np.zeros(k), None, None, None, None
     settled = False
-    for iteration in range(1, _MOST + 1):
+    for iteration in range(1, most + 1):
         residual = problem.residual(p)
         before, feasible = feasible, np.isfinite(residual).reshape(2, n).all(axis=0)
         if not feasible.any():

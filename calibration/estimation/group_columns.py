@@ -21,10 +21,9 @@ class GroupColumns:
     ----------
     group : ndarray of int, shape (n,)
         0, 1, ...; none is empty.
-    own : ndarray, shape (..., n)
-        Of a group in which it is zero there is no column. Leading dimensions: as many designs of
-        the same groups.
-    rest : ndarray, shape (..., n, k)
+    own : ndarray, shape (n,)
+        Of a group in which it is zero there is no column.
+    rest : ndarray, shape (n, k)
     """
 
     __array_ufunc__ = None  # so that an ndarray leaves products to this
@@ -66,7 +65,7 @@ class GroupColumns:
     @property
     def shape(self):
         """Of the ndarray in whose place it is."""
-        return self.rest.shape[-1] + self.groups, len(self.group)
+        return self.rest.shape[1] + self.groups, len(self.group)
 
     def __len__(self):
         return self.shape[0]
@@ -75,9 +74,9 @@ class GroupColumns:
         """With further columns, shape (n,) or (n, j) each."""
         return self._with(rest=np.column_stack([self.rest, *columns]))
 
-    def white(self, colour):
-        """Whitened rows, see `witness_noise.Colour`: no row resembles one of another group."""
-        return self._with(own=colour.white(self.own), rest=colour.white(self.rest))
+    def whitened(self, noise):
+        """By a noise such as `CorrelatedNoise` in which no row resembles one of another group."""
+        return self._with(own=noise.whiten(self.own), rest=noise.whiten(self.rest.T).T)
 
     def _with(self, **changed):
         out = replace(self, **changed)
@@ -85,46 +84,41 @@ class GroupColumns:
         return out
 
     def squares(self, weights=None):
-        """Square of the length of the group's columns, shape (..., groups)."""
+        """Square of the length of the group's columns, shape (groups,)."""
         own = np.square(self.own)
-        return self._sums((own if weights is None else weights * own)[..., None])[..., 0]
+        return self._sums((own if weights is None else weights * own)[:, None])[:, 0]
 
     def share(self, values, weights=None):
-        """Coefficients of the groups' columns alone, with those weights, shape (..., groups, k).
+        """Coefficients of the groups' columns alone, with those weights, shape (groups, k).
 
         Parameters
         ----------
-        values : ndarray, shape (..., n, k)
-            With leading dimensions where `own` has them: as many designs of the same groups.
+        values : ndarray, shape (n, k)
         weights : ndarray, shape (n,), optional
         """
         own = self.own if weights is None else weights * self.own
-        size = self.squares(weights)[..., None]
-        return self._sums(own[..., None] * values) / np.where(size > 0.0, size, 1.0)
+        size = self.squares(weights)[:, None]
+        return self._sums(own[:, None] * values) / np.where(size > 0.0, size, 1.0)
 
     def off(self, values, weights=None):
-        """What the groups' columns leave of `values`, shape (n,) or as of `share`."""
+        """What the groups' columns leave of `values`, shape (n,) or (n, k)."""
         if values.ndim == 1:
             return self.off(values[:, None], weights)[:, 0]
-        return values - self.own[..., None] * self.share(values, weights)[..., self.group, :]
+        return values - self.own[:, None] * self.share(values, weights)[self.group]
 
     def _sums(self, values):
-        """Sum over each group, shape (..., groups, k), of `values`, shape (..., n, k)."""
-        *leading, n, k = values.shape
-        if k == 1 and not leading:
-            return np.bincount(self.group, values[:, 0])[:, None]
-        designs = int(np.prod(leading))
-        # a bin for each design, group and column: one pass, in the order of the rows
-        first = np.arange(designs)[:, None] * self.groups + self.group
-        place = first[..., None] * k + np.arange(k)
-        return np.bincount(place.ravel(), values.ravel(), designs * self.groups * k).reshape(
-            *leading, self.groups, k)
+        """Sum over each group, shape (groups, k), of `values`, shape (n, k)."""
+        k = values.shape[1]
+        # a bin for each group and column: one pass, in the order of the rows
+        place = self.group[:, None] * k + np.arange(k)
+        return np.bincount(place.ravel(), values.ravel(), self.groups * k).reshape(
+            self.groups, k)
 
     def normal(self, weights):
         """The normal matrix."""
         across = self._sums((weights * self.own)[:, None] * self.rest)
-        return np.block([[(self.rest.T * weights) @ self.rest, across.T],
-                         [across, np.diag(self.squares(weights))]])
+        return bordered((self.rest.T * weights) @ self.rest, across,
+                        np.diag(self.squares(weights)))
 
     def __matmul__(self, values):
         """With values of the rows, shape (n,)."""
@@ -143,56 +137,7 @@ class GroupColumns:
         return np.concatenate((self.rest.T, members)).astype(dtype or float, copy=False)
 
 
-class Moves:
-    """Candidate columns that are zero outside a few rows each.
-
-    Parameters
-    ----------
-    n : int
-        Rows in all.
-    blocks : list of (ndarray of int, ndarray)
-        Rows (r,) that no other row of their group is missing from, and columns there (r, m).
-    about : list
-        What each column is, m of each block.
-    """
-
-    def __init__(self, n, blocks, about):
-        self._n, self.blocks, self.about = n, blocks, about
-        self._first = np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
-
-    def __len__(self):
-        return len(self.about)
-
-    def column(self, place):
-        """One of them, shape (n,)."""
-        block = int(np.searchsorted(self._first, place, 'right')) - 1
-        rows, columns = self.blocks[block]
-        out = np.zeros(self._n)
-        out[rows] = columns[:, place - self._first[block]]
-        return out
-
-    def only(self, wanted):
-        """Those for which ``wanted(about)`` holds."""
-        keep = np.array([wanted(one) for one in self.about], bool)
-        blocks = [(rows, columns[:, keep[first:first + columns.shape[1]]])
-                  for (rows, columns), first in zip(self.blocks, self._first)]
-        return Moves(self._n, blocks, [one for one, kept in zip(self.about, keep) if kept])
-
-    def on(self, axis, cos_el):
-        """What columns of coordinate angles make on the sky: rows of x, then of y."""
-        n = self._n
-        blocks = [(rows, columns * cos_el[rows, None]) if axis == 0 else (rows + n, columns)
-                  for rows, columns in self.blocks]
-        return Moves(2 * n, blocks, self.about)
-
-    def white(self, colour):
-        """Whitened rows, see `witness_noise.Colour`."""
-        return Moves(self._n, [(rows, colour.part(rows).white(columns))
-                               for rows, columns in self.blocks], self.about)
-
-    def dense(self):
-        """All columns, shape (n, m)."""
-        out = np.zeros((self._n, len(self)))
-        for (rows, columns), first in zip(self.blocks, self._first):
-            out[rows, first:first + columns.shape[1]] = columns
-        return out
+def bordered(corner, across, own):
+    """Symmetric, of the columns of `rest`, between these and those of the groups, of the latter."""
+    return np.concatenate((np.concatenate((corner, across.T), axis=1),
+                           np.concatenate((across, own), axis=1)))

@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .few_rows import satterthwaite
-from .group_columns import GroupColumns
+from .group_columns import GroupColumns, bordered
 from .robust import LOSS, huber, reweighted, sigma_of
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -148,20 +148,22 @@ def weighted_solve(design, b, weights, rcond):
 
 def _solve_beside_groups(design, b, weights, rcond):
     """`weighted_solve` of what the groups' columns leave; they have what is left of it."""
-    rest = design.off(design.rest, weights)
-    root = 1.0 if weights is None else np.sqrt(weights)[:, None]
-    before, after = (np.linalg.norm(of * root, axis=0) for of in (design.rest, rest))
-    rest[:, after <= _EXPLAINED * before] = 0.0
-    inner = weighted_solve(rest.T, design.off(b, weights), weights, rcond)
+    both = np.column_stack((design.rest, b))
+    share = design.share(both, weights)
+    left = both - design.own[:, None] * share[design.group]
+    if weights is None:
+        before, after = (np.linalg.norm(of[:, :-1], axis=0) for of in (both, left))
+    else:
+        before, after = (np.sqrt(weights @ np.square(of[:, :-1])) for of in (both, left))
+    rest = left[:, :-1] * (after > _EXPLAINED * before)
+    inner = weighted_solve(rest.T, left[:, -1], weights, rcond)
     size = design.squares(weights)
-    there = size > 0.0
-    share = design.share(np.column_stack((design.rest, b)), weights)
     onto = share[:, :-1] @ inner.inverse
     own = onto @ share[:, :-1].T
-    own.flat[::len(own) + 1] += there / np.where(there, size, 1.0)
+    own.flat[::len(own) + 1] += np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0.0)
     return Solution(np.concatenate((inner.p, share[:, -1] - share[:, :-1] @ inner.p)),
-                    np.block([[inner.inverse, -onto.T], [-onto, own]]), inner.residual,
-                    inner.rank + int(np.count_nonzero(there)))
+                    bordered(inner.inverse, -onto, own), inner.residual,
+                    inner.rank + int(np.count_nonzero(size)))
 
 
 class System:

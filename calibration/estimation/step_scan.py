@@ -1,12 +1,18 @@
-"""Did something move, and when: robust regression, a scan over candidates, Gaussian evidence."""
+"""Did something move, and when: robust regression, a scan over candidates, Gaussian evidence.
+
+The candidates are columns beside a design, such as a step at each moment. Rows may resemble their
+neighbours (`markov_noise.neighbour_noise`, estimated beside the best candidate, for a step is
+correlation too).
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from .estimate import Estimate
-from .group_columns import GroupColumns, Moves
+from .group_columns import GroupColumns
 from .least_squares import System
+from .markov_noise import neighbour_noise
 from .robust import sigma_of
 
 #: robust sigmas to which outliers are brought. Tried on nights of 40 rows with two spikes of 20
@@ -17,66 +23,98 @@ _STILL = 1e-6  # of the noise, change of the residuals that ends it
 _RCOND = 1e-7  # relative singular value of columns that depend on others but for rounding
 
 
-class Scan(NamedTuple):
-    """Of each candidate (m,): amount in the fit, 1 sigma, and two-sided probability by chance.
+class LocalColumns:
+    """Candidate columns that are zero outside a few rows each.
 
-    A candidate that the rows do not determine has the probability 1.
+    Parameters
+    ----------
+    n : int
+        Rows in all.
+    blocks : list of (ndarray of int, ndarray)
+        Rows (r,) that no other row of their group is missing from, and columns there (r, m).
+    labels : list
+        What each column is, m of each block.
     """
 
-    amount: np.ndarray
-    sigma: np.ndarray
-    probability: np.ndarray
+    def __init__(self, n, blocks, labels):
+        self._n, self.blocks, self.labels = n, blocks, labels
+        self._first = np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
+
+    def __len__(self):
+        return len(self.labels)
+
+    def column(self, place):
+        """One of them, shape (n,)."""
+        block = int(np.searchsorted(self._first, place, 'right')) - 1
+        rows, columns = self.blocks[block]
+        out = np.zeros(self._n)
+        out[rows] = columns[:, place - self._first[block]]
+        return out
+
+    def on_axis(self, axis, cos_el):
+        """What columns of coordinate angles make on the sky: rows of x, then of y."""
+        n = self._n
+        blocks = [(rows, columns * cos_el[rows, None]) if axis == 0 else (rows + n, columns)
+                  for rows, columns in self.blocks]
+        return LocalColumns(2 * n, blocks, self.labels)
+
+    def whitened(self, noise):
+        """As `GroupColumns.whitened`."""
+        return LocalColumns(self._n, [(rows, noise.values(rows).whiten(columns.T).T)
+                                      for rows, columns in self.blocks], self.labels)
+
+    def dense(self):
+        """All columns, shape (n, m)."""
+        out = np.zeros((self._n, len(self)))
+        for (rows, columns), first in zip(self.blocks, self._first):
+            out[rows, first:first + columns.shape[1]] = columns
+        return out
 
 
-class Free(NamedTuple):
+class Complement(NamedTuple):
     """What a design leaves of anything.
 
     Attributes
     ----------
-    groups : GroupColumns or None
+    groups : GroupColumns
         Columns that are taken off first.
     basis : ndarray, shape (n, r)
         Orthonormal, of the others; those that depend on others left out.
     """
 
-    groups: GroupColumns | None
+    groups: GroupColumns
     basis: np.ndarray
 
     @classmethod
     def of(cls, design):
-        """Of an ndarray, shape (n, k), or a GroupColumns."""
-        groups = design if isinstance(design, GroupColumns) else None
-        columns = design if groups is None else design.rest
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        if groups is not None:
-            columns = groups.off(columns)
-        u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        largest = max(0.0 if groups is None else 1.0, *s[:1], 0.0)
-        return cls(groups, u[:, s > _RCOND * largest])
+        """Of a GroupColumns."""
+        columns = design.rest / np.maximum(np.linalg.norm(design.rest, axis=0), 1e-300)
+        u, s, _ = np.linalg.svd(design.off(columns), full_matrices=False)
+        return cls(design, u[:, s > _RCOND * max(1.0, *s[:1])])
 
     @property
     def rank(self):
         """Numbers that the design determines."""
-        return self.basis.shape[1] + (0 if self.groups is None else self.groups.groups)
+        return self.basis.shape[1] + self.groups.groups
 
     def off(self, values):
         """What is left of `values`, shape (n,) or (n, k)."""
-        values = values if self.groups is None else self.groups.off(values)
+        values = self.groups.off(values)
         return values - self.basis @ (self.basis.T @ values)
 
-    def off_moves(self, moves, rest):
-        """Square of what is left of each column of `Moves`, and its product with `rest`, (m,).
+    def shares(self, candidates, rest):
+        """Of each of `LocalColumns`: its square, that of what is left, this times `rest`, (m,).
 
         `rest`, shape (n,), is what is left of something.
         """
-        sizes, products = [], []
-        for rows, columns in moves.blocks:
+        out = []
+        for rows, columns in candidates.blocks:
             own = self.groups.own[rows]
-            columns = columns - np.outer(own, own @ columns / (own @ own))
-            along = self.basis[rows].T @ columns
-            sizes.append(np.sum(columns**2, axis=0) - np.sum(along**2, axis=0))
-            products.append(rest[rows] @ columns)
-        return np.concatenate(sizes), np.concatenate(products)
+            left = columns - np.outer(own, own @ columns / (own @ own))
+            along = self.basis[rows].T @ left
+            out.append((np.sum(columns**2, axis=0), np.sum(left**2, axis=0)
+                        - np.sum(along**2, axis=0), rest[rows] @ left))
+        return np.concatenate(out, axis=1)
 
 
 def robust_fit(design, y):
@@ -121,47 +159,93 @@ def clipped(design, y):
     return y - fit.residual + np.clip(fit.residual, -limit, limit)
 
 
-def scan(design, y, candidates, least=0.0):
-    """Add each candidate column alone to the design.
+def probabilities_by_chance(design, y, candidates, least):
+    """Two-sided probability of each candidate's amount, each alone beside the design, (m,).
+
+    By Student's t; 1 where the rows do not determine it.
+    """
+    complement = Complement.of(design)
+    rest = complement.off(y)
+    squares, size, along = complement.shares(candidates, rest)
+    known = size > 1e-6 * squares
+    size = np.where(known, size, 1.0)
+    dof = max(len(y) - complement.rank - 1, 1)
+    left = np.maximum(rest @ rest - along**2 / size, max(least**2 * dof, 1e-300))
+    return np.where(known, two_sided(along / np.sqrt(size * left / dof), dof), 1.0)
+
+
+def noise_beside(design, y, run):
+    """`neighbour_noise` beside a design, with outliers brought near; white of too few rows."""
+    return neighbour_noise(design, clipped(design, y) if len(y) > len(design) + 2 else y, run)
+
+
+class Detection(NamedTuple):
+    """The candidate that chance explains least.
+
+    Attributes
+    ----------
+    place : int
+        Of its column.
+    amount, sigma : float
+        As robustly fitted.
+    probability : float
+        Of as much by chance, in any of the candidates.
+    """
+
+    place: int
+    amount: float
+    sigma: float
+    probability: float
+
+
+def detect(design, y, candidates, limit, run, least):
+    """Add each candidate column alone to a fit of rows that may resemble their neighbours.
 
     Parameters
     ----------
-    design : ndarray, shape (n, k), or GroupColumns
-        What is there anyway.
-    y : ndarray, shape (n,)
-    candidates : ndarray, shape (n, m), or Moves
-        The latter beside a GroupColumns.
+    design : GroupColumns
+    y : ndarray, shape (axes * n,)
+    candidates : LocalColumns
+    limit : float
+        Chance, of so many candidates, from which on nothing has moved.
+    run : ndarray, shape (n,)
+        As of `neighbour_noise`.
     least : float
         Noise of a row, at least: the resolution, where rounding is all the noise there is.
 
     Returns
     -------
-    Scan
-        By Student's t.
+    Detection or None
+        None where nothing has moved.
     """
-    free = Free.of(design)
-    rest = free.off(y)
-    if isinstance(candidates, Moves):
-        size, amount = free.off_moves(candidates, rest)
-        squares = np.concatenate([np.sum(columns**2, axis=0) for _, columns in candidates.blocks])
-    else:
-        left = free.off(candidates)
-        size, amount = np.sum(left**2, axis=0), left.T @ rest
-        squares = np.sum(candidates**2, axis=0)
-    known = size > 1e-6 * squares
-    size = np.where(known, size, 1.0)
-    amount = np.where(known, amount, 0.0) / size
-    dof = max(len(y) - free.rank - 1, 1)
-    left = np.maximum(rest @ rest - amount**2 * size, max(least**2 * dof, 1e-300))
-    sigma = np.sqrt(left / dof / size)
-    p = two_sided(amount / sigma, dof)
-    return Scan(amount, sigma, np.where(known, p, 1.0))
+    tame = clipped(design, y)
+    p = probabilities_by_chance(design, tame, candidates, least) * len(candidates)
+    if p.min() >= limit:
+        return None  # correlation only makes chance likelier
+    noise = noise_beside(design.beside(candidates.column(int(np.argmin(p)))), y, run)
+    design, candidates = design.whitened(noise), candidates.whitened(noise)
+    p = probabilities_by_chance(design, noise.whiten(tame), candidates, least) * len(candidates)
+    best = int(np.argmin(p))
+    if p[best] >= limit:
+        return None
+    fit = robust_fit(design.beside(candidates.column(best)), noise.whiten(y))
+    return Detection(best, float(fit.coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1])),
+                     float(p[best]))
 
 
 def two_sided(t, dof):
     """Probability that Student's t is farther from 0 than `t`."""
     from scipy.special import stdtr
     return 2.0 * stdtr(dof, -np.abs(t))
+
+
+def student_factor(dof):
+    """What widens one sigma that is itself estimated, with `dof` degrees of freedom.
+
+    The 84.13 % point of Student's t: 1.84 of one degree, 1 of many.
+    """
+    from scipy.special import ndtr, stdtrit
+    return stdtrit(dof, ndtr(1.0))
 
 
 def evidence(design, y, noise, prior):

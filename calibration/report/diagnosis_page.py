@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from calibration.analysis.diagnosis.row_counts import used_sentence
+from calibration.report.row_wording import used_sentence
 from msg_tools.output import write_text
 from pointing_model.mount_kinds import kind_of
 

@@ -356,13 +356,16 @@ def _next_group(names, group, kind):
                      'ΔBIC expected with it and those above'], cells))
 
 
+_SAME_CURVE = 'it is the same as terms of the base on these directions'
+
+
 def untestable(rows):
     """What the run cannot show, and why, by reason."""
     if not rows:
         return ''
     reasons = {}
     for name, reason in rows:
-        reasons.setdefault(str(reason), []).append(readable(name))
+        reasons.setdefault(reason or _SAME_CURVE, []).append(readable(name))
     return table(['reason', 'effects'], [[reason, ', '.join(names)]
                                          for reason, names in reasons.items()])
 

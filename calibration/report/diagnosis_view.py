@@ -21,6 +21,7 @@ from .method_words import plain_name, signs_sentences
 from .page_parts import value_and_error
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals
+from .wording import paragraph, wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -91,7 +92,7 @@ class DiagnosisView:
     set_width : float
         BIC.
     caution : str
-        `Diagnosis.caution`.
+        `Diagnosis.cautions` in words.
     """
 
     document: dict
@@ -175,7 +176,7 @@ def view_of(diagnosis):
         correlated=_coefficients(names, diagnosis), correlations=matrix, sources=_sources(obs),
         notes=_notes(diagnosis),
         untestable=diagnosis.untestable,
-        run_terms=diagnosis.run_terms, caution=diagnosis.caution, **_axes_of(context),
+        run_terms=diagnosis.run_terms, caution=paragraph(diagnosis.cautions), **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
         groups=_groups(obs), about=about(obs, _sources(obs)), axes_note=axes_note(context),
         words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
@@ -251,7 +252,7 @@ def _sources(obs):
 
 
 def _notes(diagnosis):
-    notes = list(dict.fromkeys(diagnosis.notes))
+    notes = list(dict.fromkeys(map(wording, diagnosis.notes)))
     blocks = diagnosis.cv_contiguous
     if blocks:
         notes.append('Cross-validated with folds contiguous in time: '

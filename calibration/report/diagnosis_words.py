@@ -2,15 +2,19 @@
 
 from dataclasses import dataclass, field
 
-from calibration.analysis.diagnosis.raw_errors import as_read_sentence
-from calibration.analysis.diagnosis.residual_correlation import MOSTLY, drift_words
-from calibration.analysis.diagnosis.row_counts import outlier_sentence
-from calibration.analysis.diagnosis.row_facts import bad_nights, scatter_sentence, worst_sentence
-from calibration.analysis.term_notes import said_of_term
+from calibration.report.raw_error_wording import raw_error_sentence
+from calibration.report.row_wording import (
+    bad_nights,
+    outlier_sentence,
+    scatter_sentence,
+    worst_sentence,
+)
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
 from .cause_words import counted, first_check, open_causes
+from .diagnosis_wording import limit_words
+from .fit_wording import implausible_term
 from .method_words import (
     FITTED,
     HELD,
@@ -22,6 +26,7 @@ from .method_words import (
     repeat_sentence,
     way,
 )
+from .noise_wording import correlation_sentence, drift_words
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
@@ -117,7 +122,7 @@ def told_verdict(document, effects=(), limit=5, caution=''):
     Verdict
     """
     out = _told(document, effects, limit, caution)
-    out.way, out.as_read = way(document), as_read_sentence(document)
+    out.way, out.as_read = way(document), raw_error_sentence(document)
     return out
 
 
@@ -125,7 +130,7 @@ def _told(document, effects, limit, caution):
     verdict = document['verdict']
     last = [led(scatter_sentence(document)), led(figures_sentence(document)),
             outlier_sentence(document)]
-    odd = [led(said_of_term(row)) for row in document.get('unphysical') or ()]
+    odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
         return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
     if verdict == 'none':
@@ -260,11 +265,8 @@ def _slow_words(document):
 
 def _drifts(document):
     """Which axes drift evenly, after a colon; '' where none does."""
-    names = dict(zip(('az', 'el'), kind_of(document).axes))
-    told = [drift_words(names[key], one['trend'])
-            for key, one in document['wander'].get('axes', {}).items()
-            if one.get('trend') and one['trend']['share'] > MOSTLY]
-    return f': {" and ".join(told)}' if told else ''
+    told = drift_words(document['wander'], kind_of(document).axes)
+    return f': {told}' if told else ''
 
 
 def count_sentence(document):
@@ -336,11 +338,11 @@ def figures_sentence(document):
 
 def _detectable(document):
     """What would have been found, in one sentence, or none."""
-    said = []
+    said, words = [], limit_words(kind_of(document))
     for row in (document.get('detectable') or [])[:_MOST_SAID]:
         unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
                 'arcsec/run': ' over the run'}.get(row['unit'], '')
-        said.append(f'{row["what"]} by {arcsec(row["amplitude_arcsec"])}{unit}')
+        said.append(f'{words[row["name"]]} by {arcsec(row["amplitude_arcsec"])}{unit}')
     if not said:
         return []
     return ['Nine times in ten they would have shown ' + '; '.join(said) + '.']
@@ -349,7 +351,10 @@ def _detectable(document):
 def _wander(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
-    return [led(entry['text'][:1].upper() + entry['text'][1:] + '.')] if entry else []
+    if not entry:
+        return []
+    text = entry.get('text') or correlation_sentence(entry, kind_of(document).axes)
+    return [led(f'{text[:1].upper()}{text[1:]}.')]
 
 
 def floor_words(document):

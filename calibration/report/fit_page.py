@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.row_counts import outlier_sentence
-from calibration.analysis.term_notes import few_lines, raised_lines, undetermined_lines
+from calibration.report.row_wording import outlier_sentence
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
@@ -16,34 +15,31 @@ from .provenance import provenance_section, site_text
 from .residual_axes import of_mount, on_horizon
 from .residual_figures import Residuals, controls, residual_sections
 from .term_table import terms_section
+from .wording import wording
 
 
-def write_fit_page(path, run, result, document, encoder='enc', model=None):
+def write_fit_page(path, found, document):
     """Write the page.
 
     Parameters
     ----------
     path : str or Path
-    run : PointingRun
-        That was fitted.
-    result : FitResult
+    found : calibration.analysis.run_fit.RunFit
     document : dict
         Of `fit_document.fit_document`.
-    encoder : {'enc', 'abs'}
-    model : PointingModel, optional
-        With what was fitted beside the terms; by default those alone.
 
     Raises
     ------
     OSError
         It cannot be written.
     """
-    write_text(path, render_fit(run, result, document, encoder, model))
+    write_text(path, render_fit(found, document))
 
 
-def render_fit(run, result, document, encoder='enc', model=None):
+def render_fit(found, document):
     """The page as text; parameters as of `write_fit_page`."""
-    data = _residuals(run, result, encoder, model)
+    run, result, encoder = found.run, found.terms, found.encoder
+    data = _residuals(found)
     source = run.meta.get('source') or ''
     before, after = document['before'], document['after']
     label, last = ('halves that the fit did not see', after['cv_rms_arcsec']) \
@@ -66,8 +62,7 @@ def render_fit(run, result, document, encoder='enc', model=None):
         f'{clean(Path(str(source)).name)} · terms {clean(", ".join(result.names))} · mount '
         f'{clean(run.mount.kind)}</p>',
         controls(data),
-        verdict('', headline, [outliers, *undetermined_lines(result),
-                               *raised_lines(result, run), *few_lines(result)],
+        verdict('', headline, [outliers, *map(wording, result.findings(run))],
                 cards([(before['rms_arcsec'], 'as the encoders read'),
                        (after['rms_arcsec'], 'after, rows fitted'),
                        (after.get('cv_rms_arcsec'), 'after, halves not seen'),
@@ -97,10 +92,11 @@ def _site(site):
     return out | ({'height_m': given['height']} if given.get('height') is not None else {})
 
 
-def _residuals(run, result, encoder, model):
-    before = np.array(run.offsets(encoder)) / ARCSEC
-    after = np.array([result.residual_x, result.residual_y] if model is None
-                     else model.residuals(run, encoder)) / ARCSEC
+def _residuals(found):
+    run, result = found.run, found.terms
+    before = np.array(run.offsets(found.encoder)) / ARCSEC
+    after = np.array([result.residual_x, result.residual_y] if found.plain is result.model
+                     else found.plain.residuals(run, found.encoder)) / ARCSEC
     words = np.where(result.weights > 0.0, 'used', '').astype(object)
     far = np.hypot(*after)
     for i in np.flatnonzero(~(result.weights > 0.0)):

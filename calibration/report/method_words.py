@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from calibration.analysis.diagnosis.readings import MIRRORED, Reading, doubt_sentences
+from calibration.analysis.diagnosis.readings import MIRRORED, Reading, without_signs
 from calibration.estimation.select import SET_WIDTH
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import KINDS, USUAL, kind_of
 
 from .cause_words import counted, open_causes, short_cause, still_open
+from .row_wording import columns_alike
 
 #: what was taken for the catalogue and for the mount, by the format of the file
 _AS_NAMED = 'the columns were taken as the file names them'
@@ -401,4 +402,5 @@ def signs_sentences(alike, names, written=None):
         said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
                     'an encoder that reads too much. Signs alone no run can confirm: they are '
                     f'right unless mount and catalogue are exchanged in the file{mirror}')
-    return said + doubt_sentences(alike, names)
+    rest = without_signs(alike, names)
+    return said + [columns_alike(rest)] * bool(rest)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.row_counts import expected_sentence
 from calibration.analysis.external_check import split_half
 from calibration.distrust import distrusted
+from calibration.report.row_wording import expected_sentence
 from calibration.report.track_page import innovations_figure, tracking_lines
 from calibration.rows import is_kept_out
 from msg_tools.bag.parameters import parameters_of

@@ -10,6 +10,7 @@ from ..analysis.season.season_judgement import date_of
 from .drawing import Panel, clean, svg, text
 from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
+from .wording import wording
 
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
@@ -65,7 +66,7 @@ def render(judged, more=''):
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
                 'together show.'),
-        section('Notes', listed(document['notes'])), more,
+        section('Notes', listed(map(wording, document['notes']))), more,
         '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
         'off it by what is of that night alone and by the error of its fit.</footer>']
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
@@ -89,7 +90,7 @@ def _legend(steps):
 
 
 def _panel(judged, i):
-    season, seen = judged.season, judged.hindsight
+    season, seen = judged.season, judged.path
     name = season.names[i]
     time = np.array([night.time for night in season.nights])
     values = np.array([night.values[i] for night in season.nights]) / ARCSEC

@@ -1,22 +1,16 @@
 """What people see of a calibration on the terminal: tables."""
 
-from calibration.analysis.term_notes import few_lines, raised_lines, undetermined_lines
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms_arcsec
 from pointing_model.zero import BY_POLARIS
 
-from ..analysis.diagnosis.row_counts import (
-    excluded_of_fit,
-    left_out_lines,
-    outlier_sentence,
-    row_word,
-    rows_of_fit,
-    used_sentence,
-)
+from ..analysis.diagnosis.row_counts import excluded_of_fit, fit_row_counts, row_word
 from ..analysis.harmonic_fit import READ_AS
 from ..analysis.held_out import RAW
-from ..analysis.term_notes import UNDETERMINED, notes_of_terms
+from .fit_wording import UNDETERMINED, origin_sentence
+from .row_wording import left_out_lines, outlier_sentence, used_sentence
+from .wording import wording
 
 
 def new_table(title, *columns):
@@ -38,7 +32,7 @@ def night_tables(report):
     Parameters
     ----------
     report : dict
-        From `calibration.session.CalibrationSession.fit`.
+        From `calibration.calibration_state.CalibrationState.fit`.
 
     Returns
     -------
@@ -142,38 +136,32 @@ def terms_table(terms):
     return out
 
 
-def fit_tables(run, result, encoder='enc', held_out=None):
-    """The tables of a fit to a measured run.
+def fit_tables(found):
+    """All that the command says of a fit to a measured run.
 
     Parameters
     ----------
-    run : PointingRun
-    result : calibration.analysis.fit.FitResult
-    encoder : {'enc', 'abs'}
-        The pair of encoder columns that was fitted.
-    held_out : Rms, optional
-        Of rows that the fit did not see.
+    found : calibration.analysis.run_fit.RunFit
 
     Returns
     -------
     list
         What `rich.console.Console.print` takes: tables and lines of text.
     """
-    told, fitted = rows_of_fit(run, result), result.rms_arcsec(rejected=False)
+    run, result = found.run, found.terms
+    told, fitted = fit_row_counts(run, result), result.rms_arcsec(rejected=False)
     used = run.select(result.weights > 0.0)
     steps = new_table(f'RMS on the sky, arcsec, {told.used} rows', 'correction',
                       *run.mount.names.columns, 'radial')
-    steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(encoder))._asdict()))
+    steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(found.encoder))._asdict()))
     steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
-    if held_out is not None:
+    if found.halves is not None:
         steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
-                      *_rms_cells(held_out._asdict()))
-    lines = [*undetermined_lines(result),
-             f'sigma from the {result.covariance_from.removeprefix("measured ")}'
+                      *_rms_cells(found.halves._asdict()))
+    lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
              f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
              f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
-             f'{result.degrees_of_freedom} degrees of freedom',
-             *raised_lines(result, run), *few_lines(result)]
+             f'{result.degrees_of_freedom} degrees of freedom']
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')
@@ -182,12 +170,36 @@ def fit_tables(run, result, encoder='enc', held_out=None):
             {**told.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
     if told.too_few:
         lines.append('more than a third of the rows is left out: see why before you use the terms')
-    for dropped in result.dropped:
-        lines.append(f'the stars do not determine {dropped["text"]}')
+    lines += map(wording, result.open_directions)
     lines += left_out_lines(excluded_of_fit(run, result), word=row_word(run))
-    lines += [f'note: {note}' for note in [*run.meta.get('notes', []),
-                                           *notes_of_terms(result.term_rows())]]
+    lines += [f'note: {wording(one)}' for one in found.findings]
+    if found.harmonics:
+        lines += harmonic_tables(found.harmonics)
+        lines.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
+                     'arcsec radial on the rows fitted')
+        lines += [f'note: {wording(one)}' for one in found.harmonic_findings]
+    if found.predicted:
+        lines += predicting_tables(found.predicted, run.mount)
+    if found.origin is not None:
+        lines.append(f'sides of the pier: {origin_sentence(found.origin)}')
+    if found.base:
+        lines += [base_table(found.base, found.plain),
+                  *(f'note: {note}' for note in found.base.notes)]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
+
+
+def base_table(base, model):
+    """The terms of a `base_model.BaseModel` as its file has them and as they were fitted."""
+    out = new_table(f'Terms of {base.path.name} and of this run, arcsec', 'term', 'there',
+                    'here', 'sigma', 'here - there', 'in sigma')
+    for row in base.compared(model)['terms']:
+        there, here, sigma, many = (row[k] for k in (
+            'there_arcsec', 'here_arcsec', 'sigma_arcsec', 'in_sigma'))
+        out.add_row(row['name'], f'{there:+.2f}', *(['-'] * 4 if here is None else [
+            f'{here:+.2f}', UNDETERMINED if sigma is None else f'{sigma:.2f}',
+            f'{here - there:+.2f}',
+            '-' if many is None else f'{many:+.1f}']))
+    return out
 
 
 def predicting_tables(found, mount):

@@ -1,4 +1,4 @@
-"""The zero of each power-on, as each witness saw it, and with the temperature."""
+"""The zero of each power-on, by the sky and by the encoders, and with the temperature."""
 
 from datetime import datetime, timezone
 
@@ -15,12 +15,12 @@ _FEWEST, _LEAST_SPREAD = 4, 0.2
 
 
 def zeros_of(report, run=None, marks=()):
-    """What each witness says of the zero of each power-on.
+    """The zero of each power-on by the sky and by the encoders.
 
     Parameters
     ----------
     report : dict
-        Of `CalibrationSession.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
+        Of `CalibrationState.fit`: ``zeros`` (by exposures for it alone), ``zeros_in_force``
         (all rows together).
     run : PointingRun, optional
         All rows: the absolute encoder beside the incremental one, and the air.
@@ -74,7 +74,7 @@ def _apart(run, axis, rows):
 
 
 def zeros_section(report, rows, axes=('azimuth', 'elevation')):
-    """The zeros as table and drawing, with what the witnesses make of them.
+    """The zeros as table and drawing, with the cross-check of the encoders.
 
     Parameters
     ----------
@@ -85,13 +85,13 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     axes : tuple of str
         What those of the mount are called.
     """
-    witnesses = report.get('witnesses') or {}
-    alarms = [f'Alarm: {text}' for text in witnesses.get('alarms', ())]
+    cross_check = report.get('witnesses') or {}
+    alarms = [f'Alarm: {text}' for text in cross_check.get('alarms', ())]
     if not any(row[axis][key] is not None for row in rows for axis in AXES
                for key in ('measured', 'in_force')):
         return section('Zero by power-on', '<p>No zero was set.</p>',
-                       listed([*alarms, *witnesses.get('notes', ())]))
-    said = alarms or ['The witnesses (stars, encoders) raise no alarm.']
+                       listed([*alarms, *cross_check.get('notes', ())]))
+    said = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
     marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, in force'),
@@ -101,7 +101,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
         drawn += pair(_against(rows, i, warm, 'temperature [°C]', axes) for i in range(2))
-    return section('Zero by power-on', listed([*said, *witnesses.get('notes', ())]),
+    return section('Zero by power-on', listed([*said, *cross_check.get('notes', ())]),
                    drawn and marks + drawn, _table(rows, axes), listed(statements),
                    note='Of the incremental encoder, arcsec; drawn against the first power-on.'
                    if drawn else '')

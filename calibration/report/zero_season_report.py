@@ -3,7 +3,7 @@
 from msg_tools.output import beside
 from pointing_model.runs.formats.cells import write_rows
 
-from ..analysis.zero.zero_causes import AXES, DRIVERS, zero_causes
+from ..analysis.zero.zero_causes import AXES, COVARIATES, zero_causes
 from ..analysis.zero.zero_season import season_from_rows
 from .tables import new_table
 
@@ -19,7 +19,7 @@ def judge_season(power_ons, expected=None):
     Parameters
     ----------
     power_ons : list of dict
-        Of a report of `nights.NightSeries.fit`; the last is tonight's.
+        Of a report of `night_series.NightSeries.fit`; the last is tonight's.
     expected : dict, optional
         ``zero_expected`` of that report: of tonight, before Polaris was seen.
 
@@ -64,7 +64,7 @@ def season_table(judged):
     row('verdict', lambda axis: ': '.join(
         filter(None, (axis['verdict'], ' or '.join(axis['alike'])))))
     for driver in dict.fromkeys(c['driver'] for axis in axes for c in axis['causes']):
-        row(DRIVERS[driver][0], lambda axis, driver=driver: _slope(axis['causes'], driver))
+        row(COVARIATES[driver][0], lambda axis, driver=driver: _slope(axis['causes'], driver))
     row('p over all drivers and both axes', lambda axis: _number(axis['p'], '.3f'))
     row('zeros, std, arcsec', lambda axis: _number(axis['std_arcsec']))
     row('unexplained, arcsec', lambda axis: _number(axis['unexplained_arcsec']))

@@ -4,8 +4,8 @@ Its ``frame_id`` says of which mount the angles are: ``mount_enu`` of an alt-azi
 ``mount_enu/german@34.3`` with the latitude (deg) of another.
 """
 
+from msg_tools.cloud_tables import cloud_to_table, quick_cloud, table_to_cloud
 from msg_tools.convert import MOUNT_FRAME
-from msg_tools.tables import cloud_to_table, quick_cloud, table_to_cloud
 from msg_tools.units import DEG
 
 from ..mounts import ALTAZ, mount_text, parse_mount

@@ -72,7 +72,7 @@ def _apply(model, args):
     from msg_tools.units import DEG
     from pointing_model.context import Context
     from pointing_model.model_application import turned, zeros_of_rows
-    from pointing_model.runs.formats.table import decimal_points
+    from pointing_model.runs.formats.run_table import decimal_points
     from pointing_model.runs.run import column_name
     name, table = _table(args.file)
     header, lines, reasons = table.header, table.lines, table.reasons
@@ -126,7 +126,7 @@ def _apply(model, args):
 def _table(file):
     """Name for messages, and the cells."""
     from pointing_model.runs.formats.cells import Cells
-    from pointing_model.runs.formats.table import content, lines_of
+    from pointing_model.runs.formats.run_table import content, lines_of
     if file == '-':
         name = 'standard input'
         if sys.stdin.isatty():
@@ -144,7 +144,7 @@ def _angles(name, lines, column, cells, reasons):
     """A column of angles; ValueError where it is missing, or most cells are no numbers."""
     import numpy as np
 
-    from pointing_model.runs.formats.table import cost_rows, floats
+    from pointing_model.runs.formats.run_table import cost_rows, floats
     if column not in cells:
         there = ', '.join(c[:40] for c in list(cells)[:40])
         raise ValueError(f'{name}: no column {column}; the file has {there}')
@@ -159,7 +159,7 @@ def _check(name, lines, pair, az, el, beyond, cells, reasons):
     """Refuse what is no direction in degrees."""
     import numpy as np
 
-    from pointing_model.runs.formats.table import cost_rows
+    from pointing_model.runs.formats.run_table import cost_rows
     # a tube past the zenith or through the pole
     with np.errstate(invalid='ignore'):
         bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
@@ -177,7 +177,7 @@ def _drivers(name, lines, cells, pair, places, args, reasons):
     import numpy as np
 
     from pointing_model.runs.formats.csv import CSV_NAMES
-    from pointing_model.runs.formats.table import (
+    from pointing_model.runs.formats.run_table import (
         cost_rows,
         decimal_points,
         floats,

@@ -45,11 +45,7 @@ def add(commands):
 
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
-    from calibration.analysis.diagnosis.row_counts import (
-        expected_sentence,
-        outlier_sentence,
-        used_sentence,
-    )
+    from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
 
     from ..loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables

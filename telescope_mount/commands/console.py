@@ -213,7 +213,7 @@ def print_files(console, files, width=13):
 
 def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
-    from calibration.analysis.diagnosis.row_counts import expected_sentence
+    from calibration.report.row_wording import expected_sentence
     from calibration.report.tables import night_tables
     if 'steps' in report:
         for table in night_tables(report):
@@ -221,10 +221,10 @@ def print_calibration(console, report):
         if report.get('expected'):
             console.print(expected_sentence(report))
         zeros = report['changes'] or report['zeros']
-        witnesses = report['witnesses']
+        cross_check = report['witnesses']
         print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
-                                      *witnesses['notes']])
-        print_lines(console, 'alarm', witnesses['alarms'])
+                                      *cross_check['notes']])
+        print_lines(console, 'alarm', cross_check['alarms'])
     else:
         print_lines(console, 'note', report['notes'])
     if 'tracking' in report:

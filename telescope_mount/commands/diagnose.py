@@ -61,7 +61,7 @@ def run(args):
             return _run(args)
     except MistakenColumns as error:
         if args.json:
-            from calibration.analysis.diagnosis.row_counts import refused_document
+            from calibration.report.diagnosis_document import refused_document
             options.write_json(args.json, refused_document(error))
         raise
 
@@ -98,7 +98,8 @@ def _run(args):
     found.whole = not (base and base.held is not None)
     show(found, console)
     if base:
-        console.print(base.table(found.model))
+        from calibration.report.tables import base_table
+        console.print(base_table(base, found.model))
         print_lines(console, 'note', base.notes)
     _write(args, found, console, base)
     return 2 if found.verdict == 'refused' else 0
@@ -109,7 +110,8 @@ def _settled(runs, held, args, console):
     from calibration.analysis.sky_model import settled_together
     (runs, held), origin = settled_together(runs, held, encoder=args.encoder)
     if origin is not None:
-        print_lines(console, 'sides of the pier', [origin.sentence()])
+        from calibration.report.fit_wording import origin_sentence
+        print_lines(console, 'sides of the pier', [origin_sentence(origin)])
     return runs, held
 
 
@@ -123,15 +125,17 @@ def _base_file(text, mount):
         except ValueError:
             if not Path(text).is_file():
                 raise
-    from ..base_model import BaseModel
+    from calibration.analysis.base_model import BaseModel
     return BaseModel.read(text, mount)
 
 
 def _write(args, found, console, base=None):
-    compared = {'base_model': base.compared(found.model)} if base else {}
+    from calibration.report.diagnosis_document import diagnosis_document
+    document = diagnosis_document(found) | (
+        {'base_model': base.compared(found.model)} if base else {})
     model = base.whole(found.model) if base else found.model
     write_outputs(
-        console, (args.json, lambda p: options.write_json(p, found.to_dict() | compared), 'result'),
+        console, (args.json, lambda p: options.write_json(p, document), 'result'),
         (args.report, lambda p: _write_page(found, p, args.runs), 'page'),
         (args.save, model.save, 'model'))
 
@@ -156,12 +160,8 @@ def _number_of_hours(text):
 
 def show(found, console):
     """The verdict in words, the error before and after, the effects, what was left out."""
-    from calibration.analysis.diagnosis.row_counts import (
-        expected_sentence,
-        left_out_lines,
-        row_word,
-        used_sentence,
-    )
+    from calibration.analysis.diagnosis.row_counts import row_word
+    from calibration.report.diagnosis_document import diagnosis_document
     from calibration.report.diagnosis_words import floor_words, verdict_sentences
     from calibration.report.effect_words import effects_told, title_of
     from calibration.report.method_words import (
@@ -170,12 +170,14 @@ def show(found, console):
         serves_sentence,
         signs_sentences,
     )
+    from calibration.report.row_wording import expected_sentence, left_out_lines, used_sentence
     from calibration.report.tables import new_table
+    from calibration.report.wording import paragraph, wording
     from pointing_model.effects.base import driver_word
-    document, names = found.to_dict(), found.observations.run.mount.names
+    document, names = diagnosis_document(found), found.observations.run.mount.names
     first, second = names.columns
     headline, sentences = verdict_sentences(document, effects_told(found), limit=20,
-                                            caution=found.caution)
+                                            caution=paragraph(found.cautions))
     console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)
     for sentence in sentences:
@@ -225,7 +227,7 @@ def show(found, console):
     for line in left_out_lines(found.excluded, len(found.observations.runs) > 1,
                                row_word(found.observations.run)):
         console.print(line, markup=False)
-    print_lines(console, 'note', found.notes)
+    print_lines(console, 'note', dict.fromkeys(map(wording, found.notes)))
     print_lines(console, 'note', signs_sentences(
         found.columns_alike, names, found.observations.run.meta.get('format')))
     largest = document['effects'][0]['name'] if document['effects'] else None

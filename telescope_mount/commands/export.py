@@ -75,7 +75,8 @@ def run(args):
         options.refuse_existing(args.out, args)
     written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
                          start=args.start, end=args.end, **options.place_of(args))
-    from calibration.analysis.diagnosis.row_counts import left_out_lines, row_word
+    from calibration.analysis.diagnosis.row_counts import row_word
+    from calibration.report.row_wording import left_out_lines
     for line in left_out_lines(written.meta['excluded'], word=row_word(written)):
         console.print(line)
     print_lines(console, 'note', written.meta['notes'])

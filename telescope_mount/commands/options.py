@@ -380,7 +380,7 @@ def add_scenario(parser, **given):
 
 
 def _scenarios(**_):
-    from ..simulator import scenario_names
+    from ..simulation import scenario_names
     return ['list', *scenario_names()]
 
 
@@ -393,7 +393,7 @@ def list_scenarios(args, *patterns):
     """
     from fnmatch import fnmatchcase
 
-    from ..simulator import described_scenarios
+    from ..simulation import described_scenarios
     from .console import new_console, write_outputs
     told = {name: text for name, text in described_scenarios().items()
             if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)}

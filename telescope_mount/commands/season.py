@@ -34,6 +34,7 @@ def run(args):
     from calibration.analysis.season.season_judgement import judge_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import write_page
+    from calibration.report.wording import wording
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.formats import NoObservations
 
@@ -70,6 +71,7 @@ def run(args):
         progress('looking for what moves the terms')
         judged = judge_season(season, declared=declared, tonight=tonight, causes=causes)
     document = judged.document()
+    document['notes'] = list(map(wording, document['notes']))
     for table in _tables(document):
         console.print(table)
     print_lines(console, 'found', judged.sentences()

@@ -31,6 +31,7 @@ def run(args):
     from calibration.analysis.tracking.run_track import track_run
     from calibration.report.tables import new_table
     from calibration.report.track_page import tracking_lines, write_page
+    from calibration.report.wording import wording
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
@@ -41,6 +42,7 @@ def run(args):
     with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
     summary, console = tracked.summary(), new_console()
+    summary['notes'] = list(map(wording, summary['notes']))
     missed = summary['missed_rms_arcsec']
     table = new_table(f'{len(tracked.rows)} stars before they were seen, radial, arcsec', '',
                       'RMS', 'middle')

@@ -18,12 +18,12 @@ def add(commands):
 
 def run(args):
     """Read, test, print, write."""
-    from calibration.analysis.zero.zero_season_file import judge_zeros
     from calibration.report.zero_season_report import season_lines, season_table
+    from telescope_mount.zero_file import zero_file_causes
 
     from .console import new_console, print_lines, write_outputs
     options.check_target(args.json)
-    judged = judge_zeros(args.file)
+    judged = zero_file_causes(args.file)
     console = new_console()
     console.print(season_table(judged))
     for line in season_lines(judged):

@@ -379,11 +379,11 @@ class LastMessages:
                 and state.power_on != state.zero_power_on:
             found.append((1, f'the zero is of power-on {state.zero_power_on}, and this is '
                           f'power-on {state.power_on}'))
-        found += [(2, sentence) for sentence in self._witnesses()]
+        found += [(2, sentence) for sentence in self._cross_check_alarms()]
         found = dict.fromkeys(sorted(found, key=lambda row: -row[0]))
         state.alarms = [{'level': _LEVELS[min(level, 3)], 'said': said} for level, said in found]
 
-    def _witnesses(self):
+    def _cross_check_alarms(self):
         """Alarms of the last report of the calibration."""
         message = self._get(topics.CALIBRATION_REPORT)
         try:

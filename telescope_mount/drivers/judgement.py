@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from telescope_mount.observing.instrument_health import SAME_FRAMES
 from telescope_mount.observing.instruments import STILL
 
-from .samples import NOTE, OK, WRONG, Finding
+from .samples import NOTE, OK, WRONG, Remark
 
 #: a stamp before that (2001) is none of now, s
 EPOCH = 1e9
@@ -39,13 +39,13 @@ def judge(heard):
 
     Returns
     -------
-    list of Finding
+    list of Remark
     """
     out = []
     if heard.nowhere:
-        out.append(Finding(WRONG, 'graph', f'no driver was found{heard.nowhere}'))
+        out.append(Remark(WRONG, 'graph', f'no driver was found{heard.nowhere}'))
     if heard.clock:
-        out.append(Finding(NOTE, '/clock', 'is published: the graph runs on simulated time; with '
+        out.append(Remark(NOTE, '/clock', 'is published: the graph runs on simulated time; with '
                            'a real mount nobody may publish it'))
     encoder = _stream(out, heard, heard.incremental, slow=SLOW, late=LATE)
     if encoder:
@@ -56,7 +56,7 @@ def judge(heard):
             if encoder:
                 _together(out, heard)
     else:
-        out.append(Finding(NOTE, heard.absolute.topic, 'nobody publishes it: for a mount without '
+        out.append(Remark(NOTE, heard.absolute.topic, 'nobody publishes it: for a mount without '
                            'an absolute encoder (absolute_encoder: false of star_observer)'))
     if _stream(out, heard, heard.camera, slow=0.0, late=LATE_FRAME):
         _camera(out, heard.camera)
@@ -72,34 +72,34 @@ def _stream(out, heard, stream, slow, late):
     of, ends = stream.topic, stream.endpoints
     if not ends:
         near = [name for name in heard.elsewhere if name.endswith('/' + of.rsplit('/', 1)[-1])]
-        out.append(Finding(WRONG, of, 'nobody publishes it' + (
+        out.append(Remark(WRONG, of, 'nobody publishes it' + (
             f'; there is {", ".join(near)}: another name or namespace (-r __ns:=/mount)' if near
             else ': start its driver, in the namespace and ROS domain of this command')))
         return False
     names = ' and '.join(sorted(end.node for end in ends))
     if len(ends) > 1:
-        out.append(Finding(WRONG, of, f'published by {names}: end all but one'))
+        out.append(Remark(WRONG, of, f'published by {names}: end all but one'))
     usable = True
     for end in ends:
         if end.type != stream.type:
-            out.append(Finding(WRONG, of, f'{end.node} publishes {end.type}: it must be '
+            out.append(Remark(WRONG, of, f'{end.node} publishes {end.type}: it must be '
                                f'{stream.type}'))
             usable = False
         elif not end.reliable:
-            out.append(Finding(WRONG, of, f'{end.node} publishes best effort: nothing passes; '
+            out.append(Remark(WRONG, of, f'{end.node} publishes best effort: nothing passes; '
                                'publish reliable (a queue depth in place of '
                                'qos_profile_sensor_data)'))
             usable = False
     for reason in sorted(set(stream.refused)):
-        out.append(Finding(WRONG, of, f'{stream.refused.count(reason)} messages cannot be read: '
+        out.append(Remark(WRONG, of, f'{stream.refused.count(reason)} messages cannot be read: '
                            f'{reason}'))
     count = len(stream.stamps)
     if not count:
         if usable and not stream.refused:
-            out.append(Finding(WRONG, of, f'{names} has sent nothing in {heard.seconds:.0f} s'))
+            out.append(Remark(WRONG, of, f'{names} has sent nothing in {heard.seconds:.0f} s'))
         return False
     if usable and len(ends) == 1:
-        out.append(Finding(OK, of, f'one publisher, {names}; type and quality of service fit'))
+        out.append(Remark(OK, of, f'one publisher, {names}; type and quality of service fit'))
     _rate(out, heard, stream, slow)
     _stamps(out, stream, late,
             AHEAD_CLOCK * max(heard.clock_speed, 1.0) if heard.clock else AHEAD)
@@ -109,20 +109,20 @@ def _stream(out, heard, stream, slow, late):
 def _rate(out, heard, stream, slow):
     of, arrived = stream.topic, np.array(stream.arrived)
     if len(arrived) < 3:
-        out.append(Finding(WRONG if slow else NOTE, of, f'{len(arrived)} messages in '
+        out.append(Remark(WRONG if slow else NOTE, of, f'{len(arrived)} messages in '
                            f'{heard.seconds:.0f} s'))
         return
     steps = np.diff(arrived)
     rate = (len(arrived) - 1) / (arrived[-1] - arrived[0])
     if rate < slow:
-        out.append(Finding(WRONG if rate < USELESS else NOTE, of, f'{rate:.2f} messages a second: '
+        out.append(Remark(WRONG if rate < USELESS else NOTE, of, f'{rate:.2f} messages a second: '
                            'slow; 10 or more keep readings close to each exposure'))
     else:
-        out.append(Finding(OK, of, f'{rate:.4g} messages a second'))
+        out.append(Remark(OK, of, f'{rate:.4g} messages a second'))
     usual = float(np.median(steps))
     longest = float(steps.max())
     if longest > max(GAP, PERIODS * usual):
-        out.append(Finding(WRONG if slow else NOTE, of, f'silent for {longest:.1f} s, and usually '
+        out.append(Remark(WRONG if slow else NOTE, of, f'silent for {longest:.1f} s, and usually '
                            f'every {usual:.3g} s'))
 
 
@@ -130,23 +130,23 @@ def _stamps(out, stream, late, ahead):
     of, stamps = stream.topic, np.array(stream.stamps)
     zero = np.count_nonzero(stamps < EPOCH)
     if zero:
-        out.append(Finding(WRONG, of, f'{zero} of {len(stamps)} stamps are not of this century: '
+        out.append(Remark(WRONG, of, f'{zero} of {len(stamps)} stamps are not of this century: '
                            'fill header.stamp with the time of the measurement, UTC'))
         return
     back = np.count_nonzero(np.diff(stamps) <= 0.0)
     if back:
-        out.append(Finding(WRONG, of, f'{back} of {len(stamps)} stamps are not after the one '
+        out.append(Remark(WRONG, of, f'{back} of {len(stamps)} stamps are not after the one '
                            'before: two sources, or the stamp is not the time of the measurement'))
     age = np.array(stream.ages)
     youngest, usual = float(age.min()), float(np.median(age))
     if youngest < -ahead:
-        out.append(Finding(WRONG, of, f'stamps are up to {-youngest:.3f} s ahead of this '
+        out.append(Remark(WRONG, of, f'stamps are up to {-youngest:.3f} s ahead of this '
                            "machine's clock: set both by NTP; 1 s is 15 arcsec of hour angle"))
     elif usual > late:
-        out.append(Finding(WRONG, of, f'stamps are {usual:.2f} s behind this machine\'s clock: '
+        out.append(Remark(WRONG, of, f'stamps are {usual:.2f} s behind this machine\'s clock: '
                            'another clock, or the driver stamps or sends late'))
     else:
-        out.append(Finding(OK, of, f'stamps increase, {1e3 * usual:.0f} ms before they arrive '
+        out.append(Remark(OK, of, f'stamps increase, {1e3 * usual:.0f} ms before they arrive '
                            f'(at least {1e3 * youngest:.0f} ms)' if not back else
                            f'stamps are {1e3 * usual:.0f} ms before they arrive'))
 
@@ -162,18 +162,18 @@ def _encoder(out, heard, stream):
         other = next((pair for pair in convert.JOINTS if set(pair) <= set(found)), None)
         told = f'joints {", ".join(found) or "without names"}, and the mount has ' \
             f'{" and ".join(wanted)}: '
-        out.append(Finding(WRONG, of, told + (
+        out.append(Remark(WRONG, of, told + (
             'another kind of mount? (--mount here, parameter mount of star_observer)' if other
             else 'name them so')))
         return
     stamps, values, rates = stream.arrays()
     known = np.isfinite(values).all(axis=1)
     if not known.any():
-        out.append(Finding(NOTE, of, 'no number in any reading: not homed yet? (call home)'))
+        out.append(Remark(NOTE, of, 'no number in any reading: not homed yet? (call home)'))
         return
     first = int(np.argmax(known))
     if not known[first:].all():
-        out.append(Finding(WRONG, of, f'no number in {np.count_nonzero(~known[first:])} of '
+        out.append(Remark(WRONG, of, f'no number in {np.count_nonzero(~known[first:])} of '
                            f'{len(known)} readings, after it was homed'))
     if not _units(out, heard, of, values[known]):
         return
@@ -185,7 +185,7 @@ def _encoder(out, heard, stream):
             'tells no power-on in frame_id: each homing counts as one')
         homing = 'incremental/homing is published' if heard.homing else (
             'no incremental/homing: its marks cannot be judged')
-        out.append(Finding(OK if told == {True} and heard.homing else NOTE, of,
+        out.append(Remark(OK if told == {True} and heard.homing else NOTE, of,
                            f'{power}; {homing}'))
 
 
@@ -195,7 +195,7 @@ def _units(out, heard, of, values):
     highest = (np.pi / 2 if heard.mount.vertical else 1.5 * np.pi) + 5.0 * DEG
     if second <= highest and first <= 6.0 * np.pi:
         middle = np.degrees(values[-1])
-        out.append(Finding(OK, of, f'reads {middle[0]:.2f} and {middle[1]:.2f} deg: can be'))
+        out.append(Remark(OK, of, f'reads {middle[0]:.2f} and {middle[1]:.2f} deg: can be'))
         return True
     where = f'reads {values[-1][0]:.6g} and {values[-1][1]:.6g}, which cannot be radians: '
     if first <= highest and second <= 2.0 * np.pi:
@@ -204,7 +204,7 @@ def _units(out, heard, of, values):
         why = 'degrees? (multiply by pi/180)'
     else:
         why = 'counts or arcsec?'
-    out.append(Finding(WRONG, of, where + why))
+    out.append(Remark(WRONG, of, where + why))
     return False
 
 
@@ -221,11 +221,11 @@ def _motion(out, stream, stamps, values, rates, pointed):
     jumps = np.abs(way) > FASTEST * apart + 5.0 * DEG
     if jumps.any():
         worst = np.degrees(np.abs(way).max())
-        out.append(Finding(WRONG, of, f'jumped by up to {worst:.1f} deg between two readings: two '
+        out.append(Remark(WRONG, of, f'jumped by up to {worst:.1f} deg between two readings: two '
                            'sources, counts lost, or a wrong unit now and then'))
         return
     if turn.any():
-        out.append(Finding(NOTE, of, 'wraps: it jumped by a turn; where a cable counts, count '
+        out.append(Remark(NOTE, of, 'wraps: it jumped by a turn; where a cable counts, count '
                            'turns on, and commands do too'))
     own = way / apart
     moving = np.abs(own) > 10.0 * STILL
@@ -235,22 +235,22 @@ def _motion(out, stream, stamps, values, rates, pointed):
         between = 0.5 * (rates[1:] + rates[:-1])
         ratio = float(np.nanmedian(between[both] / own[both]))
         if ratio < 0.0:
-            out.append(Finding(WRONG, of, 'velocity has the other sign than the angle'))
+            out.append(Remark(WRONG, of, 'velocity has the other sign than the angle'))
         elif not 0.5 < ratio < 2.0:
             unit = 'deg/s? ' if 30.0 < ratio < 110.0 else ''
-            out.append(Finding(WRONG, of, f'velocity is {ratio:.3g} times what the angle does: '
+            out.append(Remark(WRONG, of, f'velocity is {ratio:.3g} times what the angle does: '
                                f'{unit}it must be rad/s'))
     elif (told & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
-        out.append(Finding(WRONG, of, 'tells a velocity, and its angle does not change: frozen?'))
+        out.append(Remark(WRONG, of, 'tells a velocity, and its angle does not change: frozen?'))
     rest = ~moving.any(axis=1)
     if pointed and not told.any() and rest.sum() > 20:
         restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))
         if restless > 0.5:
-            out.append(Finding(WRONG, of, 'tells no velocity, and its noise over '
+            out.append(Remark(WRONG, of, 'tells no velocity, and its noise over '
                                f'{float(np.median(apart)):.3g} s looks like motion: home never '
                                'sees it at rest; fill velocity'))
     if not way.any():
-        out.append(Finding(NOTE, of, 'not one bit has changed: it stands, or it is frozen (move '
+        out.append(Remark(NOTE, of, 'not one bit has changed: it stands, or it is frozen (move '
                            'the mount, or --nudge)'))
 
 
@@ -292,13 +292,13 @@ def _together(out, heard):
         else:
             continue
         bad = True
-        out.append(Finding(WRONG, of, text))
+        out.append(Remark(WRONG, of, text))
     if bad:
         return
     apart = np.column_stack([wrap(a[:, 0] - b[:, 0]), a[:, 1] - b[:, 1]])
     middle, scatter = np.median(apart, axis=0), apart.std(axis=0)
     level = NOTE if np.abs(middle).max() > 5.0 * DEG else OK
-    out.append(Finding(level, of, 'incremental - absolute: '
+    out.append(Remark(level, of, 'incremental - absolute: '
                        + ', '.join(f'{names[k]} {middle[k] / ARCSEC:+.1f} +- '
                                    f'{scatter[k] / ARCSEC:.1f} arcsec' for k in (0, 1))))
 
@@ -311,45 +311,45 @@ def _camera(out, stream):
     values = np.array(stream.values, float).reshape(-1, 2)
     known = np.isfinite(values).all(axis=1)
     if not known.any():
-        out.append(Finding(NOTE, of, f'no star in any of {len(values)} exposures: point at one to '
+        out.append(Remark(NOTE, of, f'no star in any of {len(values)} exposures: point at one to '
                            'have the camera judged'))
         return
     seen = values[known]
     far = float(np.median(np.hypot(*seen.T)))
     if far > BEYOND_FIELD:
-        out.append(Finding(WRONG, of, f'stars {far:.3g} rad beside the boresight: arcsec or pixels '
+        out.append(Remark(WRONG, of, f'stars {far:.3g} rad beside the boresight: arcsec or pixels '
                            'for radians?'))
     elif far > WIDE_FIELD:
-        out.append(Finding(NOTE, of, f'stars {far / DEG:.2f} deg beside the boresight: is that in '
+        out.append(Remark(NOTE, of, f'stars {far / DEG:.2f} deg beside the boresight: is that in '
                            'radians?'))
     else:
-        out.append(Finding(OK, of, f'a star in {known.sum()} of {len(values)} exposures, '
+        out.append(Remark(OK, of, f'a star in {known.sum()} of {len(values)} exposures, '
                            f'{far / ARCSEC:.1f} arcsec beside the boresight'))
     same = longest = 1
     for before, now in zip(seen, seen[1:]):
         same = same + 1 if (before == now).all() else 1
         longest = max(longest, same)
     if longest >= SAME_FRAMES:
-        out.append(Finding(WRONG, of, f'the same miss distance in {longest} exposures in a row: '
+        out.append(Remark(WRONG, of, f'the same miss distance in {longest} exposures in a row: '
                            'it measures nothing'))
 
 
 def _commands(out, heard):
     if not heard.followers:
-        out.append(Finding(WRONG, 'command', 'nobody follows it: start the driver of the mount, '
+        out.append(Remark(WRONG, 'command', 'nobody follows it: start the driver of the mount, '
                            'in the namespace and ROS domain of this command'))
     names = sorted({end.node for end in heard.followers})
     if len(names) > 1:
-        out.append(Finding(WRONG, 'command', f'{" and ".join(names)} follow it: a mount has one '
+        out.append(Remark(WRONG, 'command', f'{" and ".join(names)} follow it: a mount has one '
                            'driver; end all but one'))
     for end in heard.followers:
         if end.type != 'trajectory_msgs/msg/JointTrajectory':
-            out.append(Finding(WRONG, 'command', f'{end.node} expects {end.type}: it must be '
+            out.append(Remark(WRONG, 'command', f'{end.node} expects {end.type}: it must be '
                                'trajectory_msgs/msg/JointTrajectory'))
         elif end.latched:
-            out.append(Finding(WRONG, 'command', f'{end.node} asks for transient local: nothing '
+            out.append(Remark(WRONG, 'command', f'{end.node} asks for transient local: nothing '
                                'passes; subscribe volatile'))
         else:
-            out.append(Finding(OK, 'command', f'{end.node} follows it'))
-    out.append(Finding(OK, 'home', 'is offered') if 'home' in heard.services else Finding(
+            out.append(Remark(OK, 'command', f'{end.node} follows it'))
+    out.append(Remark(OK, 'home', 'is offered') if 'home' in heard.services else Remark(
         NOTE, 'home', 'no such service: leave the step home out of plans'))

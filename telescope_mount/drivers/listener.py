@@ -17,7 +17,7 @@ from ..graph_client import GraphClient
 from .guard_request import GuardClient
 from .judgement import judge
 from .nudge import bright_star, judge_nudge, place_of, standing, went_elsewhere
-from .samples import OK, WRONG, DriverSamples, Endpoint, Finding, Rest, Stream
+from .samples import OK, WRONG, DriverSamples, Endpoint, Remark, Rest, Stream
 
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
 RAMP, SETTLE, LOOK = 3.0, 20.0, 6.0
@@ -129,16 +129,16 @@ class Listener:
 
         Returns
         -------
-        Finding
+        Remark
         """
         client = self._node.create_client(Trigger, 'home')
         if not self.spin(5.0, client.service_is_ready):
-            return Finding(WRONG, 'home', 'no such service')
+            return Remark(WRONG, 'home', 'no such service')
         future = client.call_async(Trigger.Request())
         if not self.spin(timeout, future.done):
-            return Finding(WRONG, 'home', f'has not answered for {timeout:g} s')
+            return Remark(WRONG, 'home', f'has not answered for {timeout:g} s')
         answer = future.result()
-        return Finding(OK if answer.success else WRONG, 'home', answer.message or 'no words')
+        return Remark(OK if answer.success else WRONG, 'home', answer.message or 'no words')
 
     # --- nudging ------------------------------------------------------------------------------
 
@@ -156,7 +156,7 @@ class Listener:
         heard : DriverSamples
             Readings less the motion of the star.
         rests : list of Rest
-        told : list of Finding
+        told : list of Remark
             Which star it is.
 
         Raises
@@ -176,7 +176,7 @@ class Listener:
             target = bright_star(self._mount, site, self._now(), home,
                                  AllowedSky.of_rows(asking.told, site))
             place = place_of(target, self._mount, site, home)
-            told = [Finding(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '
+            told = [Remark(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '
                             f'{site.latitude / DEG:.4f}, {site.longitude / DEG:.4f} deg')]
             self._lead(place, np.zeros(2), 0.0, SLEW)
             home = self._here()
@@ -247,7 +247,7 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
 
     Returns
     -------
-    list of Finding
+    list of Remark
     """
     listener = Listener(mount, domain, namespace, guard, params)
     try:
@@ -257,11 +257,11 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
             return findings
         # who reads degrees is commanded in degrees: no move before the contract is kept
         if any(finding.level == WRONG for finding in findings):
-            return [*findings, Finding(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
+            return [*findings, Remark(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
         try:
             heard, rests, told = listener.nudge(step, star)
         except ValueError as err:
-            return [*findings, Finding(WRONG, 'nudge', str(err))]
+            return [*findings, Remark(WRONG, 'nudge', str(err))]
         return [*findings, *told, *judge_nudge(heard, rests, star)]
     finally:
         listener.close()

@@ -9,7 +9,7 @@ from pointing_model.sky.target import StarTarget
 
 from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at, has_neighbour
-from .samples import NOTE, OK, WRONG, Finding
+from .samples import NOTE, OK, WRONG, Remark
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1
 TURNED, SCALED = 2.0 * DEG, 0.05
@@ -33,7 +33,7 @@ def judge_nudge(heard, rests, star=False):
 
     Returns
     -------
-    list of Finding
+    list of Remark
     """
     out = []
     stamps, values, _ = heard.incremental.arrays()
@@ -43,7 +43,7 @@ def judge_nudge(heard, rests, star=False):
         here = values[(stamps >= rest.begin) & (stamps <= rest.end)]
         here = here[np.isfinite(here).all(axis=1)]
         if not len(here):
-            return [Finding(WRONG, heard.incremental.topic, 'no reading while it was nudged')]
+            return [Remark(WRONG, heard.incremental.topic, 'no reading while it was nudged')]
         means.append(rest.demand + np.column_stack(
             [wrap(here[:, 0] - rest.demand[0]), here[:, 1] - rest.demand[1]]).mean(axis=0))
     followed = True
@@ -64,8 +64,8 @@ def judge_nudge(heard, rests, star=False):
         elif off > FOLLOWED:
             text = f'{names[axis]} ended {off / ARCSEC:.0f} arcsec from the demand'
         followed &= text is None
-        out.append(Finding(OK, 'command', f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
-                   if text is None else Finding(WRONG, 'command', text))
+        out.append(Remark(OK, 'command', f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
+                   if text is None else Remark(WRONG, 'command', text))
     if followed:
         _nudged_camera(out, heard, rests, star)
     return out
@@ -84,16 +84,16 @@ def _nudged_camera(out, heard, rests, star):
         rows += [(1.0, stamp - start, *away) for stamp in stamps[inside]]
         seen += list(values[inside])
         if not inside.any():
-            out.append(Finding(
+            out.append(Remark(
                 WRONG, of, 'not the star that must be in the field: is the site right, and the '
                 'clock, does the mount point to within the field, are the axes exchanged in both '
-                'drivers, does the camera answer?') if star else Finding(
+                'drivers, does the camera answer?') if star else Remark(
                 NOTE, of, 'no star in the field at each step: camera not judged; point at a '
                 'bright star first (--star)'))
             return
     rows, seen = np.array(rows), np.array(seen)
     if len(rows) < 6:
-        out.append(Finding(NOTE, of, f'{len(rows)} exposures: too few to judge the camera'))
+        out.append(Remark(NOTE, of, f'{len(rows)} exposures: too few to judge the camera'))
         return
     answer, *_ = np.linalg.lstsq(rows / np.abs(rows).max(axis=0), seen, rcond=None)
     moves = (answer / np.abs(rows).max(axis=0)[:, None])[2:].T  # column k: for axis k
@@ -102,11 +102,11 @@ def _nudged_camera(out, heard, rests, star):
     step = float(np.abs(rows[:, 2:]).max())
     scale = float(np.sqrt(abs(np.linalg.det(moves))))
     if left > 0.2 * step * max(scale, 0.1):
-        out.append(Finding(NOTE, of, f'the star does not move evenly ({left / ARCSEC:.0f} arcsec '
+        out.append(Remark(NOTE, of, f'the star does not move evenly ({left / ARCSEC:.0f} arcsec '
                            'left): another star, or the mount does not rest; camera not judged'))
         return
     if scale < 0.1:
-        out.append(Finding(WRONG, of, 'the star does not move with the mount'))
+        out.append(Remark(WRONG, of, 'the star does not move with the mount'))
         return
     mirrored = np.linalg.det(moves) < 0.0
     unit = -moves / scale
@@ -115,7 +115,7 @@ def _nudged_camera(out, heard, rests, star):
                  (np.diag([1.0, -1.0]), 'y has the other sign'),
                  (np.array([[0.0, 1.0], [1.0, 0.0]]), 'x and y are exchanged'))
         gap, text = min((float(np.abs(unit - flip).max()), text) for flip, text in flips)
-        out.append(Finding(WRONG, of, f'{text}' if gap < 0.3 else
+        out.append(Remark(WRONG, of, f'{text}' if gap < 0.3 else
                            'mirrored and turned: one of x and y has the other sign'))
     else:
         turn = float(np.arctan2(unit[1, 0] - unit[0, 1], unit[0, 0] + unit[1, 1]))
@@ -124,11 +124,11 @@ def _nudged_camera(out, heard, rests, star):
         else:
             text = f'turned by {turn / DEG:.1f} deg'
         level = WRONG if abs(turn) > TURNED else OK
-        out.append(Finding(level, of, text + ' against the axes' * ('turned' in text)))
+        out.append(Remark(level, of, text + ' against the axes' * ('turned' in text)))
     unit_of = {'arcsec for radians?': ARCSEC**-1, 'degrees for radians?': DEG**-1}
     guess = next((text for text, value in unit_of.items() if 0.5 < scale / value < 2.0), '')
     level = WRONG if abs(scale - 1.0) > SCALED else OK
-    out.append(Finding(level, of, f'scale {scale:.4g}, 1 would be right' * (level == WRONG)
+    out.append(Remark(level, of, f'scale {scale:.4g}, 1 would be right' * (level == WRONG)
                        + f'scale right to {abs(scale - 1.0):.1%}' * (level == OK)
                        + f': {guess}' * bool(guess)))
 

@@ -8,7 +8,7 @@ import numpy as np
 OK, NOTE, WRONG = 'ok', 'note', 'wrong'
 
 
-class Finding(NamedTuple):
+class Remark(NamedTuple):
     """A line: how grave (`OK`, `NOTE`, `WRONG`), of what, and the sentence."""
 
     level: str

@@ -5,7 +5,7 @@ evaluated by eqs. 14 to 16 of the paper (`encoder_reading.evaluation`, which ser
 angles of any encoder).
 
 The bench is simulated: `run` takes it through the one door to the simulator,
-`telescope_mount.simulator`. It calibrates nothing.
+`telescope_mount.simulation`. It calibrates nothing.
 """
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ from encoder_reading.evaluation import (
 )
 from msg_tools.units import ARCSEC
 
-from ..simulator import SCALES, IndexingTable
+from ..simulation import SCALES, IndexingTable
 
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}

@@ -4,7 +4,7 @@
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.zero.zero_causes import DRIVERS
+from calibration.analysis.zero.zero_causes import COVARIATES
 from calibration.analysis.zero.zero_season import season_from_rows
 from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.page_parts import (
@@ -210,9 +210,9 @@ def _zeros(judged):
     found, season = judged['causes'], season_from_rows(judged['power_ons'])
     drawn = []
     for name in found['drivers'] or ['temperature']:
-        words, unit, _ = DRIVERS[name]
+        words, unit, _ = COVARIATES[name]
         for k, (_, said) in enumerate(AXES):
-            values, zeros = season.drivers[name][:, k], season.zeros[:, k] / ARCSEC
+            values, zeros = season.covariates[name][:, k], season.zeros[:, k] / ARCSEC
             good = np.isfinite(values) & np.isfinite(zeros)
             if not good.any():
                 continue

@@ -35,7 +35,7 @@ def compare_with_paper(nights, count):
     Parameters
     ----------
     nights : list of dict
-        Rows of `calibration.nights.NightSeries`.
+        Rows of `calibration.night_series.NightSeries`.
     count : int
         Nights of table 1; a night after them is the case of the paper's section 1.1.
 

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from calibration.analysis.encoders.cross_check import UNJUDGED
 from calibration.calibration_node import Calibration
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status import Progress, handover
@@ -227,8 +227,8 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     assert stamp == START and told == zero and (told.started, told.model) == (1e9, name)
     assert identity(models[0].data) == name
     table.publish(run_to_cloud(night, START))
-    graph.wait_for(lambda: 'took up 26 observations, zeros by Polaris of power-ons 1; the model '
-                   'in force' in status[-1].message, lambda: status[-1].message)
+    graph.wait_for(lambda: 'took up 26 observations, zeros by Polaris of power-ons 1; the active '
+                   'model' in status[-1].message, lambda: status[-1].message)
     assert graph.call('calibrate_zero').success
     graph.wait_for(lambda: len(zeros) == 2)
     # beside the model that is in force
@@ -237,17 +237,15 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
 
 
 def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(graph):
-    from calibration.analysis.tracking.live_tracking import LiveTracking
     night = rows(9, seed=5)
     night = PointingRun({**night.columns, 'time': (START + 10**11 * np.arange(1, 10)) * 1e-9})
     stamps = [START + 10**11 * k for k in range(1, 10)]
-    session, tracking = CalibrationSession(MOUNT), LiveTracking()
+    state = CalibrationState(MOUNT, mode='track')
 
     def offline(first, last):
         for i in range(first, last):
-            session.add(night.select([i]), stamps[i])
-            tracking.observed(session, night.select([i]))
-        model, zero = tracking.pair(session)
+            state.add(night.select([i]), stamps[i])
+        model, zero = state.tracking.pair(state)
         return model.to_json(), zero
 
     table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from calibration.calibration_node import Calibration
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools import topics
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
@@ -80,7 +80,6 @@ def test_a_diagnosis_can_be_watched_and_cancelled(graph, monkeypatch):
     pause = threading.Event()
 
     def endless(self, alpha, site, until, progress):
-        self._published = self.model = 'half of it'
         while not pause.wait(0.01):
             progress('looking', 1, 2)
     desk = Desk(graph)
@@ -90,7 +89,7 @@ def test_a_diagnosis_can_be_watched_and_cancelled(graph, monkeypatch):
     assert graph.call('fit').success
     assert graph.call('calibration/cancel').message == 'nothing long is under way'
     with monkeypatch.context() as patch:
-        patch.setattr(CalibrationSession, 'diagnose', endless)
+        patch.setattr(CalibrationState, 'find_effects', endless)
         client = graph.tester.create_client(Trigger, 'diagnose')
         graph.wait_for(client.service_is_ready)
         answer = client.call_async(Trigger.Request())

@@ -6,7 +6,7 @@ import pytest
 
 from encoder_reading.bar_decoding import REASONS
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
-from encoder_reading.readings import CORRECTED, EXACT, REJECTED
+from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.template_reader import TemplateReader
 from encoder_sim.ccd import LinearCCD, pixel_noise
 from encoder_sim.scenario_encoders import Absolute

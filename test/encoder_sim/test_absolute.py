@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from encoder_reading.axis_reader import read_frames
+from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.paper_reader import PaperReader
-from encoder_reading.readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.template_reader import TemplateReader
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.keyed_noise import uniform

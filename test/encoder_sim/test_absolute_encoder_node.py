@@ -3,7 +3,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
-from encoder_reading.readings import CORRECTED, EXACT, REJECTED
+from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.absolute_encoder_node import AbsoluteEncoders
 from encoder_sim.scenario_file import load_scenario

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from encoder_sim.axis_motion import MountAxes, Trajectory, catch_up, plan_move
-from encoder_sim.scenario import AxisLimits
+from encoder_sim.scenario import AxisDynamics
 from msg_tools.units import ARCSEC, DEG
 
-LIMITS = AxisLimits(max_rate=4 * DEG, max_acceleration=2 * DEG, settling_time=1.0)
+LIMITS = AxisDynamics(max_rate=4 * DEG, max_acceleration=2 * DEG, settling_time=1.0)
 PAIR = (LIMITS, LIMITS)
 
 
@@ -115,9 +115,9 @@ def test_azimuth_takes_the_short_way():
 
 
 def test_travel_forces_the_long_way_and_refuses():
-    azimuth = AxisLimits(LIMITS.max_rate, LIMITS.max_acceleration, 1.0,
+    azimuth = AxisDynamics(LIMITS.max_rate, LIMITS.max_acceleration, 1.0,
                          travel_min=-10 * DEG, travel_max=365 * DEG)
-    elevation = AxisLimits(LIMITS.max_rate, LIMITS.max_acceleration, 1.0,
+    elevation = AxisDynamics(LIMITS.max_rate, LIMITS.max_acceleration, 1.0,
                            travel_min=0.0, travel_max=90 * DEG)
     mount = MountAxes(azimuth, elevation, 0.0, [350 * DEG, 0.5])
     settled = mount.follow(0.0, track(10 * DEG, 0.5, 0.0, 0.0))
@@ -134,7 +134,7 @@ def test_too_fast_a_target_is_refused():
 
 
 def test_ringing_dies_within_the_settling_time():
-    ringing = AxisLimits(4 * DEG, 2 * DEG, 1.0, settling_amplitude=5 * ARCSEC)
+    ringing = AxisDynamics(4 * DEG, 2 * DEG, 1.0, settling_amplitude=5 * ARCSEC)
     mount = MountAxes(ringing, ringing, 0.0, [0.0, 0.5])
     settled = mount.follow(0.0, track(1.0, 0.5 + 0.2 * DEG, 0.0, 0.0))
     t = np.linspace(0.0, settled + 1.0, 20001)
@@ -156,7 +156,7 @@ def test_arrival_does_not_move_anything():
 
 def test_the_first_axis_of_a_german_mount_never_takes_its_counterweight_up():
     words = ('hour angle', 'declination')
-    limits = [AxisLimits(LIMITS.max_rate, LIMITS.max_acceleration, 0.0, travel_min=low * DEG,
+    limits = [AxisDynamics(LIMITS.max_rate, LIMITS.max_acceleration, 0.0, travel_min=low * DEG,
                          travel_max=high * DEG) for low, high in ((-10, 190), (-90, 270))]
     mount = MountAxes(*limits, 0.0, [5 * DEG, 0.5], words)
     at = 0.0
@@ -181,7 +181,7 @@ def test_the_first_axis_of_a_german_mount_never_takes_its_counterweight_up():
 
 def test_a_target_that_slews_and_comes_to_rest_is_met_however_late_it_is_heard_of():
     """As the pieces of a slew, that a mount hears of seconds late where its time is fast."""
-    limits = AxisLimits(max_rate=6.0 * DEG, max_acceleration=3.0 * DEG, settling_time=1.0)
+    limits = AxisDynamics(max_rate=6.0 * DEG, max_acceleration=3.0 * DEG, settling_time=1.0)
     rng, hard = np.random.default_rng(11), 0
     for _ in range(300):
         begin, rate, time = rng.uniform(-60.0, 60.0), rng.uniform(-4.8, 4.8), rng.uniform(1.0, 15.0)

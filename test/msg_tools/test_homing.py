@@ -3,9 +3,9 @@ import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
+from msg_tools.cloud_tables import cloud_to_table, table_to_cloud
 from msg_tools.homing import AxisHoming, cloud_to_homing, homing_to_cloud
 from msg_tools.power_on import PowerOn
-from msg_tools.tables import cloud_to_table, table_to_cloud
 from msg_tools.units import ARCSEC
 
 NS = 1_768_482_000_123_456_789

@@ -26,8 +26,8 @@ OTHERS = {
     'telescope_mount/fork_server.py': 'output of nodes',
     'telescope_mount/domain.py': 'a lock, which stays empty',
     'pointing_model/runs/plate_solves/solvers.py': 'for the solver, in a folder of its own',
-    'telescope_mount/bridges/indi/server.py': 'output of a server',
-    'telescope_mount/bridges/indi/sources.py': 'an image for the solver, in a folder of its own',
+    'telescope_mount/bridges/indi/indi_server.py': 'output of a server',
+    'telescope_mount/bridges/indi/indi_sources.py': 'an image for the solver, in its folder',
 }
 
 

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip(
     'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
-from msg_tools.bag.provenance import GIVEN_UP, WAITED_FOR, ParameterCollector
+from msg_tools.bag.parameter_query import GIVEN_UP, WAITED_FOR, ParameterCollector
 from msg_tools.params import OF_TRUTH
 
 
@@ -58,8 +58,8 @@ class Asker:
 
 
 def collected(monkeypatch, steps, **deaf):
-    from msg_tools.bag import provenance
-    monkeypatch.setattr(provenance, 'parameter_value_to_python', lambda v: v.integer_value)
+    from msg_tools.bag import parameter_query
+    monkeypatch.setattr(parameter_query, 'parameter_value_to_python', lambda v: v.integer_value)
     node, got = Asker(**deaf), {}
 
     def take(name, values, truth):

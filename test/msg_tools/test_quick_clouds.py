@@ -6,9 +6,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
 from msg_tools import topics
+from msg_tools.cloud_tables import cloud_to_table, quick_cloud, table_to_cloud
 from msg_tools.node import MountNode
 from msg_tools.quick_clouds import CloudWriter
-from msg_tools.tables import cloud_to_table, quick_cloud, table_to_cloud
 
 NS = 10**18 + 7
 

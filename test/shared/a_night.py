@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -17,7 +17,7 @@ BEGIN = 1768482000.0
 def a_night(stars=20, exposures=8, seed=4):
     """Stars and Polaris in two power-ons, one wild row; (run, model, report)."""
     rng = np.random.default_rng(seed)
-    session, blocks, number = CalibrationSession(), [], 0
+    session, blocks, number = CalibrationState(), [], 0
     for run, drift in ((1.0, (0.0, 0.0)), (2.0, (20.0, -12.0))):
         hour = 0.3 + 0.01 * np.arange(exposures)
         az = np.concatenate([0.65 * DEG * np.sin(hour) / np.cos(LATITUDE),

@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from pointing_model.sky.sun import Sun
-from telescope_mount.bridges.indi.driver import MountDriver
+from telescope_mount.bridges.indi.indi_driver import MountDriver
 from telescope_mount.guard.goto import GotoKeeper
 from telescope_mount.guard.keeper import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from calibration.analysis.base_model import BaseModel
 from calibration.analysis.diagnosis.diagnosis_base import observations
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.effects import effect
@@ -14,7 +15,6 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.formats import write_csv
 from pointing_model.runs.model_files import PROGRAMS, export
 from pointing_model.runs.run import PointingRun
-from telescope_mount.base_model import BaseModel
 
 TERMS = {name: value * ARCSEC for name, value in {
     'IA': 412.0, 'IE': -31.0, 'CA': 25.0, 'AN': 30.0, 'AW': -22.0, 'TF': 15.0}.items()}

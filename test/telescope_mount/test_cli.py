@@ -420,7 +420,7 @@ def test_a_damaged_log_is_told_by_the_code(ended, tmp_path):
 
 
 def test_scenarios_are_listed(ended):
-    from telescope_mount.simulator import scenario_names
+    from telescope_mount.simulation import scenario_names
     out = ended('night', '--scenario', 'list')[1]
     assert all(name in out for name in scenario_names())
     out = ended('close-the-loop', '--scenario', 'list')[1]

@@ -49,7 +49,7 @@ PACKAGES = tuple(name for name in BELOW if name != 'launch')
 #: stands under it
 SKY = ('pointing_model.sky', 'pointing_model.mounts', 'pointing_model.mount_kinds')
 #: the one door from outside to the simulator; besides, `NODES` of graph.py names its nodes
-DOOR = ROOT / 'telescope_mount' / 'simulator.py'
+DOOR = ROOT / 'telescope_mount' / 'simulation.py'
 #: whose names begin as those of packages
 TOPICS = {topic.name for topic in vars(topics).values() if isinstance(topic, topics.Topic)}
 #: functions whose text argument is the name of a package, or a part of a path

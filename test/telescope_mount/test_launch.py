@@ -18,7 +18,7 @@ from pointing_model.mounts import parse_mount
 from telescope_mount.graph import NIGHT, night_graph, real_graph
 from telescope_mount.observing.plan import night_plan, real_plan
 from telescope_mount.parent import PARENT
-from telescope_mount.simulator import scenario_names
+from telescope_mount.simulation import scenario_names
 
 FILE = ROOT / 'launch' / 'night.launch.py'
 REAL_FILE = ROOT / 'launch' / 'real_mount.launch.py'

@@ -13,8 +13,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from calibration.analysis.encoders.cross_check import UNJUDGED, Homing
-from calibration.live_apart import LiveApart
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState, Contradiction
 from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
@@ -246,13 +245,13 @@ def test_command(night, tmp_path, capsys):
 
 def session_of(run, upto):
     """A calibration, and the rows of a log, that have taken the first of `run`."""
-    session, rows = CalibrationSession(), _Rows()
+    session, rows = CalibrationState(), _Rows()
     more(session, rows, run, upto)
     return session, rows
 
 
 def more(session, rows, run, upto):
-    for k in range(len(session), upto):
+    for k in range(session.taken.kept, upto):
         rows.observations[k + 1] = run.select([k])
         session.add(rows.observations[k + 1], k + 1)
 
@@ -261,7 +260,7 @@ def said(session, rows, model, document=None):
     """What a calibration publishes, into the rows of a log."""
     rows.said['model'].append((session.last_stamp, SimpleNamespace(data=model.to_json())))
     rows.said['zero'].append((session.last_stamp, zero_to_joints(
-        session.zeros_in_force.newest, session.last_stamp)))
+        session.active_zeros.newest, session.last_stamp)))
     reported(rows, session.report)
     if document is not None:
         rows.said['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
@@ -273,7 +272,7 @@ def reported(rows, report):
 
 def differences(rows):
     check = _Count()
-    _calibrate(rows, CalibrationSession(), {}, check)
+    _calibrate(rows, CalibrationState(), {}, check)
     assert check.unchecked == []
     return check.differences
 
@@ -319,23 +318,22 @@ def test_stars_that_were_asked_for_are_asked_for_again():
     said(session, rows, session.fit()[0])
     found = session.diagnose()
     assert found.document['verdict'] == 'ambiguous'
-    live = LiveApart()
-    texts = [live.begin(session, found, None)]
+    texts = [session.requests.news()]
     said(session, rows, found.model, found.document)
     for upto in range(25, 33):
         more(session, rows, run, upto)
-        texts.append(live.observed(session))
+        texts.append(session.requests.news())
     texts = [text for text in texts if text]
     asked = [json.loads(text) for text in texts]
     assert asked[0]['state'] == 'asks' and asked[0]['request']['why']
     # stars of the same elevations do not tell: it says so, and asks no more
     assert 1 < len(asked) < 9 and asked[-1]['state'] == 'cannot be told from here'
     assert [one['last_stamp_ns'] for one in asked] == [24 + k for k in range(len(asked))]
-    assert live.details()[0][1] == asked[-1]['says']
+    assert session.requests.document == asked[-1]
     logged = [texts[0], texts[1].replace('az_deg', 'ra_deg'), *texts[2:]]
     rows.said['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
     check = _Count()
-    _calibrate(rows, CalibrationSession(), {}, check)
+    _calibrate(rows, CalibrationState(), {}, check)
     assert check.checked['stars asked for'] == len(texts)
     assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']
 
@@ -354,15 +352,16 @@ def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
 
 
 @pytest.mark.usefixtures('nothing_expected')
-def test_reports_of_fits_that_were_refused_are_passed_over():
-    def refuse(report):
-        reported(rows, report)
-        raise ValueError('not published')
+def test_reports_of_fits_that_were_refused_are_passed_over(monkeypatch):
     run = stars(40)
     session, rows = session_of(run, 30)
-    with pytest.raises(ValueError, match='not published'):
-        session.fit(check=refuse)
-    assert session.report is None and not session.zeros_in_force
+    with monkeypatch.context() as patch:
+        patch.setattr('calibration.calibration_state.contradiction',
+                      lambda rows, report=None: 'not published' if report else '')
+        with pytest.raises(Contradiction, match='not published') as refused:
+            session.fit()
+    reported(rows, refused.value.report)
+    assert session.report is None and not session.active_zeros
     more(session, rows, run, 40)
     said(session, rows, session.fit()[0])
     assert differences(rows) == []

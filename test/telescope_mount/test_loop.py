@@ -23,7 +23,7 @@ from telescope_mount.loop_judgement import judgement, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.runs import load_run
-from telescope_mount.simulator import scenario_names, undeclared
+from telescope_mount.simulation import scenario_names, undeclared
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'
 LOOPS = [name for name in scenario_names() if name.startswith('loop_')]
@@ -205,7 +205,7 @@ def test_a_night_whose_counts_wander_points_by_the_absolute_encoder(cli, ended, 
     assert report['paired']['after']['rms_arcsec'] == report['blind_after']['rms_arcsec']
     # the stars' noise of 1.4, what 36 stars leave and the way to the star, in 12 stars
     assert report['blind_after']['rms_arcsec'] < 2.6
-    assert any('counts of the elevation encoder wander' in note for note in report['notes'])
+    assert any('counts of the elevation encoder drift' in note for note in report['notes'])
     assert 'electromagnetic interference' in ' '.join(loop.text.split())
     # without following it is the walk itself that the blind stars are missed by
     rows = read_run(loop.folder / 'observations.csv')
@@ -442,7 +442,7 @@ def test_all_scenarios_in_one_table_and_one_that_failed_does_not_end_it(
     for words in ('identified', 'MA by counterweight', 'yes, 1 besides',
                   f'{german.report["judged"]["radial"]["before_arcsec"]:.2f}'):
         assert words in lines['loop_refraction']
-    # a pattern, and what the witnesses said
+    # a pattern, and the alarms of the encoder cross-check
     asked.clear()
     some = module.close_all(tmp_path / 'some', names='loop_*_backlash', seed=4,
                             progress=lambda *args: None)

@@ -77,7 +77,7 @@ def test_a_false_solve_is_named(night, tmp_path):
     columns['ra_deg'][[3, 11]] += (40.0, 0.5)
     run = load_run(write(tmp_path / 'run.csv', columns))
     told = reasons(run)
-    assert list(told) == [9, 17] and 'a false solve' in told[9] and 'deg from where' in told[17]
+    assert list(told) == [9, 17] and 'a false solve' in told[9] and 'arcsec from where' in told[17]
     assert len(run) == len(night.az) - 2
     fit = fit_terms(run).model.terms
     assert abs(fit['IA'] - SOLID.ia) < 5 * ARCSEC

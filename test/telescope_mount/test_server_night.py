@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount import whole_night as night
 from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
-from telescope_mount.bridges.indi.server import SIMULATOR
+from telescope_mount.bridges.indi.indi_server import SIMULATOR
 from telescope_mount.bridges.indi.two_axes import TwoAxes
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan

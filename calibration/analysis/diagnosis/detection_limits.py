@@ -18,29 +18,22 @@ from pointing_model.mount_kinds import KINDS
 POWER = 0.9
 
 
-def _of_axes(names):
-    """Effects that are told: name, in words, factor on the coefficient's length, unit."""
-    first, second = names.keys
-    a, b = (f'a{"n" * (word[0] in "aeh")} {word}' for word in names.axes)
+def _of_axes(first, second):
+    """Effects of which it is told: name, factor on the coefficient's length, unit."""
     return (
-        (f'{first}_encoder_1', f'{a} encoder wrong once per turn', 1.0, 'arcsec'),
-        ('line_of_sight_2', 'a line of sight that swings twice per turn', 1.0, 'arcsec'),
-        (f'{second}_nod_2', 'a nod twice per turn', 1.0, 'arcsec'),
-        ('refraction', 'a refraction constant wrong', 1.0, 'arcsec'),
-        *((f'{axis}_zero_with_{driver}', f'{word} zero that drifts', 1.0, f'arcsec{unit}')
+        (f'{first}_encoder_1', 1.0, 'arcsec'), ('line_of_sight_2', 1.0, 'arcsec'),
+        (f'{second}_nod_2', 1.0, 'arcsec'), ('refraction', 1.0, 'arcsec'),
+        *((f'{axis}_zero_with_{driver}', 1.0, f'arcsec{unit}')
           for driver, unit in (('time', '/h'), ('run_hours', '/h'), ('order', '/run'))
-          for axis, word in ((first, a), (second, b))),
+          for axis in (first, second)),
         # the coefficient is half the difference of both sides
-        (f'{first}_hysteresis_cosE', f'a backlash of the {names.shafts[0]}', 2.0, 'arcsec'),
-        (f'{second}_hysteresis', f'a backlash of the {names.shafts[1]}', 2.0, 'arcsec'),
-        (f'{first}_encoder_2', f'{a} encoder wrong twice per turn', 1.0, 'arcsec'),
-        (f'{second}_encoder_2', f'{b} encoder wrong twice per turn', 1.0, 'arcsec'),
-        *((f'{axis}_zero_with_temperature', f'{word} zero that follows the temperature', 1.0,
-           'arcsec/K') for axis, word in ((first, a), (second, b))))
+        (f'{first}_hysteresis_cosE', 2.0, 'arcsec'), (f'{second}_hysteresis', 2.0, 'arcsec'),
+        (f'{first}_encoder_2', 1.0, 'arcsec'), (f'{second}_encoder_2', 1.0, 'arcsec'),
+        *((f'{axis}_zero_with_temperature', 1.0, 'arcsec/K') for axis in (first, second)))
 
 
 #: the names of the axes say of which mount an effect is
-_TOLD = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(names))
+_TOLD = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(*names.keys))
 #: phases of two columns that belong together, shape (k, 2)
 _PHASES = np.array([[np.cos(a), np.sin(a)] for a in (np.arange(48) + 0.5) * np.pi / 48])
 _SURE = 1e4  # lambda^2 of what no run overlooks
@@ -60,9 +53,9 @@ def detectable(problem, chance, alpha):
     Returns
     -------
     list of dict
-        ``name``, ``what``, ``amplitude_arcsec``, ``unit`` (of the amplitude: a drift's is an
-        hour's) and ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base
-        or another driver of the run hides are not in it.
+        ``name``, ``amplitude_arcsec``, ``unit`` (of the amplitude: a drift's is an hour's) and
+        ``rms_arcsec`` of that effect on the rows, on the sky. Effects that the base or another
+        driver of the run hides are not in it.
     """
     fit = problem.plain.fit([])
     bank = problem.dictionary
@@ -76,7 +69,7 @@ def detectable(problem, chance, alpha):
     free = max(live - len(fit.basis) / 2, 4)  # each axis has noise of its own
     names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}
     out = []
-    for name, what, factor, unit in _TOLD:
+    for name, factor, unit in _TOLD:
         g = names.get(name)
         if g is None or scores.dof[g] < len(bank.of(g)):
             continue
@@ -87,8 +80,8 @@ def detectable(problem, chance, alpha):
         unit_lambda = np.sqrt(np.square(phases @ (white @ scores.basis(g).T)).sum(axis=1))
         size = _amplitude(unit_lambda, dof, free, _gain(dof, free, limit, dof * np.log(live)))
         rms = np.sqrt(np.square(phases @ bank.of(g)).sum() / len(phases) / problem.n)
-        out.append({'name': name, 'what': what, 'amplitude_arcsec': factor * size / ARCSEC,
-                    'unit': unit, 'rms_arcsec': float(size * rms / ARCSEC)})
+        out.append({'name': name, 'amplitude_arcsec': factor * size / ARCSEC, 'unit': unit,
+                     'rms_arcsec': float(size * rms / ARCSEC)})
     return out
 
 

@@ -5,8 +5,9 @@ import numpy as np
 from calibration.estimation.chance import FLIPS, Chance
 from calibration.estimation.folds import radial_arcsec
 from calibration.estimation.select import SET_WIDTH, choose, settled
-from pointing_model.effects.base import readable, the
+from pointing_model.effects.base import readable
 
+from ..finding import Finding
 from .alternatives import (
     alternatives,
     cause_counts,
@@ -25,13 +26,13 @@ from .diagnosis_result import (
     ranking_of,
 )
 from .expected_error import ahead, expected_error
-from .implausible_terms import unphysical
+from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import by_size
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
-from .row_counts import claimed, row_word
-from .row_facts import repeats_sentence
+from .row_counts import refused_if_few, row_word
+from .row_facts import repeats
 from .run_problem import RunProblem
 from .sessions import arrange, split
 from .validation import FOLDS, cross_validated, hold_out, mark_undecided, partitions_of
@@ -117,17 +118,15 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
                         progress or _silent, jobs)
     if left_open is not None:
         result = with_held_terms(result, left_open)
-    result = claimed(result)
+    result = refused_if_few(result)
     by_size(result)
     result.columns_alike = checked.alike
     if obs.whole:
-        all_ = len(obs.whole)
-        result.notes.append(
-            f'{len(obs)} of {all_} rows were searched, spread evenly over each run. An effect must '
-            f'be {(all_ / len(obs))**0.5:.1f} times as large to be found as with all of them. The '
-            'model was fitted to all rows, the other figures are of those searched')
-    result.notes += [*checked.notes, *(f'held out: {note}' for note in held.notes)]
-    result.unphysical = unphysical(result)
+        result.notes.append(Finding('rows searched', len(obs), unit='rows',
+                                    evidence={'all': len(obs.whole)}))
+    result.notes += [*checked.findings,
+                     *(Finding('held out', evidence={'of': one}) for one in held.findings)]
+    result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)
@@ -139,23 +138,12 @@ def _silent(text, done, total):
 
 
 def not_taken(context):
-    """A note of the columns that are not taken as causes, and how to make one of them.
-
-    Parameters
-    ----------
-    context : Context
-
-    Returns
-    -------
-    str
-    """
+    """Finding on the columns of a Context that are not taken as causes."""
     names = context.left_out()
-    how = '--cause COLUMN takes one'
-    if any(name.startswith('auxiliary_') for name in names):  # of TPOINT, which does not name them
-        how += ('; one that is the air temperature: telescope-mount export RUN run.csv, and call '
-                'the column temperature_c')
-    return ('not taken as causes, for they may be outcomes of a measurement: '
-            f'{", ".join(map(context.said, names))} ({how})')
+    return Finding('columns not taken', evidence={
+        'columns': [*map(context.said, names)],
+        # of TPOINT, which does not name them
+        'unnamed': any(name.startswith('auxiliary_') for name in names)})
 
 
 def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
@@ -183,9 +171,8 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
     fits = _fits(run, choice, left, mixed)
     result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
                        lambda some: _fit_of(run, some, left, mixed)[0])
-    twice = repeats_sentence(problem.sequence.group, obs.lines, result.residual_after,
-                             row_word(obs.run))
-    result.notes += [twice] * bool(twice)
+    twice = repeats(problem.sequence.group, obs.lines, result.residual_after, row_word(obs.run))
+    result.notes += [twice] if twice else []
     if left is not None:
         result.add_correlation(correlation_entry(left, problem, obs.context, choice.chosen,
                                                  result.residual_after))
@@ -220,7 +207,7 @@ def _add_errors(result, found, run, choice, errors, rng):
     if errors.spread and choice.chosen:
         errors.spread |= cause_counts(errors.chosen, found)
     result.after['cv_spread'] = errors.spread
-    result.cv_contiguous, result.caution = errors.stretches, errors.caution
+    result.cv_contiguous, result.cautions = errors.stretches, errors.cautions
     result.expected = expected_error(errors.left_out, choice.fit.weights > 0.0,
                                      problem.sequence.order, rng,
                                      *ahead(problem, choice.chosen, rng))
@@ -269,9 +256,7 @@ def _without_memory(run, choice, fitted):
     plain = run.problem.plain.fit(choice.chosen, final=True)
     alone = run.exact_fit(choice.chosen, plain.noise).residual
     alone, here = radial_arcsec(alone, keep), radial_arcsec(fitted.residual, keep)
-    return [f'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes '
-            f'each row for itself, leaves {alone:.2f} in place of {here:.2f} arcsec on these rows, '
-            'because its terms take up a part of the wander'
+    return [Finding('terms beside correlated noise', before=alone, after=here)
             ] if here > _MORE * alone else []
 
 
@@ -305,15 +290,10 @@ def _as_well_as_a_step(problem, choice, i):
 
 
 def _beside(found, other, others, more=0, better=0.0):
-    """A note on what else a model has that explains the run as well with another effect in it."""
-    beside = ', '.join(readable(e.name) for e in others) or 'none'
-    text = (f'with {readable(other)} in the place of {readable(found.name)} the run is explained '
-            f'as well, with other effects beside it: {beside}')
-    if more:
-        text += (f'. That is {more} effect{"s" * (more > 1)} more'
-                 + (f', which the rows pay for (ΔBIC {better:.0f} better); the model with fewer '
-                    'was kept' if better > SET_WIDTH else ''))
-    return text
+    """What else a model has that explains the run as well with another effect in it."""
+    return Finding('another model', causes=(found.name, other), evidence={
+        'beside': [e.name for e in others], 'more': more,
+        'better': better if better > SET_WIDTH else 0.0})
 
 
 def _assemble(run, choice, fits, models, chance, fit):
@@ -342,20 +322,15 @@ def _assemble(run, choice, fits, models, chance, fit):
                    for other, others in one.beside.items()]
         effects.append(one)
     notes = list(obs.notes)
-    for why, dropped in (('no gain on rows left out', choice.dropped_by_cv),
-                         ('runs or rows that are left out are predicted worse with it',
-                          choice.not_repeated)):
-        if dropped:
-            notes.append(f'beyond chance, but {why}, so not added: '
-                         + '; '.join(dict.fromkeys(readable(c.effect(problem).name)
-                                                      for c in dropped)))
+    notes += [Finding(kind, causes=tuple(dict.fromkeys(c.effect(problem).name for c in dropped)))
+              for kind, dropped in (('no gain on rows left out', choice.dropped_by_cv),
+                                    ('not repeated', choice.not_repeated)) if dropped]
     if run.infeasible.any():
-        notes.append(f'{int(run.infeasible.sum())} rows are nearer to the zenith than the mount '
-                     'can look')
+        notes.append(Finding('beyond the zenith', int(run.infeasible.sum()), unit='rows'))
     notes += beside
-    notes += [f'something unknown is left that follows {the(e.fitted.effect.driver)}: the model '
-              f'has a curve for it, {e.fitted.effect.shape}' for e in effects
-              if e.fitted.effect.kind == 'smooth']
+    notes += [Finding('curve', evidence={'driver': e.fitted.effect.driver,
+                                         'shape': e.fitted.effect.shape})
+              for e in effects if e.fitted.effect.kind == 'smooth']
     candidates = problem.dictionary.effects
     nothing = problem.plain.fit([])
     scores = problem.dictionary.score(nothing)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.analysis.finding import Finding
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.term_notes import undetermined_lines
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.linear_model import Columns
 from calibration.estimation.robust import GROSS
@@ -149,7 +149,7 @@ class Observations:
     inverse_sigma : ndarray, shape (2n,), or None
     excluded : list of dict
         ``row``, ``reason`` and ``source``: the line in the file, or the row of a run without one.
-    notes : list of str
+    notes : list of Finding or str
     lines : ndarray of int, shape (n,)
         Line of each row in its file, or its row in a run without one.
     sources : ndarray of object, shape (n,)
@@ -251,7 +251,7 @@ def observations(runs, encoder='enc'):
     run = runs[0] if len(runs) == 1 else PointingRun.concatenate(runs)
     lost = sorted({n for r in runs for n in r.columns} - set(run.columns))
     if lost:
-        notes.append(f'not in all runs, so not used: {", ".join(lost)}')
+        notes.append(Finding('columns of some runs', evidence={'columns': lost}))
     columns = dict(run.columns)
     if len(runs) > 1 or 'run' not in columns or columns['run'].dtype.kind not in 'fiu':
         columns['run'] = label
@@ -279,7 +279,7 @@ def _one_clock(runs, notes):
     clocks = {r.meta.get('time_is_utc', True) for r in runs if 'time' in r}
     if len(clocks) < 2:
         return runs
-    notes.append('time is UTC in some runs and counts from an arbitrary start in others: not used')
+    notes.append(Finding('two clocks'))
     return [PointingRun({k: v for k, v in r.columns.items() if k != 'time'}, r.meta) for r in runs]
 
 
@@ -329,8 +329,7 @@ def linearised(obs, base):
         start.update(fit_terms(obs.run, geometric, encoder=obs.encoder).model.terms)
     except ValueError:
         # directions that do not determine the rotations: from the indices alone
-        obs.notes.append('the directions do not determine all terms of the base: only '
-                         'predictions there have a meaning')
+        obs.notes.append(Finding('undetermined base'))
         few = tuple(t for t in names.index if t in geometric)
         if few:
             start.update(fit_terms(obs.run, few, encoder=obs.encoder).model.terms)
@@ -480,5 +479,6 @@ def with_held_terms(result, fit):
         setattr(result, attribute, replace(
             model, terms=terms, covariance=covariance, undetermined=fit.model.undetermined,
             directions=fit.model.directions))
-    result.notes += undetermined_lines(fit)
+    result.notes += [found for found in fit.findings(result.observations.run)
+                     if found.kind == 'undetermined terms']
     return result

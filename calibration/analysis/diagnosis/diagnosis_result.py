@@ -6,20 +6,17 @@ from pathlib import PurePath
 import numpy as np
 
 from calibration.estimation.folds import radial_arcsec
-from calibration.estimation.robust import BISQUARE
 from calibration.estimation.select import SET_WIDTH
+from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 
 from .diagnosis_base import Base, Observations
-from .raw_errors import as_read, as_read_terms
-from .row_counts import RMS_KEYS, rows_told
+from .raw_errors import raw_rms_arcsec, raw_terms
+from .row_counts import RMS_KEYS, diagnosis_row_counts
 from .row_facts import unequal_scatter, worst_rows
-
-_OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
-            'whole lines of the encoder')
 
 
 @dataclass
@@ -116,8 +113,8 @@ class Diagnosis:
         Run -> terms that it fitted for itself, arcsec.
     columns_alike : list of str
         Readings of the columns that fit as well, see `input_check`.
-    caution : str
-        A sentence where the gain does not hold on some kind of rows left out.
+    cautions : list of Finding or str
+        Where the gain does not hold on some kind of rows left out.
     wander : dict or None
         Rows resemble their neighbours in time though no effect explains it, see
         `residual_correlation.correlation_entry`.
@@ -129,7 +126,7 @@ class Diagnosis:
         Effects, each with the rivals that no observation tells it from, see
         `next_observations.propose`.
     unphysical : list of dict
-        Terms that no mount should have so, see `implausible_terms.unphysical`.
+        Terms that no mount should have so, see `implausible_terms`.
     whole : bool
         Whether the rows are what the encoders read, and nothing was taken off before.
     """
@@ -155,7 +152,7 @@ class Diagnosis:
     detectable: list | None = None
     cv_contiguous: dict = field(default_factory=dict)
     columns_alike: list = field(default_factory=list)
-    caution: str = ''
+    cautions: list = field(default_factory=list)
     wander: dict | None = None
     expected: dict | None = None
     held_out: list = field(default_factory=list)
@@ -182,13 +179,14 @@ class Diagnosis:
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
-            'effects': [e.to_dict() for e in self.effects], **rows_told(self).to_dict(),
+            'effects': [e.to_dict() for e in self.effects], **diagnosis_row_counts(self).to_dict(),
             'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
             'wander': self.wander, 'expected': self.expected,
-            'as_read_rms_arcsec': as_read(self.observations, self.weights) if self.whole else None,
-            'as_read_terms': as_read_terms(self) if self.whole else [],
+            'as_read_rms_arcsec': raw_rms_arcsec(
+                self.observations, self.weights) if self.whole else None,
+            'as_read_terms': raw_terms(self) if self.whole else [],
             'equinox': self.observations.run.meta.get('equinox_taken'),
             'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
             'held_out': self.held_out, 'no_star': self.no_star,
@@ -235,7 +233,7 @@ def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes)
     keep = weights > 0.0
     before, after = (fit.residual for fit in fits)
     (base_model, _), (model, run_terms) = models
-    excluded = [obs.excluding(i, _OUTLIER) for i in np.flatnonzero(~keep)]
+    excluded = [obs.excluding(i, OUTLIER) for i in np.flatnonzero(~keep)]
     free = max(2 * np.count_nonzero(keep) - len(choice.fit.basis), 1)
     floor = radial_arcsec(after, keep) * np.sqrt(2 * keep.sum() / free)
     return Diagnosis(
@@ -324,6 +322,5 @@ def ranking_of(effects, delta_bic, p=None):
 
 
 def hidden(effects, dof):
-    """Name of the effects that a run cannot tell from the base's terms, and why."""
-    return list({e.name: e.alias or 'it is the same as terms of the base on these directions'
-                 for e, d in zip(effects, dof) if d == 0}.items())
+    """Name of the effects that a run cannot tell from the base's terms, and why if it is known."""
+    return list({e.name: e.alias for e, d in zip(effects, dof) if d == 0}.items())

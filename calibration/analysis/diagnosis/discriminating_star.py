@@ -9,14 +9,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from msg_tools.units import DEG
-from pointing_model.context import Context
 
 from .next_observations import (
     MIN_GAP,
     SHORT,
     dark_hours,
-    forecast,
     next_night,
+    observation_context,
     place_of,
     places_under,
     views_of,
@@ -67,8 +66,7 @@ class Points:
 
     def __init__(self, obs, drivers, hours=0.0, elevations=None, low_deg=None, warmer=0.0,
                  faster=1.0, any_magnitude=False, only_later=False):
-        known, mount = obs.context, obs.context.mount
-        self._drivers = drivers
+        known, self._drivers = obs.context, drivers
         above = known.on_horizon()[1]
         low, high = elevations or (max(15.0 * DEG, float(above.min())), float(above.max()))
         low = low if low_deg is None else min(low, low_deg * DEG)
@@ -90,27 +88,8 @@ class Points:
             bright = [0.0, 9.0] if any_magnitude else [np.nanmin(magnitude), np.nanmax(magnitude)]
         az, el, s_az, s_el, self.later, self.short, bright = places_under(
             known, low, high, *sides, later, moves, bright)
-        columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el,
-                   'magnitude': bright}
-        time, order = known.get('time'), known.get('order')
-        if time is not None:
-            columns['time'] = np.nanmax(time) + 3600.0 * self.later
-            run_hours = known.get('run_hours')
-            if run_hours is not None:
-                columns['run_hours'] = run_hours[np.nanargmax(time)] + self.later
-        if order is not None:
-            columns['order'] = np.ones_like(az)
-        temperature = known.get('temperature')
-        if temperature is not None:
-            columns['temperature'] = warmer + forecast(time, temperature, columns.get('time'),
-                                                       len(az))
-        if 'run' in known.columns:
-            columns['run'] = np.full(len(az), known.columns['run'][-1])
-        for axis in ('az', 'el'):
-            columns[f'travel_{axis}'] = np.where(self.short, SHORT, np.inf)
-            columns[f'before_{axis}'] = -columns[f'approach_{axis}']
-        self.context = Context(az, el, columns, known.latitude, known.longitude, mount)
-        self.context.raw_reading = known.raw_reading
+        self.context = observation_context(known, az, el, (s_az, s_el), self.later, self.short,
+                                           warmer, magnitude=bright)
         if faster != 1.0:
             for axis in ('az', 'el'):
                 rate = self.context.get(f'{axis}_rate')

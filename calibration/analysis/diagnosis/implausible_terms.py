@@ -5,14 +5,52 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.analysis.harmonic_fit import rows_of_terms
-from calibration.analysis.term_notes import suspicious
 from calibration.estimation.correlated_noise import WhiteNoise
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 
 from .page_figures import live_rows
 
+#: standard errors from where a value is no zero
+_SURE = 3.0
+#: arcsec of cot E: a refraction of 58" at sea level that is wrong by a third. Pressure and
+#: temperature make a tenth of it
+_WRONG_AIR = 20.0
+#: arcsec: axes and tubes are built square, and stiff, to minutes of arc
+_SQUARE = DEG / ARCSEC
+_OF_SHAPE = ('TF', 'CA', 'NPAE', 'CH', 'NP', 'C1', 'N12')
 
-def unphysical(result):
+
+def suspicious(terms):
+    """Terms with a sign or a size that no mount should have.
+
+    Parameters
+    ----------
+    terms : iterable of dict
+        ``name``, ``value_arcsec``, ``sigma_arcsec``.
+
+    Returns
+    -------
+    list of dict
+        Of each the same, and ``what``: ``sign``, or ``size``.
+    """
+    out = []
+    for row in terms:
+        name, value, sigma = row['name'], row['value_arcsec'], row.get('sigma_arcsec')
+        if not sigma:
+            continue
+        what = ''
+        if name == 'TF' and value < -_SURE * sigma:
+            what = 'sign'
+        elif abs(value) > _SURE * sigma + {
+                'TX': _WRONG_AIR, **dict.fromkeys(_OF_SHAPE, _SQUARE)}.get(name, np.inf):
+            what = 'size'
+        if what:
+            out.append({'name': name, 'value_arcsec': float(value), 'sigma_arcsec': float(sigma),
+                        'what': what})
+    return out
+
+
+def implausible_terms(result):
     """Facts of each term, declared or found, that stands out.
 
     Parameters
@@ -22,7 +60,7 @@ def unphysical(result):
     Returns
     -------
     list of dict
-        As of `term_notes.suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
+        As of `suspicious`, and ``altaz`` (the mount is one); ``alone_arcsec``, its
         value without the effects; of a negative TF `refraction_in_place` as ``refraction``, and
         `sound_with` as ``sound_with`` where it is negative beside the effects. Of a sign
         that a term has without the effects, and that they only leave in doubt, the value is the

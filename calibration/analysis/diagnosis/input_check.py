@@ -14,10 +14,11 @@ from msg_tools.units import DEG
 from pointing_model.runs.formats import NoUsableRow
 from pointing_model.runs.run import PointingRun
 
+from ..finding import Finding
 from .clock_and_site import other_places
 from .file_rows import FileRows
 from .reading_fits import FEW, MOST_LEFT_OUT, ReadingFits
-from .readings import MIRRORED, SOUTH, Reading, double_readings, doubt_sentences, single_readings
+from .readings import MIRRORED, SOUTH, Reading, double_readings, single_readings, without_signs
 
 #: arcsec, robust and radial. Beyond it no terms describe a run as written: of 73 measured runs one
 #: leaves 37, the next 13; a loose mount of an amateur 90.
@@ -70,22 +71,24 @@ class ColumnCheck:
     ----------
     alike : list of str
         Readings that fit as well.
-    notes : list of str
+    findings : list of Finding
     """
 
     alike: list = field(default_factory=list)
-    notes: list = field(default_factory=list)
+    findings: list = field(default_factory=list)
 
     @classmethod
     def of(cls, each):
         """Of several runs of one mount: readings that fit all of them as well, notes of each."""
         alike = [text for text in dict.fromkeys(t for one in each for t in one.alike)
                  if all(text in one.alike for one in each)]
-        return cls(alike, [note for one in each for note in one.notes])
+        return cls(alike, [found for one in each for found in one.findings])
 
-    def warnings(self, names):
-        """The notes, and a sentence of readings that fit as well; `names` of the mount."""
-        return [*self.notes, *doubt_sentences(self.alike, names)]
+    def doubts(self, names):
+        """The findings, and one of readings that fit as well; `names` of the mount."""
+        unsigned = without_signs(self.alike, names)
+        return [*self.findings, *([Finding('columns alike', causes=tuple(unsigned))]
+                                  if unsigned else [])]
 
 
 def check_columns(runs, encoder='enc'):
@@ -107,7 +110,7 @@ def check_columns(runs, encoder='enc'):
         The run as written does not fit, or another reading fits far better.
     """
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
-    return ColumnCheck.of([_RunCheck(run, encoder).judged() for run in runs
+    return ColumnCheck.of([_RunCheck(run, encoder).result() for run in runs
                            if f'az_{encoder}' in run])
 
 
@@ -136,7 +139,7 @@ class _RunCheck:
         self.mount, self.fits = rows.mount, ReadingFits(rows)
         self.physical, self.effects = rows.mount.names.physical, rows.mount.names.usual
 
-    def judged(self):
+    def result(self):
         """`ColumnCheck`; raises MistakenColumns."""
         if len(self.rows.label) < FEW or self._in_a_field():
             return ColumnCheck()
@@ -157,10 +160,10 @@ class _RunCheck:
             self._compare(other, written, others, out)
         elsewhere = _likeliest([fit for fit in others if fit.reading.elsewhere
                                 and fit.better_than(written)[0] > 1.0 / _ALIKE])
-        if not out.notes and elsewhere and elsewhere.better_than(written)[1] > -_AS_LIKELY:
-            out.notes.append(
-                f'{self.rows.where}{elsewhere.text} would fit as well, with {_sizes(elsewhere)} in '
-                f'place of {_sizes(written)}: make sure of the {elsewhere.reading.kind}')
+        if not out.findings and elsewhere and elsewhere.better_than(written)[1] > -_AS_LIKELY:
+            out.findings.append(Finding('reading as good', causes=(elsewhere.text,), evidence={
+                'where': self.rows.where, 'what': elsewhere.reading.kind,
+                'sizes_deg': _sizes(elsewhere), 'as_written_deg': _sizes(written)}))
         return out
 
     def _compare(self, other, written, others, out):
@@ -171,10 +174,10 @@ class _RunCheck:
                 alike = _alike(others)
                 self._refuse(written, alike if other in alike else [other])
             if other.rms_arcsec < written.rms_arcsec / _BETTER or other.reading.elsewhere:
-                out.notes.append(
-                    f'{self.rows.where}{other.text} would fit to {other.rms_arcsec:.1f} '
-                    f'arcsec, where the seven terms leave {written.rms_arcsec:.1f}; an effect '
-                    f'that they lack may do so too: make sure of the {other.reading.kind}')
+                out.findings.append(Finding(
+                    'better reading', causes=(other.text,), before=written.rms_arcsec,
+                    after=other.rms_arcsec,
+                    evidence={'where': self.rows.where, 'what': other.reading.kind}))
             else:
                 out.alike.append(other.text)
         elif not other.reading.elsewhere and (times > 1.0 / _ALIKE or likelier > -_AS_LIKELY):
@@ -277,8 +280,8 @@ def _likeliest(fits):
 
 
 def _sizes(fit):
-    zero, tilt = (size / DEG for size in fit.sizes)
-    return f'a zero of {zero:.3g} deg and a tilt of {tilt:.3g}'
+    """Of the zero and of the tilt, degrees."""
+    return tuple(size / DEG for size in fit.sizes)
 
 
 def _size(arcsec):

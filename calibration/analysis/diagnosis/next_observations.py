@@ -118,34 +118,56 @@ def _grid(obs):
     tomorrow : bool
         Whether tonight no dark hour is left.
     """
-    mount, above = obs.context.mount, obs.context.on_horizon()[1]
+    above = obs.context.on_horizon()[1]
     low = max(15.0 * DEG, float(above.min()))
     high = min(88.0 * DEG, max(float(above.max()), low + 0.1))
     tonight = dark_hours(obs.context, _LATER)
     az, el, s_az, s_el, later, short = places_under(
         obs.context, low, high, [-1.0, 1.0], [-1.0, 1.0],
         tonight or next_night(obs.context, _LATER), [False, True])
-    columns = {'approach_az': s_az, 'approach_el': s_el, 'az_enc': az, 'el_enc': el}
-    known = obs.context.columns
-    time = obs.context.get('time')
+    context = observation_context(obs.context, az, el, (s_az, s_el), later, short)
+    return context, later, short, not tonight
+
+
+def observation_context(known, az, el, approach, later, short, warmer=0.0, **more):
+    """`Context` of observations after those of a run.
+
+    Parameters
+    ----------
+    known : Context
+        Of the rows.
+    az, el : ndarray, shape (m,)
+        Angles of the axes, rad.
+    approach : (ndarray, ndarray), shape (m,)
+        Of both axes, -1 or 1.
+    later : ndarray, shape (m,)
+        Hours after the last row.
+    short : ndarray of bool, shape (m,)
+        Reached by a move of `SHORT` back on the one before.
+    warmer : float
+        Kelvin beside the forecast.
+    **more : ndarray, shape (m,)
+        Other columns.
+    """
+    columns = {'az_enc': az, 'el_enc': el, **more}
+    time, temperature = known.get('time'), known.get('temperature')
     if time is not None:
         columns['time'] = np.nanmax(time) + 3600.0 * later
-        hours = obs.context.get('run_hours')
+        hours = known.get('run_hours')
         if hours is not None:
             columns['run_hours'] = hours[np.nanargmax(time)] + later
-    else:
+    if known.get('order') is not None:
         columns['order'] = np.ones_like(az)
-    temperature = obs.context.get('temperature')
     if temperature is not None:
-        columns['temperature'] = forecast(time, temperature, columns.get('time'), len(az))
-    if 'run' in known:
-        columns['run'] = np.full(len(az), known['run'][-1])
-    for axis in ('az', 'el'):
+        columns['temperature'] = warmer + forecast(time, temperature, columns.get('time'), len(az))
+    if 'run' in known.columns:
+        columns['run'] = np.full(len(az), known.columns['run'][-1])
+    for axis, side in zip(('az', 'el'), approach):
+        columns[f'approach_{axis}'], columns[f'before_{axis}'] = side, -side
         columns[f'travel_{axis}'] = np.where(short, SHORT, np.inf)
-        columns[f'before_{axis}'] = -columns[f'approach_{axis}']
-    context = Context(az, el, columns, obs.context.latitude, obs.context.longitude, mount)
-    context.raw_reading = obs.context.raw_reading
-    return context, later, short, not tonight
+    out = Context(az, el, columns, known.latitude, known.longitude, known.mount)
+    out.raw_reading = known.raw_reading
+    return out
 
 
 def places_under(known, low, high, *conditions):

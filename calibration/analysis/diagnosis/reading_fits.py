@@ -8,7 +8,7 @@ from calibration.analysis.fit import fit_first_order, fit_terms
 from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
-from pointing_model.runs.formats.places import rows_beyond_zenith, unfolded
+from pointing_model.runs.formats.axis_places import rows_beyond_zenith, unfolded
 from pointing_model.runs.run import PointingRun
 
 from .readings import Reading, in_range

@@ -216,24 +216,21 @@ def in_range(names, az, el):
         or 'hours' in names and not (az.max() <= 24.5 and az.min() >= -12.5))
 
 
-def doubt_sentences(alike, names=ALTAZ.names):
-    """What is said of readings that fit as well, signs apart, which no run confirms.
+def without_signs(alike, names=ALTAZ.names):
+    """Readings that fit as well, signs apart, which no run confirms.
 
     Parameters
     ----------
     alike : sequence of str
-        As of `Checked.alike`.
+        As of `input_check.ColumnCheck.alike`.
     names : mounts.Names
 
     Returns
     -------
     list of str
-        One, or none.
     """
     signs = {MIRRORED.text(names=names), Reading(exchanged=True).text(names=names)}
-    rest = [text for text in alike if text not in signs]
-    return ['read otherwise the columns fit as well, so make sure that they are not: '
-            + '; '.join(rest)] if rest else []
+    return [text for text in alike if text not in signs]
 
 
 def _set_right(a, e, mistakes):

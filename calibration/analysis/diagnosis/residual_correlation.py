@@ -11,7 +11,6 @@ from scipy.special import chdtrc
 
 from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import arcsec, the
 from pointing_model.rms import rms
 
 #: independent tests that the likelihood ratio of a memory counts as, over both axes, the memories
@@ -21,13 +20,10 @@ _TESTS = 6.0
 _SOME = 600  # rows at a time: the effort grows with the cube
 _PART = 0.5  # of the run, in which it is said how rows differ
 _STEP = 1.0 / 3.0  # of the distance of any two rows: steps so short go along the sky
-_NAMED = 5  # drivers in a sentence, at most
-#: of the variance of an axis, from where an even drift is told
-MOSTLY = 0.5
 _ANCHORS = 400  # rows of which the pairs are looked at, at most
 _ABOUT = 0.5  # of the distance in the order, by which a pair may be nearer or farther
 _NEAR = 5.0  # deg on the sky, within which two rows are near at least
-_FEWEST = 10  # pairs, of which a figure is told
+FEWEST = 10  # pairs, of which a figure is told
 
 
 @dataclass
@@ -109,20 +105,22 @@ def correlation_entry(found, problem, context, chosen, residual):
     -------
     dict
         ``p`` (at most); ``like`` (names of effects that would explain it); ``slow``: it lasts
-        longer than from row to row; ``text``, a sentence; ``along_the_sky``, see
-        `along_the_sky`; ``removes_rms_arcsec``: what it did in these rows, RMS on the sky
-        beyond the terms; and ``axes``: of each ``sigma_arcsec`` of the process, ``memory`` and
-        ``span`` (of the rows) in ``unit`` (hours, rows), ``angle`` (it is one of the azimuth axis:
-        times cos E on the sky), as the likelihood has them; ``row_to_row_arcsec``, the noise that
-        neighbours show between them by it; what is measured of rows that are ``apart`` from one
-        another, in ``unit``, see `PairDifferences.to_dict`; and ``trend``, see `trend`.
+        longer than from row to row; ``along_the_sky``, see `along_the_sky`;
+        ``removes_rms_arcsec``: what it did in these rows, RMS on the sky beyond the terms;
+        ``explained_by``: of what would explain it ``cause``, ``driver`` and whether it is a
+        ``curve``; ``pairs`` of rows ``within_deg`` on the sky and far in the order; and ``axes``:
+        of each ``sigma_arcsec`` of the process, ``memory`` and ``span`` (of the rows) in ``unit``
+        (hours, rows), ``angle`` (it is one of the azimuth axis: times cos E on the sky), as the
+        likelihood has them; ``row_to_row_arcsec``, the noise that neighbours show between them by
+        it; what is measured of rows that are ``apart`` from one another, in ``unit``, see
+        `PairDifferences.to_dict`; and ``trend``, see `trend`.
     """
-    sequence, words = problem.sequence, context.mount.names.axes
+    sequence = problem.sequence
     unit = 3600.0 if sequence.timed else 1.0
-    apart, said = _apart(sequence)
+    apart = _apart(sequence)
     gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
-    axes, slow, drifts = {}, False, []
+    axes, slow = {}, False
     typical = 1.0 if problem.inverse_sigma is None else 1.0 / np.median(
         problem.inverse_sigma.reshape(2, -1), axis=1)
     typical = np.broadcast_to(typical, 2)
@@ -138,55 +136,23 @@ def correlation_entry(found, problem, context, chosen, residual):
                       'angle': one.scaled, **seen.to_dict(axis),
                       'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
                       'trend': trend(problem, chosen, name, one)}
-        drift = axes[name]['trend']
-        if drift and drift['share'] > MOSTLY:
-            drifts.append(drift_words(words[axis], drift))
         slow |= one.memory > usual
-    step = along_the_sky(context, sequence)
-    if slow:
-        text = '. '.join(filter(None, [
-            _lead(step, _like(found, problem)), seen_sentence(axes, words, said),
-            direction_sentence(axes, words, said, seen.within, seen.pairs()) if step else '',
-            f'Most of it is even: {" and ".join(drifts)}, as where something slips or settles '
-            '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
-            'What moves it is not known' if not step else
-            'To tell them apart return to stars of the beginning now and then, or observe in an '
-            'order that mixes the sky']))
-    else:
-        text = 'rows taken close together share their error: they count as fewer'
+    effects = [c.effect(problem) for c in found.like]
     return {'axes': axes, 'p': found.p,
             'removes_rms_arcsec': beyond_terms(
                 problem, slow_noise(problem, chosen, found.axes), chosen),
-            'like': list(dict.fromkeys(c.effect(problem).name for c in found.like)),
-            'slow': bool(slow), 'along_the_sky': step, 'text': text}
-
-
-def _lead(step, like):
-    """What it may be: what the rows do not tell apart comes first."""
-    if not step:
-        return f'neighbouring rows err alike: the zero wanders, or {like} does it' if like else \
-            'the zero wanders'
-    more = f', or {like} does it' if like else ''
-    return ('neighbouring rows err alike, and these rows do not tell why: the zero wanders, or the '
-            f'direction has an error that no effect in the model describes{more}; for they went '
-            f'over the sky step by step, {step["step_deg"]:.0f}\u00b0 from one to the next '
-            f'({step["any_deg"]:.0f}\u00b0 between any two)')
-
-
-def drift_words(axis, drift):
-    """A `trend` of an axis in words."""
-    rate = drift['rate_arcsec_per_hour']
-    return f'the {axis} error {"falls" if rate < 0.0 else "grows"} by {arcsec(abs(rate))} an hour'
+            'like': list(dict.fromkeys(e.name for e in effects)),
+            'explained_by': [{'cause': e.cause_told, 'driver': e.driver,
+                              'curve': e.kind == 'smooth'} for e in effects],
+            'slow': bool(slow), 'along_the_sky': along_the_sky(context, sequence),
+            'within_deg': seen.within, 'pairs': seen.pairs()}
 
 
 def _apart(sequence):
-    """How far apart two rows are of which is said how they differ, and in words."""
+    """How far apart two rows are of which is said how they differ."""
     if not sequence.timed:
-        return (10.0, 'ten') if _PART * sequence.span >= 10.0 else (3.0, 'three')
-    for seconds, words in ((3600.0, 'an hour'), (600.0, 'ten minutes')):
-        if seconds <= _PART * sequence.span:
-            return seconds, words
-    return 60.0, 'a minute'
+        return 10.0 if _PART * sequence.span >= 10.0 else 3.0
+    return next((s for s in (3600.0, 600.0) if s <= _PART * sequence.span), 60.0)
 
 
 def along_the_sky(context, sequence):
@@ -211,18 +177,6 @@ def along_the_sky(context, sequence):
     step, other = (float(np.degrees(2.0 * np.arcsin(0.5 * np.median(chord))))
                    for chord in (steps, any_two))
     return {'step_deg': step, 'any_deg': other} if step < _STEP * other else None
-
-
-def _like(found, problem):
-    """What would explain it, in words: one cause by its name, of several what they follow."""
-    effects = [c.effect(problem) for c in found.like]
-    causes = list(dict.fromkeys(e.cause_told for e in effects if e.kind != 'smooth'))
-    if len(causes) == 1 and len(effects) == 1:
-        return f'"{causes[0]}"'
-    drivers = list(dict.fromkeys(the(e.driver) for e in effects))
-    if len(drivers) > _NAMED:
-        drivers = [*drivers[:_NAMED - 1], f'{len(drivers) - _NAMED + 1} more that the ranking has']
-    return f'something that changes with {" or ".join(drivers)}' if drivers else ''
 
 
 def slow_noise(problem, chosen, axes):
@@ -377,7 +331,7 @@ class PairDifferences:
 
     def _differ(self, axis, pair):
         first, second = pair
-        if len(first) < _FEWEST:
+        if len(first) < FEWEST:
             return None
         return float(rms(self._left[axis, first] - self._left[axis, second]) / ARCSEC)
 
@@ -390,42 +344,3 @@ def _one_run(run, first, second):
 def _between(places, first, second):
     chord = np.linalg.norm(places[first] - places[second], axis=1)
     return np.degrees(2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
-
-
-def seen_sentence(axes, words, said):
-    """How much more rows differ that are farther apart; '' where that is not known.
-
-    Parameters
-    ----------
-    axes : dict of str to dict
-        ``az``, ``el``: as of `PairDifferences.to_dict`.
-    words : sequence of str
-        What the angles are called.
-    said : str
-        How far apart, in words.
-    """
-    told = [(word, axes[name]) for name, word in zip(('az', 'el'), words)
-            if name in axes and axes[name]['moves_arcsec'] is not None]
-    if not told:
-        return ''
-    near, far = (' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)
-                 for key in ('next_arcsec', 'apart_arcsec'))
-    text = (f'What is left of a row and of the next differs by {near}, of rows about {said} apart '
-            f'by {far} (RMS on the sky, noise included)')
-    if not any(one['moves_arcsec'] for _, one in told):
-        text += ': no more, so it is from row to row that they err alike, if at all'
-    return text
-
-
-def direction_sentence(axes, words, said, within, pairs):
-    """Whether rows of one direction err alike whenever they were observed; '' if not known."""
-    told = [(word, axes[name]) for name, word in zip(('az', 'el'), words) if name in axes and None
-            not in (axes[name]['near_next_arcsec'], axes[name]['near_apart_arcsec'])]
-    if not told or pairs < _FEWEST:
-        return ''
-    near, far = (' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)
-                 for key in ('near_next_arcsec', 'near_apart_arcsec'))
-    return (f'Rows within {within:.0f}° on the sky differ by {near} where one follows the other, '
-            f'by {far} where they are {said} or more apart ({pairs} pairs): an error of the '
-            'direction leaves the two alike, a zero that wanders makes the second as large as that '
-            'of rows anywhere')

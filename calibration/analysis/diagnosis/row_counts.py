@@ -9,6 +9,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 from pointing_model.runs.copies import SAME
 
+from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT
 
 #: reasons of rows that whoever wrote the file took back
@@ -16,12 +17,8 @@ _TAKEN_BACK = ('commented out', 'rejected by')
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
-_NAMED = 5  # outliers in a sentence, at most
-_REASONS = 12  # lines of rows left out, at most
-
-
 @dataclass
-class RowsTold:
+class RowCounts:
     """Of one diagnosis.
 
     Attributes
@@ -68,10 +65,8 @@ class RowsTold:
 
     @property
     def refusal(self):
-        """Why no effect is claimed then."""
-        return (f'{self.used} of {self.read} rows could be used. With more than a third left out '
-                'no effect is claimed: what the others show may come from what is wrong with '
-                'those. Look at the rows left out, and at the columns.')
+        """Why no effect is claimed then, a Finding."""
+        return Finding('too few rows', self.used, unit='rows', evidence={'read': self.read})
 
     @property
     def detection_factor(self):
@@ -86,7 +81,7 @@ class RowsTold:
                 'detection_factor': self.detection_factor}
 
 
-def rows_told(result):
+def diagnosis_row_counts(result):
     """Count the rows of a diagnosis.
 
     Parameters
@@ -95,7 +90,7 @@ def rows_told(result):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     obs = result.observations
     sources = obs.sources if len(set(obs.sources)) > 1 else None
@@ -105,8 +100,8 @@ def rows_told(result):
     return replace(told, read=told.read + left, not_drawn=left)
 
 
-def rows_of_fit(run, result):
-    """Count the rows of a fit, as `rows_told`.
+def fit_row_counts(run, result):
+    """Count the rows of a fit, as `diagnosis_row_counts`.
 
     Parameters
     ----------
@@ -115,7 +110,7 @@ def rows_of_fit(run, result):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     usable = np.isfinite(result.residual_x)
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
@@ -145,7 +140,7 @@ def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
                  'x_arcsec': float(left[0, i]) / ARCSEC, 'y_arcsec': float(left[1, i]) / ARCSEC}
                 for i in away]
     n = left.shape[1]
-    return RowsTold(
+    return RowCounts(
         n + lost, n - len(away), copies, outliers,
         float(np.hypot(*(rms(r) for r in left))) / ARCSEC if outliers else None, word,
         len(excluded) - lost)
@@ -164,8 +159,8 @@ def _lost(excluded):
     return len(reasons), sum(reason.startswith(SAME) for reason in reasons)
 
 
-def rows_of_reader(run):
-    """Count the rows of a run by what its reader left out, as `rows_told`.
+def reader_row_counts(run):
+    """Count the rows of a run by what its reader left out, as `diagnosis_row_counts`.
 
     Parameters
     ----------
@@ -173,14 +168,14 @@ def rows_of_reader(run):
 
     Returns
     -------
-    RowsTold
+    RowCounts
     """
     lost, copies = _lost(run.meta.get('excluded', ()))
-    return RowsTold(len(run) + lost, len(run), copies, [], None, row_word(run),
+    return RowCounts(len(run) + lost, len(run), copies, [], None, row_word(run),
                     len(run.meta.get('excluded', ())) - lost)
 
 
-def claimed(result):
+def refused_if_few(result):
     """The diagnosis, or one that claims no effect where more than a third of the rows is left out.
 
     Parameters
@@ -192,141 +187,11 @@ def claimed(result):
     Diagnosis
         Its verdict is ``refused`` then, its model that of the base.
     """
-    told = rows_told(result)
+    told = diagnosis_row_counts(result)
     if not told.too_few:
         return result
     return replace(
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, caution=told.refusal, wander=None, detectable=None,
+        cv_contiguous={}, cautions=[told.refusal], wander=None, detectable=None,
         expected=None, no_star=[])
-
-
-def refused_document(error):
-    """The JSON result where the columns are not what they are named.
-
-    Parameters
-    ----------
-    error : MistakenColumns
-
-    Returns
-    -------
-    dict
-        The keys of `Diagnosis.to_dict`; what does not apply is None.
-    """
-    nothing = dict.fromkeys(RMS_KEYS)
-    return {
-        'observations': error.rows_used, 'runs': None, 'base_terms': None, 'verdict': 'refused',
-        'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
-        'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
-        'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
-        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
-        'equinox': None, 'unequal_scatter': None,
-        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
-        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
-        'rows_taken_back': 0, 'rows_not_drawn': 0, 'detection_factor': 1.0}
-
-
-def used_sentence(told):
-    """First line of what people read.
-
-    Parameters
-    ----------
-    told : dict
-        With ``rows_used``, ``rows_read``, ``rows_taken_back``.
-
-    Returns
-    -------
-    str
-    """
-    more = told.get('rows_taken_back')
-    return f'{told["rows_used"]} of {told["rows_read"]} rows used' + (
-        f'; {more} more {"is" if more == 1 else "are"} commented out or rejected in the file'
-        if more else '')
-
-
-def expected_sentence(document):
-    """The error to be expected of the model, from a document with ``expected``; None if unknown."""
-    told = document.get('expected')
-    if not told:
-        return None
-    return (f'expected on fresh stars in the {told.get("within", "half hour")} after: '
-            f'{told["rms_arcsec"]:.2f} arcsec radial, {told["low_arcsec"]:.2f} to '
-            f'{told["high_arcsec"]:.2f} in {100 * told["confidence"]:.0f} % of cases')
-
-
-def outlier_sentence(document):
-    """Which rows are outliers, and what they do to the RMS; empty where there is none.
-
-    Parameters
-    ----------
-    document : dict
-        With ``outliers``, ``rms_with_outliers_arcsec``, ``after`` and ``rows_are``.
-
-    Returns
-    -------
-    str
-    """
-    rows = document.get('outliers') or []
-    if not rows:
-        return ''
-    word = document.get('rows_are') or 'row'
-    named = ', '.join(
-        (f'{row["source"]} ' if 'source' in row else '')
-        + f'{word} {row["row"]} ({_star(row)}'
-        f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
-        for row in rows[:_NAMED])
-    more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
-    what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
-    return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
-            f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
-            f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
-
-
-def _star(row):
-    return f'star {row["star"]}, ' if 'star' in row else ''
-
-
-def far_text(arcsec):
-    """An amount of error in words."""
-    return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
-
-
-def left_out_lines(excluded, several=False, word='row'):
-    """Which rows are left out and why: a line for each reason.
-
-    Parameters
-    ----------
-    excluded : list of dict
-        ``row`` (the line in the file), ``reason``, ``source``.
-    several : bool
-        Whether there are several files: the line says which.
-    word : str
-        As of `RowsTold`.
-
-    Returns
-    -------
-    list of str
-    """
-    reasons = {}
-    for one in excluded:
-        source = PurePath(str(one['source'])).name if several and one.get('source') else ''
-        reasons.setdefault((source, one['reason']), []).append(one['row'])
-    lines = [f'{source}{": " if source else ""}{word}{"s" * (len(rows) > 1)} {listed(rows)} '
-             f'left out: {reason}' for (source, reason), rows in reasons.items()]
-    if len(lines) <= _REASONS:
-        return lines
-    others = list(reasons.values())[_REASONS:]
-    return [*lines[:_REASONS], f'{sum(map(len, others))} {word}s more left out, for {len(others)} '
-            'other reasons (--json FILE has them all)']
-
-
-def listed(rows, limit=10):
-    """Numbers as text, neighbours as a range: 3, 7-9; of many the first and how many."""
-    rows = sorted(set(rows))
-    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
-    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
-    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
-    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
-    return ', '.join(texts[:limit]) + more

@@ -8,10 +8,9 @@ from scipy.special import chdtrc
 
 from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import arcsec
-from pointing_model.mount_kinds import kind_of
 from pointing_model.rms import rms
 
+from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT
 
 #: times the scatter of the others from where a night held out is bad: of 67 nights of one
@@ -19,14 +18,9 @@ from .reading_fits import MOST_LEFT_OUT
 #: and 64 less than 2 times
 BAD_NIGHT = 2.0
 _PLACES_NAMED = 4  # places that stand twice, that are named
-_FOOT = 1.01  # times as far off, from where a row is said to be worse
 #: rows in each of three bands of elevation, at least, of which it is said that they scatter
 #: differently; chance that noise makes them, and how many times as much one must scatter
 _FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
-#: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
-_BY_CHANCE = 0.05
-
-
 def worst_rows(diagnosis):
     """The worst of the rows that count, before and after.
 
@@ -91,73 +85,6 @@ def unequal_scatter(diagnosis):
                 {'from_deg': float(ends[band[0]]), 'to_deg': float(ends[band[-1]]),
                  'rms_arcsec': size} for band, size in zip(bands, sizes)]}
     return best
-
-
-def scatter_sentence(document):
-    """An `unequal_scatter` of a document in words; '' without one."""
-    found = document.get('unequal_scatter')
-    if not found:
-        return ''
-    bands = found['bands']
-    word = kind_of(document).axes['xy'.index(found['axis'])]
-    told = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
-                     f'{band["to_deg"]:.0f}°' for band in bands)
-    lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
-    return (f'What is left in {word} is not the same at all elevations: {told} (RMS). '
-            + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
-               'Seeing grows toward the horizon only, so this is no noise of the sky: something '
-               'is left there that no effect here describes.'))
-
-
-def worst_sentence(document):
-    """Whether the effects made the worst row worse, or another row the worst; '' where neither.
-
-    Parameters
-    ----------
-    document : dict
-        With ``worst_rows``, ``rows_are`` and ``mount``.
-
-    Returns
-    -------
-    str
-        '' too where noise alone would have a row as far off among so many.
-    """
-    rows = document.get('worst_rows')
-    if not rows:
-        return ''
-    before, after = rows['before'], rows['after']
-    word = document.get('rows_are') or 'row'
-    axes = kind_of(document).axes
-
-    def named(row):
-        text = (f'{row["source"]} ' if 'source' in row else '') + f'{word} {row["row"]}'
-        if 'az_deg' not in row:
-            return text
-        return f'{text} ({axes[0]} {row["az_deg"]:.0f}°, {axes[1]} {row["el_deg"]:.0f}°)'.replace(
-            '-', '−')
-
-    def moved(row):
-        return f'{arcsec(row["before_arcsec"])} before, {arcsec(row["after_arcsec"])} after'
-
-    def worse(row):
-        return row['after_arcsec'] > max(_FOOT * row['before_arcsec'], by_chance)
-    by_chance = _worst_by_chance(document)
-    same = before == after
-    said = []
-    if worse(before):
-        said.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
-    if not same and worse(after):
-        said.append(f'Now the worst row is {named(after)}: {moved(after)}.')
-    if not said:
-        return ''
-    return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
-
-
-def _worst_by_chance(document):
-    """How far off the worst of so many rows is by noise alone at most, as a rule; arcsec."""
-    left, count = document.get('after') or {}, document.get('observations')
-    sigma = max(left.get('rms_x_arcsec') or 0.0, left.get('rms_y_arcsec') or 0.0)
-    return float(sigma * np.sqrt(2.0 * np.log(count / _BY_CHANCE))) if count else 0.0
 
 
 @dataclass
@@ -233,46 +160,6 @@ def nights_held_out(obs, left, kept, result):
     return out
 
 
-def bad_nights(document, axes):
-    """A sentence for each bad night.
-
-    Parameters
-    ----------
-    document : dict
-        With ``held_out``.
-    axes : sequence of str
-        What x and y are called.
-
-    Returns
-    -------
-    list of str
-    """
-    nights = document.get('held_out') or []
-    good = [night for night in nights if not night['bad']]
-    said = []
-    for night in nights:
-        if not night['bad']:
-            continue
-        after, times = night['after'], night['bad']
-        each = ', '.join(
-            f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
-            + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
-               else 'as the others') for key, word in zip('xy', axes))
-        said.append(f'The night {night["run"]} is bad: {each}'
-                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
-                       'outliers' if night['set_aside'] else '') + '. Judge the model without it'
-                    + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
-                       + _together(good, 'after') + f' (before {_together(good, "before")}).'
-                       if good else '.'))
-    return said
-
-
-def _together(nights, when):
-    rows = np.array([night['rows'] for night in nights], float)
-    squares = np.array([night[when]['rms_arcsec'] for night in nights])**2
-    return f'{np.sqrt(rows @ squares / rows.sum()):.2f}\u2033'
-
-
 def _name(obs, rows):
     run = obs.runs[int(obs.label[rows][0])]
     if isinstance(run, str) and ':' in run:
@@ -294,8 +181,8 @@ def _scatter(residual):
     return np.array([float(sigma_of(one)) for one in residual]) / ARCSEC
 
 
-def repeats_sentence(group, lines, residual, word='row'):
-    """Which rows are of one place, and by how much they differ; '' where there are none, or many.
+def repeats(group, lines, residual, word='row'):
+    """Finding on rows that are of one place, and how much they differ; None where many are.
 
     Parameters
     ----------
@@ -309,15 +196,12 @@ def repeats_sentence(group, lines, residual, word='row'):
 
     Returns
     -------
-    str
+    Finding or None
     """
     pairs = [np.flatnonzero(group == g) for g, count in zip(*np.unique(
         group, return_counts=True)) if count > 1]
     if not 0 < len(pairs) <= _PLACES_NAMED:
-        return ''
-    said = '; '.join(' and '.join(str(lines[i]) for i in rows) for rows in pairs)
+        return None
     off = np.concatenate([residual[:, rows[1:]] - residual[:, rows[:-1]] for rows in pairs], axis=1)
-    return (f'{word}s {said} are of one place, a star measured again: they are left out together, '
-            'and what is left of them differs by '
-            f'{arcsec(float(np.hypot(*(rms(one) for one in off))) / ARCSEC)}, which tells how well '
-            'a star is centred')
+    return Finding('star measured again', float(np.hypot(*(rms(one) for one in off))) / ARCSEC,
+                   evidence={'word': word, 'rows': [[lines[i] for i in rows] for rows in pairs]})

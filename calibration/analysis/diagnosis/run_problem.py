@@ -17,6 +17,7 @@ from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import rows_by_side
 
+from ..finding import Finding
 from .diagnosis_base import after_rotation, decode_slips, linearised, sequence_of
 from .row_counts import row_word
 
@@ -137,11 +138,10 @@ class RunProblem:
             self.obs.observed = self.obs.observed - np.concatenate((x, y))
             self.problem.b = self.problem.b - np.concatenate((x, y))
             out.append((fitted, p))
-            self.obs.notes.append(
-                f'the {names.word(axis)} encoder was read whole {graduation} beside the true '
-                'place, and set right, in ' + ', '.join(
-                    f'{row_word(self.obs.run)} {self.obs.lines[r]} ({m:+d})'
-                    for r, m in zip(rows, multiples)))
+            self.obs.notes.append(Finding('reading set right', evidence={
+                'axis': names.word(axis), 'graduation': graduation,
+                'word': row_word(self.obs.run),
+                'rows': [(self.obs.lines[r], m) for r, m in zip(rows, multiples)]}))
         return out
 
     def exact_fit(self, chosen, noise, true_noise=None):

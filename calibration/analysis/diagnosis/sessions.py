@@ -15,6 +15,7 @@ from calibration.estimation.correlated_noise import EIGEN
 from calibration.estimation.linear_model import DISTINCT, LIVE, orthonormal, weighted_fit
 from pointing_model.runs.run import PointingRun
 
+from ..finding import Finding
 from .diagnosis_base import Base, linearised, mount_of, observations
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
@@ -61,7 +62,7 @@ def in_sessions(run, hours):
         out = run.in_sessions(hours)
     except ValueError as err:
         raise ValueError(f'{source}: {err}') from None
-    return _noted(out, f'{len(np.unique(out["run"]))} sessions, at gaps of more than {hours:g} h')
+    return _noted(out, 'sessions', hours)
 
 
 def split(runs, hours):
@@ -115,25 +116,24 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
     found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
     _, _, own, gap, parts = min(found, key=lambda one: one[0])
     if gap is None and len(ways) > 1:
-        parts = [_noted(run, f'gaps of more than {ways[1][0]:g} h, but sessions with zeros of '
-                        'their own explain the rows no better: taken as one (--sessions HOURS '
-                        'makes them sessions)') for run in parts]
+        parts = [_noted(run, 'gaps without sessions', ways[1][0]) for run in parts]
     elif gap is not None:
-        parts = [_noted(run, f'{len(np.unique(run["run"]))} sessions, at gaps of more than '
-                        f'{gap:g} h: zeros of their own explain the rows better (--sessions 0 '
-                        'takes them as one)') if 'run' in run else run for run in parts]
+        parts = [_noted(run, 'sessions found', gap) if 'run' in run else run for run in parts]
     if own_terms is None and set(own) - set(mount_of(runs).names.index):
-        parts[0] = _noted(parts[0], f'each session has its own {", ".join(own)}: they move from '
-                          'session to session (--own says otherwise)', '')
+        parts[0] = _with_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
     return Sessions(parts, own, gap or sessions)
 
 
-def _noted(run, text, where=None):
-    """The run with a remark."""
-    if where is None:
-        where = f'{Path(run.meta.get("source", "run")).name}: '
-    meta = {**run.meta, 'notes': [*run.meta.get('notes', ()), where + text]}
-    return PointingRun(run.columns, meta)
+def _noted(run, kind, hours):
+    """The run with a Finding on its sessions."""
+    return _with_note(run, Finding(kind, hours, unit='h', evidence={
+        'source': Path(run.meta.get('source', 'run')).name,
+        'sessions': len(np.unique(run['run'])) if 'run' in run else 1}))
+
+
+def _with_note(run, found):
+    return PointingRun(run.columns, {
+        **run.meta, 'notes': [*run.meta.get('notes', ()), found]})
 
 
 def _count(runs):

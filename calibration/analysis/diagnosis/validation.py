@@ -27,11 +27,11 @@ from calibration.estimation.linear_model import Columns, weighted_fit
 from calibration.estimation.select import choose
 from msg_tools.forks import forked
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import driver_word, readable
 from pointing_model.fitted_effects import total
 from pointing_model.mounts import ALTAZ
 from pointing_model.terms import stacked_design
 
+from ..finding import Finding
 from .diagnosis_base import observations
 from .row_facts import nights_held_out
 
@@ -46,15 +46,7 @@ RUNS = 4
 PARTITIONS, MOST_PARTITIONS, SPREAD = 10, 16, 0.01
 #: rows from which on few partitions do, a row more or less in a fold changes little: so many
 MANY, FEW_PARTITIONS = 250, 3
-_NOT_REPEATED = ('More is beyond chance, but it does not hold from run to run, so it is not added '
-                 '(the notes have the names): what the rows of one run share looks like an effect.')
-_NOT_AHEAD = ('More is beyond chance, but where {} are left out, they are predicted worse than '
-              'without it ({:.2f}\u2033 to {:.2f}\u2033{}), so it is not added (the notes have the '
-              'names).')
-_CAUTION = ('But where {} are left out, they are predicted worse than without any effect '
-            '({:.2f}\u2033 to {:.2f}\u2033{}): what was found may hold for these observations '
-            'alone. Judge it on another run (--holdout) before you use it there.')
-_IN = {'radial': '', 'x': ', in {0}', 'y': ', in {1}'}
+_IN = ('radial', 'x', 'y')
 #: part by which one axis may seem worse while the whole gains: from partition to partition the
 #: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
 _WORSE = 0.02
@@ -119,7 +111,7 @@ class CrossValidation:
         ``before``, ``after``: radial RMS with stretches of time left out; ``before_x``, ...
     chosen : list of list of Effect
         What was chosen in each fold.
-    caution : str
+    cautions : list of Finding
     """
 
     before: dict
@@ -129,7 +121,7 @@ class CrossValidation:
     cut: int | None = None
     stretches: dict = field(default_factory=dict)
     chosen: list = field(default_factory=list)
-    caution: str = ''
+    cautions: list = field(default_factory=list)
 
 
 def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None,
@@ -239,10 +231,12 @@ def _by_runs(by_count, keep, chosen, words):
     out = by_count[-1]
     if out.after['radial'] > out.before['radial']:
         cut = min(int(np.argmin([one.after['radial'] for one in by_count])), chosen)
-        out = replace(by_count[cut], cut=cut, caution=_NOT_REPEATED if cut < chosen else '')
+        out = replace(by_count[cut], cut=cut,
+                      cautions=[Finding('not from run to run')] if cut < chosen else [])
     surely = _surely(by_count[0].left_out[:, keep]**2, out.left_out[:, keep]**2)
     worse = _worse('rows', [out.before], out.after, surely, words)
-    out.caution = out.caution or (_CAUTION.format(*worse) if worse else '')
+    if worse and not out.cautions:
+        out.cautions = [Finding('worse on rows left out', **worse)]
     return out
 
 
@@ -258,14 +252,16 @@ def _by_rows(by_count, stretches, keep, chosen, words):
         or _worse('rows', [rows[k].before, *(one.after for one in rows[:k])], rows[k].after,
                   _surely(rows[0].left_out[:, keep]**2, rows[k].left_out[:, keep]**2), words)
         for k in counts]
-    count, cut, caution = counts[-1], None, _CAUTION.format(*worse[-1]) if worse[-1] else ''
+    count, cut, cautions = counts[-1], None, []
     if worse[-1]:
+        kind = 'worse on rows left out'
         sound = [k for k in counts if not worse[k]] or [0]
         best = min(sound, key=lambda k: rows[k].after['radial'] + apart[k]['radial'])
         if best < chosen:
-            count, cut, caution = best, best, _NOT_AHEAD.format(*worse[-1])
+            count, cut, kind = best, best, 'dropped, worse on rows left out'
+        cautions = [Finding(kind, **worse[-1])]
     after = apart[count]
-    return replace(rows[count], cut=cut, caution=caution, stretches={
+    return replace(rows[count], cut=cut, cautions=cautions, stretches={
         'before': before['radial'], 'after': after['radial'],
         **{f'{when}_{axis}': one[axis] for axis in 'xy'
            for when, one in (('before', before), ('after', after))}})
@@ -293,17 +289,18 @@ def _worse(what, before, after, surely, words=ALTAZ.names.axes):
 
     Returns
     -------
-    tuple
-        For `_CAUTION`: `what`, RMS before and after, where; () where nothing is worse.
+    dict
+        Of a Finding: `what`, RMS before and after, and the axis; empty where nothing is worse.
     """
     without = before[0]
-    for axis, place in _IN.items():
+    for axis in _IN:
         limit = without[axis] * (1.0 if axis == 'radial' else 1.0 + _WORSE)
         if after[axis] > limit and (axis == 'radial' or axis in surely and any(
                 after[axis]**2 - one[axis]**2 > _LOST * (one['radial']**2 - after['radial']**2)
                 for one in before)):
-            return what, without[axis], after[axis], place.format(*words)
-    return ()
+            return {'before': without[axis], 'after': after[axis], 'evidence': {
+                'what': what, 'axis': dict(zip('xy', words)).get(axis, '')}}
+    return {}
 
 
 def _surely(before, after):
@@ -412,17 +409,15 @@ def hold_out(runs, result, own_terms, encoder='enc'):
     for entry, residual in zip((result.before, result.after), left):
         entry['holdout_rms_arcsec'] = radial_arcsec(residual, kept)
     result.held_out = nights_held_out(obs, left, kept, result)
-    notes = [f'held out: {note}' for note in _left_out(obs)]
+    notes = [Finding('held out', evidence={'of': one}) for one in _left_out(obs)]
     for found in result.model.effects:
         lost = np.count_nonzero(found.unknown(obs.context))
         if lost:
-            notes.append(f'held out: {readable(found.effect.name)} counts as zero in {lost} of '
-                         f'{len(obs)} rows, where the {driver_word(found.effect.driver)} is not '
-                         'known')
-    note = (f'held out: {len(obs)} observations of {len(obs.runs)} runs, '
-            f'{", ".join(own_terms)} refitted in each, nothing else; '
-            f'{int(np.sum(~kept))} outliers set aside')
-    result.notes += [note, *dict.fromkeys(notes)]
+            notes.append(Finding('unknown driver held out', lost, unit='rows', evidence={
+                'effect': found.effect.name, 'driver': found.effect.driver, 'rows': len(obs)}))
+    result.notes += [Finding('runs held out', len(obs), unit='rows', evidence={
+        'runs': len(obs.runs), 'refitted': list(own_terms),
+        'outliers': int(np.sum(~kept))}), *notes]
 
 
 def _left_out(obs):
@@ -430,7 +425,7 @@ def _left_out(obs):
     for e in obs.excluded:
         place = f'{PurePath(str(e.get("source") or "run")).name}:{e["row"]}'
         reasons.setdefault(e['reason'], []).append(place)
-    return [*obs.notes, *(f'{", ".join(places)} left out: {reason}'
+    return [*obs.notes, *(Finding('rows left out', evidence={'rows': places, 'why': reason})
                           for reason, places in reasons.items())]
 
 
@@ -466,16 +461,11 @@ def mark_undecided(result, dropped, delta_bic):
     if cv <= limit * floor and not most:
         return
     result.verdict = 'undecided'
-    text = ''
-    if dropped:
-        text = (f'Beyond chance, but not added, for it does not hold where a part of the '
-                f'observations is left out: {"; ".join(dropped)}. ')
-    text += (f'Where a part is left out the model misses it by {cv:.1f}\u2033 beside a noise of '
-             f'{floor:.1f}\u2033' if cv > limit * floor else 'It would take away most of the error')
     several = len(np.unique(result.observations.label)) > 1
-    result.caution = f'{text}: the observations are too few or too unequal to ' + (
-        'distinguish an effect from what one session has of its own. Observe the whole sky in one '
-        'session more.' if several else 'judge an effect. Observe more stars, over the whole sky.')
+    result.cautions = [Finding(
+        'undecided', cv, causes=tuple(dropped), before=floor,
+        todo='another session' if several else 'more stars',
+        evidence={'misses': bool(cv > limit * floor)})]
 
 
 def _expected_ratio(left, floor):

@@ -1,8 +1,7 @@
-"""Three witnesses of an axis: the sky, the incremental and the absolute encoder.
+"""Cross-check of the encoders of an axis with each other and with the sky.
 
-The sky is Polaris, or stars that were exposed for a zero (`witness_stars`).
-
-A change of one of them shows in two of the three differences between them:
+The sky is Polaris, or stars that were exposed for a zero (`encoder_zeros`). A change of one of the
+three shows in two of the three differences between them:
 
 - incremental - sky at Polaris:  I + S
 - absolute - sky at Polaris:     B + S
@@ -12,7 +11,7 @@ with I and B what the encoders read too much and S what the mount (or the star) 
 incremental encoder is expected to move at a power-on: its zero on Polaris takes care of that.
 Anything else is an alarm. Two equations do not give three unknowns: which of two moved is a
 posterior probability, from what is usual for each (all suspects equally likely before) and from
-how the stars of the whole sky moved. The causes of a jump are told apart in `witness_causes`.
+how the stars of the whole sky moved. Inside a power-on: `encoder_jumps`, `count_drift`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -24,11 +23,26 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.zero import BY_POLARIS, BY_STARS
 
-from .count_drift import moved_inside, wander_line
-from .cross_check_night import AXES, SHORT, CrossCheckNight
-from .cross_check_records import USUAL, Witness
-from .cross_check_stars import StarsSeen, compared
-from .jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL, MOUNT
+from .count_drift import SURE, movements
+from .cross_check_rows import (
+    ABSOLUTE,
+    ALIKE,
+    AXES,
+    BOTH,
+    INCREMENTAL,
+    MOUNT,
+    SHORT,
+    USUAL,
+    CrossCheckNight,
+)
+from .encoder_zeros import (
+    EncoderZeros,
+    StarOffsets,
+    comparable,
+    difference_at,
+    power_on_zeros,
+    zero_shift,
+)
 
 UNJUDGED = ('the reference marks of the incremental encoder could not be judged: it tells nothing '
             'of them on incremental/homing')
@@ -37,6 +51,8 @@ MARK_TOLERANCE = 10
 #: from where the marks are to be met
 HOME_SIDE = 'below'
 _HOUR = 3600.0
+_DRIFT_CAUSES = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero '
+                 'that moves as it warms')
 
 
 class Homing(NamedTuple):
@@ -55,7 +71,7 @@ class Homing(NamedTuple):
     started: float = np.nan  # when this power-on began, UTC s
 
 
-def homings_of(axes, run):
+def axis_homings(axes, run):
     """`Homing` of each axis.
 
     Parameters
@@ -69,23 +85,21 @@ def homings_of(axes, run):
     -------
     list of Homing
     """
-    return [Homing(run, axis, told.homed, told.side, told.missed_marks, told.mark_error,
-                   told.count, told.pulse_width, told.supply, told.temperature,
-                   told.started)
-            for axis, told in axes.items()]
+    return [Homing(run, axis, *(getattr(one, name) for name in Homing._fields[2:]))
+            for axis, one in axes.items()]
 
 
 def encoder_diagnostics(message, within='/'):
     """Rows of the statuses in a DiagnosticArray that speak of marks, as a list of dict.
 
-    For `homings_from_diagnostics`. Nodes of another namespace than `within` are of another mount.
+    For `diagnostic_homings`. Nodes of another namespace than `within` are of another mount.
     """
-    told = [{row.key: row.value for row in status.values} for status in message.status
-            if status.name.startswith(within)]
-    return [values for values in told if f'{AXES[0]} homed' in values]
+    statuses = [{row.key: row.value for row in status.values} for status in message.status
+                if status.name.startswith(within)]
+    return [values for values in statuses if f'{AXES[0]} homed' in values]
 
 
-def homings_from_diagnostics(values, run):
+def diagnostic_homings(values, run):
     """`Homing` of both axes from the diagnostics of the encoder's node.
 
     Logs before `incremental/homing` have nothing else. The rows are for people; nobody may read
@@ -119,38 +133,40 @@ def homings_from_diagnostics(values, run):
 
 
 @dataclass
-class WitnessReport:
-    """What the witnesses say.
+class CrossCheckReport:
+    """What the cross-check found.
 
     Attributes
     ----------
     alarms : list of str
-        One line each: axis, witness, by how much, with what confidence.
-    changes : list of Change
-    events : list of Event
+        One line each: axis, who moved, by how much, with what confidence.
+    shifts : list of ZeroShift
+        From power-on to power-on.
+    events : list of EncoderEvent
+        Inside power-ons.
     notes : list of str
         What could not be judged.
-    latest : Witness, StarsSeen or None
+    latest : EncoderZeros, StarOffsets or None
         Of the newest power-on with a zero: the reference of the next night.
     """
 
     alarms: list = field(default_factory=list)
-    changes: list = field(default_factory=list)
+    shifts: list = field(default_factory=list)
     events: list = field(default_factory=list)
     notes: list = field(default_factory=list)
-    latest: Witness | None = None
+    latest: EncoderZeros | StarOffsets | None = None
 
 
-def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUAL, finished=None):
-    """Compare the three witnesses of a night.
+def cross_check(rows, reference=None, *, model=None, homings=(), budget=USUAL):
+    """Compare the encoders with each other and with the sky, through a night.
 
     Parameters
     ----------
     rows : PointingRun
         Of the night, with ``run``, ``star``, ``time``, ``az_abs``, ``el_abs``. Without the last
-        two the encoders are only heard.
-    reference : PointingRun, Witness or StarsSeen, optional
-        An earlier night, or what `WitnessReport.latest` said of it. Without it the first power-on
+        two only what the encoders say of themselves counts.
+    reference : PointingRun, EncoderZeros or StarOffsets, optional
+        An earlier night, or what `CrossCheckReport.latest` was of it. Without it the first power-on
         with exposures of Polaris is the reference of the others.
     model : PointingModel, optional
         Takes out how the offset differs between two places of Polaris on its circle. Without it
@@ -159,144 +175,128 @@ def check_witnesses(rows, reference=None, *, model=None, homings=(), budget=USUA
         What the incremental encoders say of themselves, after they were to be homed; None where
         they say nothing although they should: the report has a note then.
     budget : Budget
-    finished : Finished, optional
-        Has what power-ons say that are over.
 
     Returns
     -------
-    WitnessReport
+    CrossCheckReport
 
     Raises
     ------
     ValueError
         A column is missing.
     """
-    out = WitnessReport()
+    out = CrossCheckReport()
     if homings is None:
         out.notes.append(UNJUDGED)
-        homings = ()
-    _hear_encoders(out, homings)
+    out.alarms += [line for homing in homings or () for line in _mark_lines(homing)]
     if 'az_abs' not in rows:
         out.notes.append('no second encoder: nothing to compare with')
     else:
-        _compare(out, rows, reference, model, budget, finished)
+        _compare(out, rows, reference, model, budget)
     for texts in (out.alarms, out.notes):
         texts[:] = map(rows.mount.names.say, texts)
     return out
 
 
-def _compare(out, rows, reference, model, budget, finished):
+def _compare(out, rows, reference, model, budget):
     for name in ('run', 'star', 'time', 'el_abs'):
         if name not in rows:
-            raise ValueError(f'witnesses: observations without column {name}')
-    _hear_gaps(out, rows)
+            raise ValueError(f'cross-check of the encoders: observations without column {name}')
+    out.alarms += _gap_lines(rows)
     night = CrossCheckNight(rows, reference)
-    found = moved_inside(night, model, budget, out.notes)
-    out.events, sky = [jump.event for jump in found.jumps], found.sky
-    out.alarms += [wander_line(event, int(np.count_nonzero(night.run >= 0.0)))
-                   if event.kind == 'wander' else _event_line(event) for event in out.events]
-
-    memory = night.memory(sky, found.jumps)
-    witnesses = night.witnesses(memory, model, finished)
-    if isinstance(reference, Witness | StarsSeen):
-        witnesses.insert(0, replace(reference, run=-1.0))
-    pairs = [pair for pair in zip(witnesses, witnesses[1:]) if pair[1].run >= 0.0]
+    found = movements(night, model, budget, out.notes)
+    out.events = found.events
+    out.alarms += [_walk_line(event, int(np.count_nonzero(night.run >= 0.0)))
+                   if event.kind == 'walk' else _event_line(event) for event in out.events]
+    noise = night.noise(found.sky, found.events)
+    zeros = power_on_zeros(night, noise, model)
+    if isinstance(reference, EncoderZeros | StarOffsets):
+        zeros.insert(0, replace(reference, run=-1.0))
+    pairs = [pair for pair in zip(zeros, zeros[1:]) if pair[1].run >= 0.0]
     for pair in pairs:
         try:
-            before, now = compared(*pair)
+            before, now = comparable(*pair)
         except ValueError as err:
-            out.notes.append(f'{_named(pair[0].run)} and {_named(pair[1].run)} were not compared '
-                             f'against the sky: {err}')
+            out.notes.append(f'{_interval_name(pair[0].run)} and {_interval_name(pair[1].run)} '
+                             f'were not compared against the sky: {err}')
             continue
-        circle = night.circle(before, now, model, budget)
         for axis in (0, 1):
-            change = night.change(axis, before, now, circle, budget, 2 * len(pairs), sky)
-            out.changes.append(change)
-            if change.alarm and not _told(change, out.events):
-                out.alarms.append(_change_line(change))
-    _uncalibrated(out, night, witnesses, budget, memory)
-    out.latest = witnesses[-1] if witnesses else None
+            shift = zero_shift(night, axis, before, now, model, budget, 2 * len(pairs), found.sky)
+            out.shifts.append(shift)
+            if shift.alarm and not _is_known(shift, out.events):
+                out.alarms.append(_shift_line(shift))
+    out.alarms += _uncalibrated_lines(night, zeros, budget, noise)
+    out.latest = zeros[-1] if zeros else None
 
 
-# --- words ----------------------------------------------------------------------------------------
+def _is_known(shift, events):
+    """Whether a jump inside a power-on of the incremental encoder was found as such."""
+    return shift.since // 1 == shift.run // 1 and any(
+        event.axis == shift.axis and event.run == shift.run // 1 for event in events)
 
 
-def _hear_encoders(out, homings):
-    for h in homings:
-        where = f'{h.axis}: {INCREMENTAL}, power-on {h.run}'
-        if not h.homed:
-            missed = f', missed {h.missed_marks} times (pulse too short)' * bool(h.missed_marks)
-            out.alarms.append(f'{where}: reference mark not met{missed}: it has no zero '
-                              '(confidence 1.00, by its own report)')
-        elif h.side and h.side != HOME_SIDE:
-            width = -h.pulse_width / ARCSEC
-            amount = f' {width:+.2f} arcsec,' if np.isfinite(width) else ''
-            out.alarms.append(
-                f'{where}: homed from {h.side}, not from {HOME_SIDE}: its zero differs by{amount} '
-                'the width of the index pulse (confidence 1.00, by its own report)')
-        if abs(h.mark_error) > MARK_TOLERANCE:
-            amount = h.mark_error * h.count / ARCSEC
-            out.alarms.append(
-                f'{where}: off by {h.mark_error:+.0f} counts ({amount:+.2f} arcsec) at the '
-                'reference mark: counts lost, or the mark moved (confidence 1.00, by its own '
-                'report)')
+# --- wording --------------------------------------------------------------------------------------
 
 
-def _hear_gaps(out, rows):
+def _mark_lines(homing):
+    where = f'{homing.axis}: {INCREMENTAL}, power-on {homing.run}'
+    if not homing.homed:
+        missed = f', missed {homing.missed_marks} times (pulse too short)'
+        yield (f'{where}: reference mark not met{missed * bool(homing.missed_marks)}: it has no '
+               'zero (confidence 1.00, by its own report)')
+    elif homing.side and homing.side != HOME_SIDE:
+        width = -homing.pulse_width / ARCSEC
+        amount = f' {width:+.2f} arcsec,' if np.isfinite(width) else ''
+        yield (f'{where}: homed from {homing.side}, not from {HOME_SIDE}: its zero differs by'
+               f'{amount} the width of the index pulse (confidence 1.00, by its own report)')
+    if abs(homing.mark_error) > MARK_TOLERANCE:
+        amount = homing.mark_error * homing.count / ARCSEC
+        yield (f'{where}: off by {homing.mark_error:+.0f} counts ({amount:+.2f} arcsec) at the '
+               'reference mark: counts lost, or the mark moved (confidence 1.00, by its own '
+               'report)')
+
+
+def _gap_lines(rows):
     """An encoder that gave no angle."""
     for encoder, name in (('enc', INCREMENTAL), ('abs', ABSOLUTE)):
         for axis, short in zip(AXES, SHORT):
             bad = np.count_nonzero(~np.isfinite(rows[f'{short}_{encoder}']))
             if bad:
                 why = ': reference mark not met' if encoder == 'enc' else ''
-                out.alarms.append(f'{axis}: {name} gave no angle in {bad} of {len(rows)} '
-                                  f'observations{why} (confidence 1.00)')
+                yield (f'{axis}: {name} gave no angle in {bad} of {len(rows)} '
+                       f'observations{why} (confidence 1.00)')
 
 
-def _uncalibrated(out, night, witnesses, budget, memory):
+def _uncalibrated_lines(night, zeros, budget, noise):
     """Power-ons of tonight after a calibrated one that have no zero of their own."""
-    known = [w for w in witnesses if w.run >= 0.0]
+    known = [one for one in zeros if one.run >= 0.0]
     for run in night.tonight:
-        before = [w for w in known if w.run < run]
-        rows = night.run == run
-        if not before or any(w.run // 1 == run for w in known) or np.count_nonzero(rows) < 2:
+        before, rows = [one for one in known if one.run < run], night.run == run
+        if not before or any(one.run // 1 == run for one in known) or np.count_nonzero(rows) < 2:
             continue
-        since = _utc(night.rows['time'][rows][0])
-        last, way = before[-1], BY_POLARIS
-        if isinstance(last, StarsSeen):
-            last, way = _anywhere(night, last, memory), BY_STARS
+        since, last, way = _utc(night.rows['time'][rows][0]), before[-1], BY_POLARIS
+        if isinstance(last, StarOffsets):
+            # the difference at a place like that of Polaris
+            at, way = night.interval == last.run, BY_STARS
+            last = last.zeros(last.star)
+            there = [difference_at(night, axis, at, (last.az, last.el)[axis], noise)
+                     for axis in (0, 1)]
+        else:
+            there = list(zip(last.difference, last.difference_sigma))
         for axis in (0, 1):
-            value, sigma = night.apart_at(axis, rows, (last.az, last.el)[axis],
-                                          memory.apart[axis])
-            moved = wrap(value - last.apart[axis])
-            sigma = np.sqrt(sigma**2 + last.apart_sigma[axis] ** 2 + budget.absolute**2)
-            out.alarms.append(
-                f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
-                f'and has no zero on {way} since: moved by {moved / ARCSEC:+.2f} +- '
-                f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
-
-
-def _anywhere(night, seen, memory):
-    """The witness of stars, with the encoders' difference at a place like that of Polaris."""
-    out = seen.witness(seen.star)
-    apart = [night.apart_at(axis, night.stretch == seen.run, (out.az, out.el)[axis],
-                            memory.apart[axis]) for axis in (0, 1)]
-    return replace(out, apart=np.array([value for value, _ in apart]),
-                   apart_sigma=np.array([sigma for _, sigma in apart]))
+            value, sigma = difference_at(night, axis, rows, (last.az, last.el)[axis], noise)
+            moved = wrap(value - there[axis][0])
+            sigma = np.sqrt(sigma**2 + there[axis][1] ** 2 + budget.absolute**2)
+            yield (f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
+                   f'and has no zero on {way} since: moved by {moved / ARCSEC:+.2f} +- '
+                   f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
 
 
 def _utc(time):
     return datetime.fromtimestamp(time, timezone.utc).strftime('%H:%M:%S UTC')
 
 
-def _told(change, events):
-    """Whether a jump inside a power-on of the incremental encoder was found as such."""
-    return change.since // 1 == change.run // 1 and any(
-        event.axis == change.axis and event.run == change.run // 1 for event in events)
-
-
-def _named(run):
-    """A power-on by `Witness.run`, in words."""
+def _interval_name(run):
     if run < 0:
         return 'the reference night'
     later = round(run % 1 * 100)
@@ -317,16 +317,36 @@ def _event_line(event):
             f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
 
 
-def _change_line(change):
-    amount = f'{change.absolute / ARCSEC:+.2f} +- {change.absolute_sigma / ARCSEC:.2f} arcsec'
-    when = f'between {_named(change.since)} and {_named(change.run)}'
-    if change.cause == ALIKE:
-        return (f'{change.axis}: {ALIKE} moved by {amount} {when}: both encoders show it alike, as '
+def _walk_line(event, rows):
+    """`rows`: in how many it walked."""
+    size = f'by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows'
+    trust = f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})'
+    if event.moved != INCREMENTAL:
+        whose = '' if event.confidence >= SURE else ', or that against it: the stars do not tell'
+        return f'{event.axis}: {ABSOLUTE} drifts against the incremental one{whose}, {size} {trust}'
+    remedy = ('its zero follows the other' if event.confidence >= SURE else
+              'the stars do not tell which of the two it is: nothing follows')
+    return (f'{event.axis}: {INCREMENTAL}: the counts of the {event.axis} encoder drift against '
+            f'the absolute encoder, {size}: {_DRIFT_CAUSES}; {remedy} {trust}')
+
+
+def count_drift_line(axis):
+    """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
+    return (f'the counts of the {axis} encoder drift against the absolute encoder: '
+            f'{_DRIFT_CAUSES}; the zero of this axis follows the absolute encoder, and rows are '
+            'taken so')
+
+
+def _shift_line(shift):
+    amount = f'{shift.absolute / ARCSEC:+.2f} +- {shift.absolute_sigma / ARCSEC:.2f} arcsec'
+    when = f'between {_interval_name(shift.since)} and {_interval_name(shift.run)}'
+    if shift.cause == ALIKE:
+        return (f'{shift.axis}: {ALIKE} moved by {amount} {when}: both encoders show it alike, as '
                 f'they would if the mount turned about this axis (confidence '
-                f'{change.causes[ALIKE]:.2f}, by chance {change.probability:.1g})')
-    who, other = (MOUNT, ABSOLUTE) if change.cause == MOUNT else (ABSOLUTE, MOUNT)
-    also = (f', the {INCREMENTAL} by {change.incremental / ARCSEC:+.2f} +- '
-            f'{change.incremental_sigma / ARCSEC:.2f}' if change.cause == BOTH else '')
-    return (f'{change.axis}: {who} moved by {amount} {when}{also}: the zeros by {change.by} and by '
-            f'the {ABSOLUTE} disagree (confidence {change.moved[who]:.2f}, {other} '
-            f'{change.moved[other]:.2f}, by chance {change.probability:.1g})')
+                f'{shift.causes[ALIKE]:.2f}, by chance {shift.probability:.1g})')
+    who, other = (MOUNT, ABSOLUTE) if shift.cause == MOUNT else (ABSOLUTE, MOUNT)
+    also = (f', the {INCREMENTAL} by {shift.incremental / ARCSEC:+.2f} +- '
+            f'{shift.incremental_sigma / ARCSEC:.2f}' if shift.cause == BOTH else '')
+    return (f'{shift.axis}: {who} moved by {amount} {when}{also}: the zeros by {shift.by} and by '
+            f'the {ABSOLUTE} disagree (confidence {shift.moved[who]:.2f}, {other} '
+            f'{shift.moved[other]:.2f}, by chance {shift.probability:.1g})')

@@ -1,7 +1,7 @@
-"""Steps and drifts inside a power-on: at what moment, and which witness moved.
+"""Steps and drifts inside a power-on: at what moment, and which encoder moved, or the mount.
 
 The moment and the cause of a jump are found together. At each moment that the rows allow, a fit of
-incremental - absolute, d = I - B, and one of absolute - sky, s = B + S, tell how likely each cause
+incremental - absolute, d = I - B, and one of absolute - sky, s = B + S, give how likely each cause
 is: the incremental encoder (s = 0), the absolute one (s = -d), both alike or the mount (d = 0),
 both unlike (d and s free); the moments are added up. What each size is beforehand is measured in
 its own sigma (Zellner's g prior), so that a jump of one is called one of both by a chance of
@@ -9,33 +9,77 @@ its own sigma (Zellner's g prior), so that a jump of one is called one of both b
 (the absolute encoder's reading is in both) is taken out first.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from ...estimation.step_scan import Free, clipped, log_normal, probabilities, robust_fit
-from .cross_check_night import AXES, SEGMENT
-from .cross_check_noise import LEAST, colour_of, strongest
-from .cross_check_records import EncoderEvent
-from .jump_causes import ABSOLUTE, ALIKE, BOTH, INCREMENTAL
+from ...estimation.markov_noise import neighbour_noise
+from ...estimation.step_scan import (
+    Complement,
+    clipped,
+    detect,
+    log_normal,
+    noise_beside,
+    probabilities,
+    robust_fit,
+)
+from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
 
+#: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
+#: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
+_SEGMENT = 3
+#: ... and of one that the sky alone shows
+_SKY_SEGMENT = 5
+#: steps and drifts of an axis in a night, of the difference and against the sky; who has more has
+#: another trouble
+_MOST, _MOST_SKY = 3, 2
 #: of twice the logarithm of the likelihood: moments of a step, within 3 sigma of the best
 _NEAR = 9.0
-#: steps against the sky of an axis in a night; who has more has another trouble
-_MOST = 2
 
 
-class EncoderJump(NamedTuple):
-    """An `EncoderEvent`, its axis and its column of coordinate angles, shape (n,)."""
+class DifferenceEvent(NamedTuple):
+    """A step, drift or walk of incremental - absolute on an axis, its column shape (n,)."""
 
     axis: int
-    event: EncoderEvent
+    run: float
+    kind: str
+    time: float
     column: np.ndarray
+    amount: float
+    sigma: float
+    probability: float
+    #: that the incremental encoder did it, before the stars are asked
+    odds: float = 1.0
 
 
-class _Fits(NamedTuple):
+@dataclass(frozen=True)
+class EncoderEvent:
+    """Something that moved inside a power-on.
+
+    `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``walk`` (random,
+    amount in rad from its lowest to its highest), and `column`, shape (n,), how it went. The amount
+    is what `moved` reads too much, with that `confidence` (posterior). `probability` is the chance
+    of such a step anywhere in the night without one. Where `moved` is `BOTH`, the amount is that of
+    the incremental encoder, and `second` that of the absolute one.
+    """
+
+    axis: str
+    run: float
+    kind: str
+    time: float
+    column: np.ndarray
+    amount: float
+    sigma: float
+    moved: str
+    confidence: float
+    probability: float
+    second: float = np.nan
+    second_sigma: float = np.nan
+
+
+class _StepFits(NamedTuple):
     """A difference with each of k steps: sizes and their sigmas, (k,), rad."""
 
     size: np.ndarray
@@ -46,41 +90,52 @@ class _Fits(NamedTuple):
         return (self.size / self.sigma) ** 2
 
 
-def jumps_of(night, sky, events, budget):
+def difference_events(night, axis, budget):
+    """Steps and drifts of incremental - absolute, a list of `DifferenceEvent`."""
+    candidates, design = night.candidates(_SEGMENT), night.difference_design(axis)
+    found = []
+    if not len(candidates) or len(night.run) <= len(design) + _MOST + 1:
+        return found
+    while len(found) < _MOST:
+        best = detect(design.beside(*(event.column for event in found)), night.difference[axis],
+                      candidates, budget.false_alarm / 2.0, night.run, LEAST)  # two axes
+        if best is None:
+            break
+        found.append(DifferenceEvent(
+            axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
+            best.sigma, best.probability * 2.0))
+    return found
+
+
+def encoder_events(night, sky, events, budget):
     """Who moved in the night, by steps of either difference.
 
     Parameters
     ----------
-    night : Night
-    sky : Sky or None
+    night : CrossCheckNight
+    sky : SkyResiduals or None
         None: the stars do not tell; what the encoders show is named without them.
-    events : list of (int, Found)
-        Axis, and what was found in incremental - absolute.
+    events : list of DifferenceEvent
     budget : Budget
 
     Returns
     -------
-    list of Jump
+    list of EncoderEvent
         Those of `events`, in their order, then those that only the sky shows.
     """
-    if sky is not None:
-        events = _retimed(night, sky, events, budget)
-    found = [(axis, event.column) for axis, event in events]
-    out = []
-    for n, (axis, event) in enumerate(events):
-        jump = None
-        if sky is not None and event.kind == 'step':
-            jump = _named(night, sky, axis, event.run, found, n, budget)
-        if jump is None:
-            said = attributed(axis, event, night, sky)
-        else:
-            cause, trust, said, column = jump
-            found[n] = axis, column
-            said = replace(said, probability=event.probability)
-        out.append(EncoderJump(axis, said, found[n][1]))
-    if sky is not None:
-        out += _against_sky(night, sky, found, budget)
-    return out
+    if sky is None:
+        return [_drifting_encoder(night, None, event) for event in events]
+    events = _retimed(night, sky, events, budget)
+    found, out = [(event.axis, event.column) for event in events], []
+    for n, event in enumerate(events):
+        step = None
+        if event.kind == 'step':
+            step = _step(night, sky, event.run, found, n, budget)
+        if step is None:
+            step = _drifting_encoder(night, sky, event)
+        found[n] = event.axis, step.column
+        out.append(replace(step, probability=event.probability))
+    return out + _sky_events(night, sky, found, budget)
 
 
 def _retimed(night, sky, events, budget):
@@ -89,174 +144,155 @@ def _retimed(night, sky, events, budget):
     A small difference of two large jumps is found beside its moment, or as a drift, which then
     would take up the large one on the sky.
     """
-    steps = night.moves(SEGMENT + 2).only(lambda about: about[1] == 'step')
-    out = list(events)
-    for axis in (0, 1):
-        own = [n for n, (k, _) in enumerate(events) if k == axis]
-        if len(own) != 1 or not len(steps) or events[own[0]][1].kind == 'wander':
+    steps, out = night.candidates(_SKY_SEGMENT, drifts=False), list(events)
+    for n, event in enumerate(events):
+        others = [other for other in events if other.axis != event.axis]
+        if len(others) < len(events) - 1 or not len(steps) or event.kind == 'walk':
             continue
-        event = events[own[0]][1]
-        others = [night.on(k, e.column) for k, e in events if k != axis]
-        best = strongest(
-            sky.fixed.beside(*others), sky.enc, steps.on(axis, night.cos_el),
-            budget.false_alarm / 2.0, night.sequence_2, night.halves)
+        best = detect(
+            sky.design.beside(*(night.on_sky(other.axis, other.column) for other in others)),
+            sky.incremental, steps.on_axis(event.axis, night.cos_el), budget.false_alarm / 2.0,
+            night.run, LEAST)
         if best is None:
             continue
-        run, _, time = steps.about[best.place]
+        run, _, time = steps.labels[best.place]
         column = steps.column(best.place)
-        base = night.apart_base(axis)
-        y = clipped(base.beside(column, event.column), night.apart[axis])
-        there, here = (robust_fit(base.beside(one), y) for one in (event.column, column))
+        design = night.difference_design(event.axis)
+        y = clipped(design.beside(column, event.column), night.difference[event.axis])
+        there, here = (robust_fit(design.beside(one), y) for one in (event.column, column))
         if here.residual @ here.residual - there.residual @ there.residual < (
                 _NEAR * there.scatter[0]**2):
-            out[own[0]] = axis, event._replace(
+            out[n] = event._replace(
                 run=run, kind='step', time=time, column=column, amount=float(here.coefficients[-1]),
                 sigma=float(np.sqrt(here.covariance[-1, -1])))
     return out
 
 
-def attributed(axis, found, night, sky):
+def _drifting_encoder(night, sky, event):
     """Which encoder made a drift or walk of incremental - absolute, an `EncoderEvent`.
 
     One of both; also of a step where the stars are too few.
     """
     trust = 0.5
     if sky is not None:
-        full = sky.fixed.beside(night.on(axis, found.column))
-        colour = colour_of(full, clipped(full, sky.abs), night.sequence_2, night.halves)
-        fit = robust_fit(colour.white(full), colour.white(sky.abs))
+        full = sky.design.beside(night.on_sky(event.axis, event.column))
+        noise = noise_beside(full, sky.absolute, night.run)
+        fit = robust_fit(full.whitened(noise), noise.whiten(sky.absolute))
         against, variance = fit.coefficients[-1], fit.covariance[-1, -1]
         # the absolute encoder stood still, or it moved by as much the other way
         trust = probabilities({
-            INCREMENTAL: log_normal(against, variance) + np.log(found.odds),
-            ABSOLUTE: log_normal(against + found.amount, variance + found.sigma**2),
+            INCREMENTAL: log_normal(against, variance) + np.log(event.odds),
+            ABSOLUTE: log_normal(against + event.amount, variance + event.sigma**2),
         })[INCREMENTAL]
-    moved = INCREMENTAL if trust >= 0.5 else ABSOLUTE
-    sign = 1.0 if moved == INCREMENTAL else -1.0
-    return EncoderEvent(AXES[axis], float(found.run), found.kind, float(found.time),
-                 sign * found.amount, found.sigma, moved,
-                 float(max(trust, 1.0 - trust)), found.probability)
+    moved, sign = (INCREMENTAL, 1.0) if trust >= 0.5 else (ABSOLUTE, -1.0)
+    return EncoderEvent(AXES[event.axis], float(event.run), event.kind, float(event.time),
+                        event.column, sign * event.amount, event.sigma, moved,
+                        float(max(trust, 1.0 - trust)), event.probability)
 
 
-def _against_sky(night, sky, found, budget):
+def _sky_events(night, sky, found, budget):
     """Steps and drifts against the sky that both encoders share, or have a part of."""
-    moves = night.moves(SEGMENT + 2)
-    out = []
-    if not len(moves):
+    candidates, out = night.candidates(_SKY_SEGMENT), []
+    if not len(candidates):
         return out
     for axis in (0, 1):
-        on_sky = moves.on(axis, night.cos_el)
-        for _ in range(_MOST):
-            full = sky.fixed.beside(*(night.on(*one) for one in found))
-            best = strongest(full, sky.enc, on_sky, budget.false_alarm / 2.0, night.sequence_2,
-                             night.halves)
+        on_sky = candidates.on_axis(axis, night.cos_el)
+        for _ in range(_MOST_SKY):
+            best = detect(sky.design.beside(*(night.on_sky(*one) for one in found)),
+                          sky.incremental, on_sky, budget.false_alarm / 2.0, night.run, LEAST)
             if best is None:
                 break
-            run, kind, time = moves.about[best.place]
-            event = EncoderEvent(AXES[axis], float(run), kind, float(time), best.amount, best.sigma,
-                          ALIKE, 1.0 - best.probability, 2.0 * best.probability)
-            column = moves.column(best.place)
+            run, kind, time = candidates.labels[best.place]
+            event = EncoderEvent(AXES[axis], float(run), kind, float(time),
+                                 candidates.column(best.place), best.amount, best.sigma, ALIKE,
+                                 1.0 - best.probability, 2.0 * best.probability)
             if kind == 'step':
-                jump = _named(night, sky, axis, run, [*found, (axis, column)], len(found), budget)
-                if jump is not None and jump[0] in (BOTH, ALIKE):
-                    _, _, event, column = jump
-                    event = replace(event, probability=2.0 * best.probability)
-            found = [*found, (axis, column)]
-            out.append(EncoderJump(axis, event, column))
+                step = _step(night, sky, run, [*found, (axis, event.column)], len(found), budget)
+                if step is not None and step.moved in (BOTH, ALIKE):
+                    event = replace(step, probability=2.0 * best.probability)
+            found = [*found, (axis, event.column)]
+            out.append(event)
     return out
 
 
-def _named(night, sky, axis, run, found, number, budget):
-    """Cause, its probability, `EncoderEvent` and column of the step `number` of those `found`.
+def _step(night, sky, run, found, number, budget):
+    """The step `number` of those `found` (axis, column), at its moment and by its likeliest cause.
 
-    The others are kept where they are. None where no moment determines it.
+    The others are kept where they are.
+
+    Returns
+    -------
+    EncoderEvent or None
+        None where no moment determines it.
     """
-    steps = night.moves(SEGMENT, [run]).only(lambda about: about[1] == 'step')
-    columns, times = steps.dense(), np.array([time for _, _, time in steps.about])
+    axis, column = found[number]
+    steps = night.candidates(_SEGMENT, [run], drifts=False)
+    columns, times = steps.dense(), np.array([time for _, _, time in steps.labels])
     others = [one for n, one in enumerate(found) if n != number]
-    apart_base = night.apart_base(axis).beside(*(c for k, c in others if k == axis))
-    sky_base = sky.fixed.beside(*(night.on(*one) for one in others))
-    on_sky = np.column_stack([night.on(axis, column) for column in columns.T])
-    at = int(np.argmin(np.abs(columns - found[number][1][:, None]).sum(axis=0)))
-    from_apart = None
+    design = night.difference_design(axis).beside(*(c for k, c in others if k == axis))
+    sky_design = sky.design.beside(*(night.on_sky(*one) for one in others))
+    on_sky = np.column_stack([night.on_sky(axis, one) for one in columns.T])
+    at, by_difference = int(np.argmin(np.abs(columns - column[:, None]).sum(axis=0))), None
     for _ in range(2):  # outliers and noise are those beside the step
-        here = columns[:, at]
-        apart_full, sky_full = apart_base.beside(here), sky_base.beside(on_sky[:, at])
-        if min(len(here) - len(apart_full), 2 * len(here) - len(sky_full)) < 3:
+        full, sky_full = design.beside(columns[:, at]), sky_design.beside(on_sky[:, at])
+        if min(len(columns) - len(full), 2 * len(columns) - len(sky_full)) < 3:
             return None
-        y = clipped(apart_full, night.apart[axis])
-        fit = robust_fit(apart_full, y)
-        own = fit.residual + here * fit.coefficients[-1]
-        second = clipped(sky_full, sky.abs)
-        left = [fit.residual, robust_fit(sky_full, second).residual]
-        shared = _shared(night.on(axis, left[0]), left[1])
-        other = second - shared * night.on(axis, own)
-        d = _fits(apart_base, y, columns, at, night.sequence)
-        u = _fits(sky_base, other, on_sky, at, night.sequence_2, night.halves)
+        y, second = clipped(full, night.difference[axis]), clipped(sky_full, sky.absolute)
+        fit = robust_fit(full, y)
+        # how much of incremental - absolute is in absolute - sky, by what both leave
+        left = night.on_sky(axis, fit.residual)
+        shared = float(np.clip(left @ robust_fit(sky_full, second).residual
+                               / max(left @ left, 1e-300), -1.0, 0.0))
+        own = fit.residual + columns[:, at] * fit.coefficients[-1]
+        d = _step_fits(design, y, columns, at, night.run)
+        u = _step_fits(sky_design, second - shared * night.on_sky(axis, own), on_sky, at, night.run)
         gain = d.gain + u.gain
-        if from_apart is None:
+        if by_difference is None:
             # found in incremental - absolute: not far from where that has it
-            from_apart = d.gain[at] > d.gain.max() - _NEAR and d.gain.max() > 2.0 * _NEAR
-        if from_apart:
+            by_difference = d.gain[at] > d.gain.max() - _NEAR and d.gain.max() > 2.0 * _NEAR
+        if by_difference:
             gain = np.where(d.gain > d.gain.max() - _NEAR, gain, -np.inf)
         at = int(np.argmax(gain))
-    allowed = np.isfinite(gain)
-    logs = {name: np.where(allowed, value, -np.inf) for name, value in _logs(
-        d, u, shared, budget.second).items()}
-    said = probabilities({name: float(np.logaddexp.reduce(value))
-                          for name, value in logs.items()})
-    cause = max(said, key=said.get)
+    logs = {name: np.where(np.isfinite(gain), value, -np.inf)
+            for name, value in _evidence(d, u, shared, budget.second).items()}
+    chances = probabilities({name: float(np.logaddexp.reduce(value))
+                             for name, value in logs.items()})
+    cause = max(chances, key=chances.get)
     at = int(np.argmax(logs[cause]))
-    event = _event(axis, run, times[at], cause, said[cause], shared,
-                   (d.size[at], d.sigma[at]), (u.size[at], u.sigma[at]))
-    return cause, said[cause], event, columns[:, at]
+    d_size, d_sigma, u_size, u_sigma = d.size[at], d.sigma[at], u.size[at], u.sigma[at]
+    second, second_sigma = u_size + shared * d_size, np.hypot(u_sigma, shared * d_sigma)
+    amount, sigma = {
+        INCREMENTAL: (d_size, d_sigma), ABSOLUTE: (-d_size, d_sigma), ALIKE: (u_size, u_sigma),
+        BOTH: (second + d_size, np.hypot(u_sigma, (1.0 + shared) * d_sigma))}[cause]
+    return EncoderEvent(
+        AXES[axis], float(run), 'step', float(times[at]), columns[:, at], float(amount),
+        float(sigma), cause, float(chances[cause]), np.nan,
+        *((float(second), float(second_sigma)) if cause == BOTH else ()))
 
 
-def _fits(design, y, steps, at, sequence, series=None):
+def _step_fits(design, y, steps, at, run):
     """Each step alone beside the design, with the noise beside the step `at`."""
-    colour = colour_of(design.beside(steps[:, at]), y, sequence, series)
-    free = Free.of(colour.white(design))
-    y, steps = free.off(colour.white(y)), free.off(colour.white(steps))
-    square = np.sum(steps**2, axis=0)
-    square = np.maximum(square, 1e-6)  # not determined: no gain
-    amount = steps.T @ y / square
-    left = y @ y - amount[at] ** 2 * square[at]
-    noise = np.sqrt(max(left / max(len(y) - free.rank - 1, 1), LEAST**2))
-    return _Fits(amount, noise / np.sqrt(square))
+    noise = neighbour_noise(design.beside(steps[:, at]), y, run)
+    complement = Complement.of(design.whitened(noise))
+    y, steps = complement.off(noise.whiten(y)), complement.off(noise.whiten(steps.T).T)
+    square = np.maximum(np.sum(steps**2, axis=0), 1e-6)  # not determined: no gain
+    size = steps.T @ y / square
+    left = y @ y - size[at] ** 2 * square[at]
+    sigma = np.sqrt(max(left / max(len(y) - complement.rank - 1, 1), LEAST**2))
+    return _StepFits(size, sigma / np.sqrt(square))
 
 
-def _shared(apart, second):
-    """How much of incremental - absolute is in absolute - sky, by what both leave: -1 ... 0."""
-    square = apart @ apart
-    return float(np.clip(apart @ second / square, -1.0, 0.0)) if square > 0.0 else 0.0
-
-
-def _logs(d, u, shared, chance):
+def _evidence(d, u, shared, chance):
     """Log evidence of each cause at each moment, (k,), by (d, s - shared d)."""
     toll = 0.5 * ndtri(0.5 * chance) ** 2
     # of a size g times its sigma: half its square goes with the factor g / (1 + g)
     half = 0.5 * -np.expm1(-2.0 * toll)
-    return {INCREMENTAL: half * _along(d, u, 1.0, -shared) - toll,
-            ABSOLUTE: half * _along(d, u, -1.0, 1.0 + shared) - toll,
+
+    def along(first, other):
+        """Gain of a jump of both differences in a fixed ratio."""
+        return (first * d.size / d.sigma**2 + other * u.size / u.sigma**2) ** 2 / (
+            (first / d.sigma) ** 2 + (other / u.sigma) ** 2)
+    return {INCREMENTAL: half * along(1.0, -shared) - toll,
+            ABSOLUTE: half * along(-1.0, 1.0 + shared) - toll,
             BOTH: half * (d.gain + u.gain) - 2.0 * toll,
             ALIKE: half * u.gain - toll}
-
-
-def _along(d, u, first, other):
-    """Gain of a jump of both differences in a fixed ratio."""
-    return (first * d.size / d.sigma**2 + other * u.size / u.sigma**2) ** 2 / (
-        (first / d.sigma) ** 2 + (other / u.sigma) ** 2)
-
-
-def _event(axis, run, time, cause, trust, shared, d, u):
-    """The event of a step by its cause; `d` and `u` are a size and its sigma each."""
-    second = u[0] + shared * d[0]
-    second_sigma = np.hypot(u[1], shared * d[1])
-    amount, sigma = {
-        INCREMENTAL: d, ABSOLUTE: (-d[0], d[1]), ALIKE: u,
-        BOTH: (second + d[0], np.hypot(u[1], (1.0 + shared) * d[1]))}[cause]
-    event = EncoderEvent(AXES[axis], float(run), 'step', float(time), float(amount), float(sigma),
-                         cause,
-                  float(trust), np.nan)
-    return event if cause != BOTH else replace(
-        event, second=float(second), second_sigma=float(second_sigma))

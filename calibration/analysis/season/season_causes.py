@@ -1,7 +1,7 @@
 """What moves the terms from night to night: temperature, time, the year, a date of maintenance.
 
-Each candidate is a column beside a level that wanders by itself, so that what drifts is not called
-a cause because both drift; wander and scatter are estimated anew with it.
+Each candidate is a column beside a level that walks at random by itself, so that what drifts is not
+called a cause because both drift; walk and scatter are estimated anew with it.
 """
 
 from typing import NamedTuple
@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import comb, fdtrc
 
-from .season_filter import find_wander, levels, log_likelihood, normal_equations, step_gains
+from ...estimation.kalman import jump_gains
+from .season_filter import fit_variation
 
 #: threshold of the chance below, which is too small where nights are few: so 1 season of 100 that
 #: has no cause shows one (docs/season.md)
@@ -65,7 +66,7 @@ class Cause(NamedTuple):
         return int(np.argmax(self.shape[:, 0]))
 
     def columns(self, k):
-        """As of `filter.Told`, shape (n, k, c)."""
+        """As of `NightlyTerms`, shape (n, k, c)."""
         n, m = self.shape.shape
         out = np.zeros((n, k, len(self.terms), m))
         for place, term in enumerate(self.terms):
@@ -155,57 +156,54 @@ def candidates(season, day, declared=()):
     return out
 
 
-def choose_causes(told, asked, alpha=ALPHA):
+def choose_causes(terms, asked, alpha=ALPHA):
     """Add causes one after the other while each is beyond chance.
 
     Parameters
     ----------
-    told : filter.Told
+    terms : NightlyTerms
         Without columns.
     asked : list of Cause
     alpha : float
 
     Returns
     -------
-    found : list of Found
-    wander : filter.Wander
+    found : list of SeasonChoice
+    variation : TermVariation
         With them, by REML.
     """
-    n, k = told.values.shape
-    own, found, asked = levels(n, k), [], list(asked)
-    told = told._replace(columns=own)
-    wander, base = find_wander(told, restricted=False)
+    n, k = terms.values.shape
+    found, asked = [], list(asked)
+    variation, base = fit_variation(terms, restricted=False)
     # a step by each of its dates, all else by itself: as many chances as were asked
     while asked and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
         best = None
         # what was declared stands before the steps, and one at its date says the same
-        for number in sorted(_likely(told, asked, wander)):
+        for number in sorted(_likely(terms, asked, variation)):
             cause = asked[number]
-            with_it = _with(told, [cause])
-            new, value = find_wander(with_it, wander, restricted=False)
+            with_it = _with(terms, [cause])
+            new, value = fit_variation(with_it, variation, restricted=False)
             p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n,
                         _held(found, cause.terms)) * len(asked)
             if best is None or p < _BETTER * best[0]:
                 best = p, [(cause, p)], with_it, new, value
         if best is None or best[0] >= alpha:
-            best = _together(told, found, asked, wander, base, alpha)
+            best = _together(terms, found, asked, variation, base, alpha)
         if best is None or best[0] >= alpha:
             break
-        _, more, told, wander, base = best
+        _, more, terms, variation, base = best
         for cause, p in more:
             found.append(SeasonChoice(cause, min(p, 1.0)))
             asked = [other for other in asked if other is not cause and not _alike(other, cause)]
-    return found, find_wander(told, wander)[0]
+    return found, fit_variation(terms, variation)[0]
 
 
-def _with(told, causes):
+def _with(terms, causes):
     """With columns of more causes."""
-    k = told.values.shape[1]
-    return told._replace(columns=np.concatenate(
-        [told.columns, *(cause.columns(k) for cause in causes)], axis=2))
+    return terms.with_columns([cause.columns(terms.values.shape[1]) for cause in causes])
 
 
-def _together(told, found, asked, wander, base, alpha):
+def _together(terms, found, asked, variation, base, alpha):
     """Steps of one term that hide one another: with one taken the walk still has the others.
 
     So they are taken one after the other, each where it gains most, and judged together: by F with
@@ -214,11 +212,11 @@ def _together(told, found, asked, wander, base, alpha):
 
     Parameters
     ----------
-    told : filter.Told
+    terms : NightlyTerms
         With the columns of what was found.
-    found : list of Found
+    found : list of SeasonChoice
     asked : list of Cause
-    wander : filter.Wander
+    variation : TermVariation
     base : float
         Log likelihood.
     alpha : float
@@ -226,33 +224,34 @@ def _together(told, found, asked, wander, base, alpha):
     Returns
     -------
     tuple or None
-        Chance of all, list of (Cause, chance of it beside the others), `Told` with them, its
-        `Wander` and its log likelihood.
+        Chance of all, list of (Cause, chance of it beside the others), `NightlyTerms` with them,
+        their `TermVariation` and its log likelihood.
     """
-    (n, terms), best = told.values.shape, None
+    (n, k), best = terms.values.shape, None
     # a term that hardly walks hides nothing
-    walks = wander.walk**2 * np.median(np.diff(told.days)) > _HIDES * wander.scatter**2
+    walks = (variation.walk**2 * np.median(np.diff(terms.days))
+             > _HIDES * variation.scatter**2)
     for term in np.flatnonzero(walks):
         steps = [cause for cause in asked if cause.kind == 'step' and cause.terms == (term,)]
         taken = [entry.cause.first for entry in found
                  if entry.cause.kind == 'step' and term in entry.cause.terms]
         held = _held(found, (term,))
-        chosen, now, here = [], told, wander
+        chosen, now, here = [], terms, variation
         for count in range(1, _DEEP + 1):
             free = [cause for cause in steps if all(
                 abs(cause.first - other) >= _BESIDE for other in taken)]
             if not free:
                 break
-            gains = step_gains(now, here)[:, term]
+            gains = _step_gains(now, here)[:, term]
             cause = max(free, key=lambda one: gains[one.first])
             chosen, now = [*chosen, cause], _with(now, [cause])
             taken = [*taken, cause.first]
-            here, value = find_wander(now, here, restricted=False, term=term)
-            p = _chance(2.0 * (value - base), count, n, held) * terms * float(
+            here, value = fit_variation(now, here, restricted=False, term=term)
+            p = _chance(2.0 * (value - base), count, n, held) * k * float(
                 comb(len(steps), count))
             if best is None or p < best[0]:
                 best = p, chosen, here, held
-    return None if best is None else _each(told, *best, base, len(asked), alpha)
+    return None if best is None else _each(terms, *best, base, len(asked), alpha)
 
 
 def _held(found, terms):
@@ -261,17 +260,17 @@ def _held(found, terms):
                for term in terms)
 
 
-def _each(told, p, chosen, wander, held, base, ways, alpha):
+def _each(terms, p, chosen, variation, held, base, ways, alpha):
     """As `_together` of steps, of those that are beyond chance each beside the others."""
-    n = len(told.days)
+    n = len(terms.days)
     while chosen and p < alpha:
-        whole = _with(told, chosen)
-        wander, value = find_wander(whole, wander, restricted=False)
-        alone = [_chance(2.0 * (value - find_wander(_with(told, [
-            other for other in chosen if other is not cause]), wander, restricted=False)[1]),
+        whole = _with(terms, chosen)
+        variation, value = fit_variation(whole, variation, restricted=False)
+        alone = [_chance(2.0 * (value - fit_variation(_with(terms, [
+            other for other in chosen if other is not cause]), variation, restricted=False)[1]),
             1, n, held + len(chosen) - 1) * ways for cause in chosen]
         if max(alone) < alpha:
-            return p, list(zip(chosen, alone)), whole, wander, value
+            return p, list(zip(chosen, alone)), whole, variation, value
         chosen = [cause for cause, own in zip(chosen, alone) if own < max(alone)]
     return None
 
@@ -299,10 +298,15 @@ def _chance(ratio, extra, n, held=0):
     return float(fdtrc(extra, rest, np.expm1(max(ratio, 0.0) / n) * rest / extra))
 
 
-def _likely(told, asked, wander):
-    """Numbers of the candidates that promise most while wander and scatter stay."""
-    n, k = told.values.shape
-    gains = step_gains(told, wander)
+def _step_gains(terms, variation):
+    """What a step of each term at each night gains while the variation stays, shape (n, k)."""
+    return jump_gains(terms.forward(*np.square(variation)))
+
+
+def _likely(terms, asked, variation):
+    """Numbers of the candidates that promise most while walk and scatter stay."""
+    n, k = terms.values.shape
+    gains = _step_gains(terms, variation)
     chances = np.ones(len(asked))
     rest = []  # all but the steps, of which there is one for each term and night
     for number, cause in enumerate(asked):
@@ -311,19 +315,16 @@ def _likely(told, asked, wander):
         else:
             rest.append(number)
     columns = [asked[number].columns(k) for number in rest]
-    ends = np.cumsum([0, *(c.shape[2] for c in columns)])
-    first = 1 + told.columns.shape[2]
-    gram, log_det = normal_equations(
-        told._replace(columns=np.concatenate([told.columns, *columns], axis=2)),
-        np.square(wander.walk)[None], np.square(wander.scatter)[None])
-    base = log_likelihood(gram[:, :first, :first], log_det, False)[0]
-    for number, low, high in zip(rest, first + ends[:-1], first + ends[1:]):
-        take = np.r_[0:first, low:high]
-        part = gram[:, take][:, :, take]
-        if np.linalg.cond(part[0, 1:, 1:]) > 1e12:  # the same as what is there
+    passed = terms.with_columns(columns).forward(*np.square(variation))
+    first = k + terms.columns.shape[2]
+    ends = first + np.cumsum([0, *(c.shape[2] for c in columns)])
+    base = passed.log_likelihood(False, np.arange(first))
+    for number, low, high in zip(rest, ends[:-1], ends[1:]):
+        of = np.r_[0:first, low:high]
+        if np.linalg.cond(passed.whitened[:, 1 + of]) > 1e6:  # the same as what is there
             continue
-        value = log_likelihood(part, log_det, False)[0]
-        chances[number] = _chance(2.0 * (value - base), high - low, n)
+        gain = passed.log_likelihood(False, of) - base
+        chances[number] = _chance(2.0 * gain, high - low, n)
     order = np.argsort(chances, kind='stable')[:_CLOSER]
     return [int(i) for i in order if chances[i] < 1.0]
 

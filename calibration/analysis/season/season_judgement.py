@@ -11,7 +11,13 @@ from pointing_model.model import PointingModel
 from ..tracking.first_stars import PAST, RATES, past_document, rates_document
 from ..tracking.history import past_of_runs, rates_of_nights
 from .season_causes import ALPHA, candidates, choose_causes
-from .season_filter import Smoothed, Told, Wander, forecast, smoothed
+from .season_filter import (
+    NightlyTerms,
+    SeasonPath,
+    TermVariation,
+    forecast,
+    season_path,
+)
 from .season_nights import Nights, days, table_rows
 
 #: stars with times of their own of a night that tells how fast terms wander
@@ -27,9 +33,9 @@ class SeasonJudged:
     Attributes
     ----------
     season : Nights
-    causes : list of causes.Found
-    wander : Wander
-    hindsight : Smoothed
+    causes : list of SeasonChoice
+    variation : TermVariation
+    path : SeasonPath
     tonight : float
         UTC, s.
     mean : ndarray, shape (k,)
@@ -41,8 +47,8 @@ class SeasonJudged:
 
     season: Nights
     causes: list
-    wander: Wander
-    hindsight: Smoothed
+    variation: TermVariation
+    path: SeasonPath
     tonight: float
     mean: np.ndarray
     covariance: np.ndarray
@@ -50,12 +56,12 @@ class SeasonJudged:
 
     def coefficients(self):
         """Of each cause: values and 1 sigma, rad, shapes (terms, m)."""
-        out, at = [], 0
-        sigma = np.sqrt(np.diag(self.hindsight.coefficient_covariance))
-        for found in self.causes:
-            shape = len(found.cause.terms), found.cause.shape.shape[1]
+        out, at, found = [], len(self.season.names), self.path.estimate
+        sigma = np.sqrt(np.diag(found.covariance))
+        for one in self.causes:
+            shape = len(one.cause.terms), one.cause.shape.shape[1]
             part = slice(at, at + shape[0] * shape[1])
-            out.append((self.hindsight.coefficients[part].reshape(shape),
+            out.append((found.coefficients[part].reshape(shape),
                         sigma[part].reshape(shape)))
             at = part.stop
         return out
@@ -87,12 +93,12 @@ class SeasonJudged:
         """All of it, JSON-ready; angles in arcsec."""
         names, k = self.season.names, len(self.season.names)
         sigma = np.sqrt(np.diag(self.covariance))
-        own = np.sqrt(np.maximum(np.array([np.diag(c) for c in self.hindsight.covariances]), 0.0))
+        own = np.sqrt(np.maximum(np.array([np.diag(c) for c in self.path.covariances]), 0.0))
         nights = table_rows(self.season)
         for i, night in enumerate(nights):
-            off = self.hindsight.innovations[i]
+            off = self.path.innovations[i]
             night['in_hindsight_arcsec'] = dict(zip(
-                names, (self.hindsight.levels[i] / ARCSEC).tolist()))
+                names, (self.path.levels[i] / ARCSEC).tolist()))
             night['in_hindsight_sigma_arcsec'] = dict(zip(names, (own[i] / ARCSEC).tolist()))
             night['off_foretold_sigmas'] = {
                 name: None if np.isnan(v) else float(v) for name, v in zip(names, off)}
@@ -106,8 +112,8 @@ class SeasonJudged:
                 'unit': found.cause.unit, 'sentence': sentence}
                 for found, values, sentence in zip(self.causes, self.coefficients(),
                                                    self.sentences())],
-            'wander': {name: {'walk_arcsec_per_root_day': float(self.wander.walk[i]) / ARCSEC,
-                              'night_arcsec': float(self.wander.scatter[i]) / ARCSEC}
+            'wander': {name: {'walk_arcsec_per_root_day': float(self.variation.walk[i]) / ARCSEC,
+                              'night_arcsec': float(self.variation.scatter[i]) / ARCSEC}
                        for i, name in enumerate(names)},
             'tonight': {
                 'time': date_of(self.tonight),
@@ -150,7 +156,7 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
         if not any(name in night.causes for night in nights):
             raise ValueError(f'no night has a column {name}')
     day = days(nights)
-    told = Told(day, np.array([night.values for night in nights]),
+    terms = NightlyTerms(day, np.array([night.values for night in nights]),
                 np.array([night.covariance for night in nights]),
                 np.zeros((len(nights), k, 0)))
     notes = []
@@ -158,11 +164,8 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
     for at, text in steps:
         if not day[0] < at <= day[-1]:
             notes.append(f'{text}: no night before or after it')
-    found, wander = choose_causes(told, candidates(season, day, steps), alpha)
-    if found:
-        told = told._replace(columns=np.concatenate(
-            [entry.cause.columns(k) for entry in found], axis=2))
-    hindsight = smoothed(told, wander)
+    found, variation = choose_causes(terms, candidates(season, day, steps), alpha)
+    path = season_path(terms.with_columns([one.cause.columns(k) for one in found]), variation)
     at = (tonight - nights[0].time) / _DAY
     unknown = sorted({entry.cause.text for entry in found if entry.cause.kind == 'column'}
                      - set(causes or {}))
@@ -170,9 +173,9 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
         notes.append(f'{", ".join(unknown)} of the night to come is not known: taken as the mean '
                      'of the season (--tonight COLUMN=VALUE)')
     columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
-    mean, covariance = forecast(hindsight, wander, at - day[-1],
+    mean, covariance = forecast(path, variation, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
-    return SeasonJudged(season, found, wander, hindsight, tonight, mean, covariance, notes)
+    return SeasonJudged(season, found, variation, path, tonight, mean, covariance, notes)
 
 
 def past_and_rates(season, mean):

@@ -127,7 +127,7 @@ def nights_of(runs, names=None, columns=()):
         raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
                          + ('; '.join(notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
-    notes += ColumnCheck.of(checked).warnings(mount.names)
+    notes += ColumnCheck.of(checked).doubts(mount.names)
     return Nights(names, mount, found, notes, tuple(columns))
 
 

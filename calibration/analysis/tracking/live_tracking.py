@@ -15,7 +15,7 @@ _BEFORE = 10**9
 
 
 class LiveTracking:
-    """Follows the mount of a `CalibrationSession` from a model on.
+    """Follows the mount of a `CalibrationState` from a model on.
 
     Attributes
     ----------
@@ -26,17 +26,17 @@ class LiveTracking:
     def __init__(self):
         self.night = None
 
-    def begin(self, session):
-        """Begin anew from the model in force, which was fitted to all rows so far."""
-        report = session.report or {}
+    def begin(self, state):
+        """Begin anew from the active model, which was fitted to all rows so far."""
+        report = state.report or {}
         noise = report.get('noise_arcsec')
         self.night = TrackedNight(
-            session.in_force, session.zeros_in_force.newest, session.last_stamp,
+            state.model, state.active_zeros.newest, state.last_stamp,
             noise and tuple(float(v) * ARCSEC for v in noise),
-            difference_of(session.observations()), lean_of(session.observations()),
-            session.reference and session.reference.provenance.get(RATES))
+            difference_of(state.observations()), lean_of(state.observations()),
+            state.reference and state.reference.provenance.get(RATES))
 
-    def take_up(self, session, model):
+    def take_up(self, state, model):
         """Go on with the night of a tracked model, with the rows that are here.
 
         Whether it is one; ValueError where what it tells is damaged.
@@ -44,20 +44,20 @@ class LiveTracking:
         if KEY not in model.provenance:
             return False
         self.night = TrackedNight.of_model(model)
-        self.again(session)
+        self.again(state)
         return True
 
-    def again(self, session):
+    def again(self, state):
         """Take the rows that are here: all of them, after a start in the middle of a night."""
-        if self.night is not None and len(session):
-            self.night.take(session.observations())
+        if self.night is not None and len(state.rows):
+            self.night.take(state.observations())
 
-    def observed(self, session, rows):
+    def observed(self, state, rows):
         """Take rows that have come.
 
         Parameters
         ----------
-        session : CalibrationSession
+        state : CalibrationState
         rows : PointingRun
 
         Returns
@@ -66,7 +66,7 @@ class LiveTracking:
             Whether there is another model.
         """
         if self.night is None:
-            reference = session.reference
+            reference = state.reference
             if reference is None:
                 return False
             first = int(rows['time'][0] * 1e9)
@@ -77,9 +77,9 @@ class LiveTracking:
             self.night = TrackedNight(reference, RunZero(0.0, 0.0), held)
         return any(one.taken for one in self.night.take(rows))
 
-    def pair(self, session):
+    def pair(self, state):
         """The model by now, and the zero that goes with it."""
-        model = self.night.model(session.last_stamp)
+        model = self.night.model(state.last_stamp)
         return model, self.night.bound_zero(identity(model.to_json()))
 
     def document(self):

@@ -94,7 +94,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     ValueError
         No times, too few rows, a model of another mount; columns that are not what they are named.
     """
-    notes = [*run.meta.get('notes', ()), *check_columns(run).warnings(run.mount.names)]
+    notes = [*run.meta.get('notes', ()), *check_columns(run).doubts(run.mount.names)]
     if 'time' not in run or not np.isfinite(run['time']).any():
         raise ValueError('the run has no time: a model is followed from star to star')
     order = np.flatnonzero(np.isfinite(run['time']))

@@ -1,8 +1,9 @@
 """Why the zero is another one after each power-on: temperature, supply, time since, side.
 
 Paper 000 names temperature and supply as what moves the reference mark. Here the zeros of a season,
-one a power-on, are held against what was measured when the marks were met (`driver_choice` has the
-tests); where they follow something, the zero of tonight is known, with its error, before Polaris.
+one a power-on, are held against what was measured when the marks were met (the tests are those of
+`covariate_choice`); where they follow something, the zero of tonight is known, with its error,
+before Polaris.
 """
 
 from dataclasses import dataclass
@@ -11,19 +12,24 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .covariate_choice import ALPHA, CovariateChoice, choose, fewest_nights
-from .polaris_zero import student_factor
+from ...estimation.covariate_choice import (
+    ALPHA,
+    CovariateChoice,
+    choose_covariates,
+    fewest_epochs,
+)
+from ...estimation.step_scan import student_factor
 
 AXES = ('azimuth', 'elevation')
-#: driver -> (in words, unit, the least standard deviation over the nights that can tell anything)
-DRIVERS = {
+#: covariate -> (in words, unit, the least standard deviation over the nights that counts)
+COVARIATES = {
     'temperature': ('temperature', '°C', 0.3),
     'supply': ('supply voltage', 'V', 0.01),
     'hours': ('time since the last power-on', 'h', 0.1),
     'side': ('side from which the mark was met', 'side', 0.1),
 }
 CAUSE, UNDECIDED, NOTHING = 'cause', 'undecided', 'nothing'
-#: unknown in more of the nights than this share, a driver is not tried
+#: unknown in more of the nights than this share, a covariate is not tried
 _UNKNOWN = 0.3
 
 
@@ -39,15 +45,15 @@ class Season:
         When, s; where it is not known of each, their order counts.
     zeros, sigmas : ndarray, shape (n, 2)
         Azimuth and elevation (coordinate angles) from one common origin, and their errors, rad.
-    drivers : dict of str to ndarray, shape (n, 2)
-        By the names of `DRIVERS`, as each axis has them; NaN where unknown.
+    covariates : dict of str to ndarray, shape (n, 2)
+        By the names of `COVARIATES`, as each axis has them; NaN where unknown.
     """
 
     run: np.ndarray
     time: np.ndarray
     zeros: np.ndarray
     sigmas: np.ndarray
-    drivers: dict
+    covariates: dict
 
     def __len__(self):
         return len(self.run)
@@ -55,12 +61,12 @@ class Season:
     def select(self, rows):
         """The season with only `rows` (a mask, indices or a slice)."""
         return Season(self.run[rows], self.time[rows], self.zeros[rows], self.sigmas[rows],
-                      {name: values[rows] for name, values in self.drivers.items()})
+                      {name: values[rows] for name, values in self.covariates.items()})
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Zero of an axis = level + slopes · drivers, from n nights."""
+    """Zero of an axis = level + slopes · covariates, from n nights."""
 
     names: tuple
     origin: np.ndarray
@@ -72,7 +78,7 @@ class _Line:
     dof: int
 
     def at(self, values):
-        """Zero and its 1-sigma, where the drivers are `values`, shape (k,)."""
+        """Zero and its 1-sigma, where the covariates are `values`, shape (k,)."""
         away = values - self.origin
         leverage = 1.0 + 1.0 / self.n + away @ self.inverse @ away
         return (self.level + float(away @ self.slopes),
@@ -81,7 +87,7 @@ class _Line:
 
 def _fit(season, axis, names):
     zeros = season.zeros[:, axis]
-    values = np.array([season.drivers[name][:, axis] for name in names])
+    values = np.array([season.covariates[name][:, axis] for name in names])
     values = values.reshape(len(names), len(zeros))
     origin = values.mean(axis=1)
     design = (values - origin[:, np.newaxis]).T
@@ -94,8 +100,8 @@ def _fit(season, axis, names):
     return _Line(tuple(names), origin, level, slopes, inverse, len(zeros), rms, dof)
 
 
-def usable_drivers(season):
-    """Drivers that can be tried, and why the others cannot.
+def usable_covariates(season):
+    """Covariates that can be tried, and why the others cannot.
 
     Parameters
     ----------
@@ -105,11 +111,11 @@ def usable_drivers(season):
     -------
     names : list of str
     why : dict of str to str
-        One line for each of the other `DRIVERS`.
+        One line for each of the other `COVARIATES`.
     """
     names, why = [], {}
-    for name, (words, unit, least) in DRIVERS.items():
-        values = season.drivers.get(name)
+    for name, (words, unit, least) in COVARIATES.items():
+        values = season.covariates.get(name)
         known = np.isfinite(values).all(axis=1) if values is not None and len(season) else None
         if known is None or not known.any():
             why[name] = f'{words}: not known'
@@ -126,7 +132,7 @@ def usable_drivers(season):
 def _complete(season, names):
     good = np.isfinite(season.zeros).all(axis=1)
     for name in names:
-        good &= np.isfinite(season.drivers[name]).all(axis=1)
+        good &= np.isfinite(season.covariates[name]).all(axis=1)
     return season.select(good)
 
 
@@ -136,13 +142,13 @@ _NO_CHOICE = CovariateChoice(*[((), ())] * 3, np.ones(2), np.ones(2))
 def _choice(season, names, alpha, seed):
     if not names:
         return _NO_CHOICE
-    drivers = np.array([season.drivers[name] for name in names])
-    still = np.ptp(drivers, axis=1).max(axis=-1) <= 0.0  # in a fold that leaves a night out
+    covariates = np.array([season.covariates[name] for name in names])
+    still = np.ptp(covariates, axis=1).max(axis=-1) <= 0.0  # in a fold that leaves a night out
     moving = [i for i in range(len(names)) if not still[i]]
     when = season.time
     if not (np.isfinite(when).all() and np.all(np.diff(when) > 0.0)):
         when = np.arange(float(len(season)))  # their order is known all the same
-    found = choose(season.zeros, drivers[moving], when, alpha, seed=seed)
+    found = choose_covariates(season.zeros, covariates[moving], when, alpha, seed=seed)
 
     def named(places):
         return tuple(tuple(names[moving[i]] for i in axis) for axis in places)
@@ -162,7 +168,7 @@ def _left_out(season, names, alpha, seed):
         causes = _choice(others, names, alpha, seed).causes
         for axis in range(2):
             line = _fit(others, axis, causes[axis])
-            values = np.array([season.drivers[n][night, axis] for n in causes[axis]])
+            values = np.array([season.covariates[n][night, axis] for n in causes[axis]])
             before[night, axis] = season.zeros[night, axis] - others.zeros[:, axis].mean()
             after[night, axis] = season.zeros[night, axis] - line.at(values)[0]
     return before, after
@@ -176,9 +182,9 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     season : Season
         Power-ons with a zero.
     tonight : dict of str to array_like, shape (2,), optional
-        The drivers of a power-on whose zero is not measured yet.
+        The covariates of a power-on whose zero is not measured yet.
     alpha : float
-        Chance that zeros which follow nothing are given a cause, over all drivers and both axes.
+        Chance that zeros which follow nothing are given a cause, over all covariates and both axes.
     leave_out : bool
         Whether each night is predicted from the others as well, with the causes chosen anew.
     seed : int
@@ -188,18 +194,18 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     -------
     dict
         JSON-ready. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``; ``nights``,
-        ``left_out`` (numbers of the power-ons of which a driver is not known), ``drivers`` (those
-        tried), ``not_tried`` (lines), ``p`` over all drivers and both axes; ``axes``: of each
-        ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are alone), ``causes``
+        ``left_out`` (numbers of the power-ons of which a covariate is not known), ``drivers``
+        (those tried), ``not_tried`` (lines), ``p`` over all covariates and both axes; ``axes``: of
+        each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are alone), ``causes``
         (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``, ``std_arcsec`` of
         the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
         nights were left out ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS);
         ``tonight`` (of each axis ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and
         those ``missing``) or None.
     """
-    names, why = usable_drivers(season)
+    names, why = usable_covariates(season)
     used = _complete(season, names)
-    enough = len(used) >= fewest_nights(alpha)
+    enough = len(used) >= fewest_epochs(alpha)
     found = _choice(used, names, alpha, seed) if enough else _NO_CHOICE
     lines = [_fit(used, axis, found.causes[axis]) for axis in range(2)] if len(used) > 1 else None
     errors = _left_out(used, names, alpha, seed) if leave_out and enough else None
@@ -224,47 +230,49 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
 
 def _text(out, enough, known, alpha):
     if not enough:
-        lost = f', {known - out["nights"]} more without a driver' if known > out['nights'] else ''
+        lost = known - out['nights']
+        lost = f', {lost} more without a covariate' if lost > 0 else ''
         return (f'{out["nights"]} power-ons with a zero{lost}: too few to name a cause, which '
-                f'takes {fewest_nights(alpha)}')
+                f'takes {fewest_epochs(alpha)}')
     if not out['drivers']:
         return 'no cause can be looked for: ' + '; '.join(out['not_tried'])
     return '; '.join(f'{name}: {axis["text"]}' for name, axis in out['axes'].items())
 
 
 def _words(names):
-    return ' and '.join(DRIVERS[name][0] for name in names)
+    return ' and '.join(COVARIATES[name][0] for name in names)
 
 
 def _axis(axis, found, line, used, names, enough, errors):
     """What is said of one axis; see `zero_causes`."""
     causes, alike, trend = (part[axis] for part in (found.causes, found.alike, found.trend))
     verdict = CAUSE if causes else UNDECIDED if alike or trend else NOTHING
-    told = line is not None and line.dof > 0
+    known = line is not None and line.dof > 0
     tested = enough and names
     out = {
         'verdict': verdict, 'p': float(found.p[axis]) if tested else None,
         'p_levels': float(found.p_levels[axis]) if tested else None,
         'causes': [], 'alike': list(alike or trend),
-        'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if told else None,
+        'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if known else None,
         'measured_arcsec': float(np.sqrt(np.mean(used.sigmas[:, axis]**2))) / ARCSEC
-        if told and np.isfinite(used.sigmas[:, axis]).all() else None,
-        'unexplained_arcsec': line.rms / ARCSEC if told else None,
+        if known and np.isfinite(used.sigmas[:, axis]).all() else None,
+        'unexplained_arcsec': line.rms / ARCSEC if known else None,
     }
     if causes:
         sigma = line.rms * np.sqrt(np.diag(line.inverse)) * student_factor(line.dof)
         out['causes'] = [
-            {'driver': name, 'unit': DRIVERS[name][1], 'slope_arcsec': float(slope) / ARCSEC,
+            {'driver': name, 'unit': COVARIATES[name][1], 'slope_arcsec': float(slope) / ARCSEC,
              'sigma_arcsec': float(s) / ARCSEC}
             for name, slope, s in zip(line.names, line.slopes, sigma)]
         slopes = ', '.join(f'{c["slope_arcsec"]:+.2f} ± {c["sigma_arcsec"]:.2f}"/{c["unit"]}'
                            for c in out['causes'])
         out['text'] = (f'the zero follows the {_words(causes)} ({slopes}; p {out["p"]:.3f} over '
-                       f'all drivers and both axes); {out["unexplained_arcsec"]:.1f}" of '
+                       f'all covariates and both axes); {out["unexplained_arcsec"]:.1f}" of '
                        f'{out["std_arcsec"]:.1f}" are left')
     elif alike:
-        out['text'] = (f'undecided: {" or ".join(DRIVERS[n][0] for n in alike)} explain the zero '
-                       'alike, because they changed together; nights on which they part will tell')
+        out['text'] = (f'undecided: {" or ".join(COVARIATES[n][0] for n in alike)} explain the '
+                       'zero alike, because they changed together; nights on which they differ '
+                       'will decide')
     elif trend:
         out['text'] = (f'undecided: the zero goes with the {_words(trend)} over the season, but '
                        'not from night to night; a zero that walks or drifts looks the same')
@@ -277,7 +285,7 @@ def _axis(axis, found, line, used, names, enough, errors):
 
 
 def _expected(lines, means, tonight):
-    """Zero of tonight from its drivers, of each axis in arcsec with 1 sigma, and what it is by.
+    """Zero of tonight from its covariates, of each axis in arcsec with 1 sigma, and what it is by.
 
     ``by`` are the causes; without any it is the mean of the nights, and likewise where tonight's
     value of a cause is not known (``missing``) - with the scatter that the zeros then have.

@@ -1,4 +1,4 @@
-"""The power-ons of a season as the calibration has seen them: zeros, and what was measured then."""
+"""The power-ons of a season: zeros, and what was measured then."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.zero import is_marked
 
-from .stars_zero import zero_from_exposures
-from .zero_causes import AXES, DRIVERS, Season, zero_causes
+from .power_on_zeros import zero_from_exposures
+from .zero_causes import AXES, COVARIATES, Season, zero_causes
 
 _SIDES = {'below': 1.0, 'above': -1.0}
 
@@ -23,7 +23,7 @@ class SeasonLog:
     def __init__(self):
         self._model = None
         self._zeros = {}  # number -> MeasuredZero
-        self._drivers = {}  # number -> driver -> (azimuth, elevation)
+        self._covariates = {}  # number -> covariate -> (azimuth, elevation)
         self._start = {}  # number -> UTC s
         self._marks = {axis: {} for axis in AXES}  # axis -> start of a power-on -> Homing
 
@@ -31,26 +31,26 @@ class SeasonLog:
         return len(self._zeros)
 
     def clear_zeros(self, numbers):
-        """Those of some power-ons will be measured again; what their marks told stays known."""
+        """Those of some power-ons will be measured again; what is known of their marks stays."""
         for number in numbers:
             self._zeros.pop(number, None)
         if not self._zeros:
             self._model = None
 
-    def hear(self, homings):
-        """Take what the incremental encoders say of their marks, whenever they say it.
+    def update_marks(self, homings):
+        """Reports of the incremental encoders on their marks, in any order.
 
         Parameters
         ----------
-        homings : iterable of witnesses.Homing
-            Those that do not say when their power-on began tell nothing here.
+        homings : iterable of cross_check.Homing
+            Those without the time at which their power-on began do not count.
         """
         for homing in homings:
             if homing.homed and np.isfinite(homing.started) and homing.axis in self._marks:
                 self._marks[homing.axis][homing.started] = homing
 
-    def begin(self, number, rows):
-        """Take what is known of a power-on, before Polaris or after.
+    def add_power_on(self, number, rows):
+        """What is known of a power-on, before Polaris or after.
 
         Parameters
         ----------
@@ -60,16 +60,17 @@ class SeasonLog:
         """
         began = rows.get('encoder_start')[0]
         self._start[number] = float(began if np.isfinite(began) else rows.get('time')[0])
-        self._drivers[number] = drivers_of(self._marks_at(rows.get('time')[0]), rows) | {
+        marks = self._marks_at(rows.get('time')[0])
+        self._covariates[number] = power_on_covariates(marks, rows) | {
             'hours': self._hours(number, np.isfinite(began))}
 
     def _marks_at(self, time):
         """The newest power-on of each axis that had begun by then."""
         out = {}
-        for axis, told in self._marks.items():
-            begun = [start for start in told if start <= time]
+        for axis, marks in self._marks.items():
+            begun = [start for start in marks if start <= time]
             if begun:
-                out[axis] = told[max(begun)]
+                out[axis] = marks[max(begun)]
         return out
 
     def _hours(self, number, known):
@@ -77,8 +78,8 @@ class SeasonLog:
         hours = (self._start[number] - before) / 3600.0 if known and before else np.nan
         return (hours, hours)
 
-    def measured(self, number, exposures, model):
-        """Take the exposures for the zero of a power-on that has begun.
+    def add_zero(self, number, exposures, model):
+        """By the exposures of a power-on that has begun.
 
         Parameters
         ----------
@@ -104,8 +105,8 @@ class SeasonLog:
             np.array([self._zeros[n].angles - self._zeros[numbers[0]].angles
                       for n in numbers]).reshape(-1, 2),
             np.array([self._zeros[n].sigma for n in numbers]).reshape(-1, 2),
-            {name: np.array([self._drivers[n][name] for n in numbers]).reshape(-1, 2)
-             for name in DRIVERS})
+            {name: np.array([self._covariates[n][name] for n in numbers]).reshape(-1, 2)
+             for name in COVARIATES})
 
     def expected(self, number):
         """The zero to be expected of a power-on that has begun, from those before it.
@@ -124,7 +125,7 @@ class SeasonLog:
         season = season.select(season.run < number)
         if len(season) < 2:
             return None
-        found = zero_causes(season, self._drivers[number], leave_out=False)['tonight']
+        found = zero_causes(season, self._covariates[number], leave_out=False)['tonight']
         for axis, name in enumerate(AXES):
             if found is not None:
                 found[name]['change_arcsec'] = (
@@ -132,13 +133,13 @@ class SeasonLog:
         return found
 
 
-def drivers_of(told, rows):
+def power_on_covariates(marks, rows):
     """What may move the zero of a power-on, but the time.
 
     Parameters
     ----------
-    told : dict of str to witnesses.Homing
-        By axis, what the encoders say of the mark.
+    marks : dict of str to cross_check.Homing
+        Newest report of the incremental encoder on its mark, by axis.
     rows : PointingRun
         Of this power-on: where an encoder has no thermometer, that of the air counts.
 
@@ -151,13 +152,13 @@ def drivers_of(told, rows):
     air = float(air[np.isfinite(air)][0]) if np.isfinite(air).any() else np.nan
 
     def of(axis, name):
-        value = getattr(told[axis], name) if axis in told else np.nan
+        value = getattr(marks[axis], name) if axis in marks else np.nan
         return float(value)
     warmth = [of(axis, 'temperature') for axis in AXES]
     return {
         'temperature': tuple(warmth if np.isfinite(warmth).all() else (air, air)),
         'supply': tuple(of(axis, 'supply') for axis in AXES),
-        'side': tuple(_SIDES.get(told[axis].side, np.nan) if axis in told else np.nan
+        'side': tuple(_SIDES.get(marks[axis].side, np.nan) if axis in marks else np.nan
                       for axis in AXES),
     }
 
@@ -173,14 +174,15 @@ def season_rows(season):
     -------
     list of dict
         ``run``, ``time`` (UTC s), and of each axis, lists of two, ``zero_arcsec``,
-        ``sigma_arcsec`` and the drivers in the units of `zero_causes.DRIVERS`; None is unknown.
+        ``sigma_arcsec`` and the covariates in the units of `zero_causes.COVARIATES`; None:
+        unknown.
     """
     def pair(values):
         return [float(v) if np.isfinite(v) else None for v in values]
     return [{'run': int(season.run[i]), 'time': float(season.time[i]),
              'zero_arcsec': pair(season.zeros[i] / ARCSEC),
              'sigma_arcsec': pair(season.sigmas[i] / ARCSEC),
-             **{name: pair(values[i]) for name, values in season.drivers.items()}}
+             **{name: pair(values[i]) for name, values in season.covariates.items()}}
             for i in range(len(season))]
 
 
@@ -192,4 +194,4 @@ def season_from_rows(rows):
     return Season(np.array([row['run'] for row in rows], dtype=int),
                   np.array([row['time'] for row in rows], dtype=float),
                   column('zero_arcsec') * ARCSEC, column('sigma_arcsec') * ARCSEC,
-                  {name: column(name) for name in DRIVERS})
+                  {name: column(name) for name in COVARIATES})

@@ -3,6 +3,6 @@
 from .checks import NoUsableRow
 from .csv import iso_utc, write_csv
 from .files import read_run, swap_encoders
-from .table import NoObservations
+from .run_table import NoObservations
 
 __all__ = ['NoObservations', 'NoUsableRow', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']

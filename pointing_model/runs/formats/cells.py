@@ -2,7 +2,7 @@
 
 A row whose cells are not as many as the header's costs that row; most rows of another length, or a
 column twice, the file. Cells are divided by commas, semicolons or tabs, whichever the header has
-most of. What numbers and times cost is in `table.cost_rows`.
+most of. What numbers and times cost is in `run_table.cost_rows`.
 """
 
 import csv
@@ -10,7 +10,7 @@ import re
 
 import numpy as np
 
-from .table import content, is_number
+from .run_table import content, is_number
 
 _BLOCK = 5000  # lines that are split at a time
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
@@ -41,7 +41,7 @@ class Cells:
         path : Path or str
             For messages.
         lines : list of str
-            Of the file, as of `table.read_lines`.
+            Of the file, as of `run_table.read_lines`.
         delimiter : str, optional
             By default that of the header.
 

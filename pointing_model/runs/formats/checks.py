@@ -7,7 +7,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.copies import SAME, copies, written_twice
 from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
 
-from .table import SPECIAL
+from .run_table import SPECIAL
 
 #: observed elevations outside are no observation (90.1: a star past the zenith)
 ELEVATION_LIMITS = (-5.0, 90.1)

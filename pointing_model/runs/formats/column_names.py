@@ -5,7 +5,7 @@ import re
 
 from pointing_model.mount_kinds import MountKind
 
-from .solves import PARITY, SCALE, SIGMA
+from .solve_columns import PARITY, SCALE, SIGMA
 
 _ALIKE = 0.84  # of `difflib`: sigma_az and sigma_az_arcsec without their units, not az_err_deg
 _UNIT = re.compile('_(?:deg|arcsec|c|hpa|s|h)$')

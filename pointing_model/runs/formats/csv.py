@@ -10,17 +10,17 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name
 
-from . import hints, solves, table
+from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
 from .declared import NUMBERS, declarations
-from .table import Table, content, cost_rows, floats, is_number
+from .run_table import Table, content, cost_rows, floats, is_number
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({name: name for name in table.SPECIAL if name != 'lst_told'})
+CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_told'})
 #: of other mounts: their columns, those of a place of the horizon, and the side of the pier
 _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
-_OTHERS = [(names, {**{name: name for name in table.SPECIAL if name != 'lst_told'},
+_OTHERS = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_told'},
                     **{column_name(name, names): name for name in COLUMNS},
                     'pier_side': 'pier_side'})
            for names in KINDS.values() if not (names.vertical or names.two_sided)]
@@ -72,7 +72,7 @@ def read_csv(path, lines, delimiter, encoder=None):
     names, by_header = _names_of(header)
     _require(path, header, encoder, names)
     if not len(cells):
-        raise table.NoObservations(f'{path} has a header row but no observations')
+        raise run_table.NoObservations(f'{path} has a header row but no observations')
     columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
         meta['from_horizon'] = True
@@ -122,7 +122,7 @@ def _take_column(path, table_cells, header_name, cells, columns, meta, by_header
                 int(i): 'is not -1, 0 or 1' for i in np.flatnonzero(
                     ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))}, reasons)
     elif header_name in ('mount', 'telescope'):
-        solves.one_mount(path, numbers, header_name, cells)
+        solve_columns.one_mount(path, numbers, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{column_name(header_name, names)}')
@@ -144,8 +144,8 @@ def _note_near(header_name, header, by_header, names, notes):
 
 def _take_own(path, numbers, header, header_name, cells, columns, meta):
     """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
-    bad = [i for i, cell in enumerate(table.decimal_points(cells))
-           if cell.lower() not in table.UNKNOWN and not is_number(cell)]
+    bad = [i for i, cell in enumerate(run_table.decimal_points(cells))
+           if cell.lower() not in run_table.UNKNOWN and not is_number(cell)]
     said = bad and f'(row {numbers[bad[0]]}: {cells[bad[0]][:40]!r})'
     if 2 * len(bad) > sum(map(bool, cells)):
         meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {said}')
@@ -153,8 +153,8 @@ def _take_own(path, numbers, header, header_name, cells, columns, meta):
     known = np.array(cells, dtype=object)
     known[bad] = ''
     values = floats(path, numbers, header_name, known.tolist())
-    own = table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
-        else table.own_name(header_name, header, meta['notes'])
+    own = run_table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
+        else run_table.own_name(header_name, header, meta['notes'])
     columns[own] = values
     if bad:
         meta['notes'].append(f'column {header_name[:40]!r} is not a number in {len(bad)} of '
@@ -226,10 +226,10 @@ def _run_numbers(cells, meta):
 
 
 def _time(path, numbers, cells, meta, reasons):
-    values = table.seconds_or_iso(path, numbers, 'time', cells, reasons)
+    values = run_table.seconds_or_iso(path, numbers, 'time', cells, reasons)
     if sum(map(is_number, cells)) * 2 > sum(map(bool, cells)):
         _refuse_other_units(path, numbers, values, meta)
-        if np.any(np.abs(values) < table.CLOCK):
+        if np.any(np.abs(values) < run_table.CLOCK):
             meta['time_is_utc'] = False
             meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
     return values

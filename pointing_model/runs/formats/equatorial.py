@@ -9,7 +9,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 
-from .table import Table, cost_rows, floats, is_number, same_width, usual_width
+from .run_table import Table, cost_rows, floats, is_number, same_width, usual_width
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
 PLACES = 14

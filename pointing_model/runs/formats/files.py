@@ -8,15 +8,15 @@ from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun
 
-from . import checks, hints, places, solves
+from . import axis_places, checks, hints, solve_columns
 from .csv import csv_delimiter, read_csv
 from .gpoint import looks_like_gpoint, read_gpoint
 from .images import read_images
 from .iram import looks_like_iram, read_iram
 from .mmt import looks_like_mmt, read_mmt
 from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
-from .table import content, is_number, read_lines
-from .tpoint import looks_like_tpoint, read_tpoint
+from .run_table import content, is_number, read_lines
+from .tpoint_data import looks_like_tpoint, read_tpoint
 from .unam import looks_like_unam, read_unam
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
@@ -119,24 +119,24 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
         _settle_equinox(path, table, equinox)
     mount = _settle_mount(path, table, mount)
     checks.refuse_radians(path, table)
-    solves.take_sigma(table)
-    solves.flag_twice(table)
-    solves.flag_scales(table)
+    solve_columns.take_sigma(table)
+    solve_columns.flag_twice(table)
+    solve_columns.flag_scales(table)
     checks.to_si(columns)
     checks.flag_numbers(table)
-    places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
-    places.mount_ascension(path, table)
+    axis_places.observe_places(path, table, weather, meta['azimuth_origin'], mount)
+    axis_places.mount_ascension(path, table)
     checks.blank_absurd(table)
     if mount.vertical:
         meta.pop('from_horizon', None)
     else:
-        places.to_axes(path, table, mount)
-    places.read_offsets(table)
+        axis_places.to_axes(path, table, mount)
+    axis_places.read_offsets(table)
     if meta['azimuth_origin'] == 'S':
-        places.from_south(columns)
+        axis_places.from_south(columns)
     checks.flag_rows(table, mount)
     if mount.vertical:
-        places.past_zenith(table)
+        axis_places.past_zenith(table)
     checks.derive_approach(table)
     return PointingRun(checks.finish(path, table), meta)
 

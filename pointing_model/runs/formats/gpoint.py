@@ -9,7 +9,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
 from .declared import declarations
-from .table import (
+from .run_table import (
     YEAR_1900,
     YEAR_2100,
     NoObservations,

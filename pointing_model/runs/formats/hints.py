@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from .table import is_number, parse_iso
+from .run_table import is_number, parse_iso
 
 _AXES = {'az': ('az', 'azimuth', 'azi', 'azm'),
          'el': ('el', 'elev', 'elevation', 'alt', 'altitude'),

@@ -16,7 +16,7 @@ from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.run import COLUMNS, column_name
 
 from .declared import declare
-from .table import Table, own_name
+from .run_table import Table, own_name
 
 _SITE_APART = 0.01  # deg: sites of two images
 _TEXT = ('star', 'block', 'run', 'pier_side')

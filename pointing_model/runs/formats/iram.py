@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from .table import Table, cost_rows, floats, is_number, own_name, parse_iso, same_width
+from .run_table import Table, cost_rows, floats, is_number, own_name, parse_iso, same_width
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')

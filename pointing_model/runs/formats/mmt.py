@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .table import Table, is_number
+from .run_table import Table, is_number
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
 _WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs', 'el_abs')}

@@ -9,7 +9,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .table import NoObservations, Table, parse_iso
+from .run_table import NoObservations, Table, parse_iso
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')

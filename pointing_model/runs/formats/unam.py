@@ -7,7 +7,7 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .table import (
+from .run_table import (
     Table,
     content,
     cost_rows,

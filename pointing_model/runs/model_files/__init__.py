@@ -11,7 +11,7 @@ from pathlib import Path
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, told
 
-from . import table
+from . import coefficient_table
 from .indi import INDI
 from .katpoint import KATPOINT
 from .onstepx import ONSTEPX
@@ -19,9 +19,9 @@ from .program import Program
 from .rts2 import RTS2
 from .spk import SPK
 from .tpoint import TPOINT
-from .transfer import Exported, Loss, export, imported, loss_of, of_mount, uniform_sky
+from .transfer import Exported, ExportLoss, export, imported, loss_of, of_mount, uniform_sky
 
-__all__ = ['PROGRAMS', 'Exported', 'Loss', 'ModelFile', 'Program', 'export', 'loss_of',
+__all__ = ['PROGRAMS', 'ExportLoss', 'Exported', 'ImportedModel', 'Program', 'export', 'loss_of',
            'read_model', 'table', 'uniform_sky']
 
 #: by name; in the order in which a file is looked at
@@ -31,7 +31,7 @@ _OURS = ('.json', '.yaml', '.yml')
 
 
 @dataclass
-class ModelFile:
+class ImportedModel:
     """A model that was read.
 
     Attributes
@@ -59,7 +59,7 @@ def read_model(path, mount=ALTAZ):
 
     Returns
     -------
-    ModelFile
+    ImportedModel
 
     Raises
     ------
@@ -74,13 +74,13 @@ def read_model(path, mount=ALTAZ):
         if not mount.vertical and not model.mount.agrees(mount):
             raise ValueError(f'{path} is a model of another mount ({told(model.mount)}) than the '
                              f'one that is meant ({told(mount)})')
-        return ModelFile(model, 'telescope_mount')
+        return ImportedModel(model, 'telescope_mount')
     data = path.read_bytes()
     if not data.strip():
         raise ValueError(f'{path} is empty')
     text = data.decode('utf-8-sig', errors='replace').replace('\r\n', '\n')
-    if table.looks_like(text):
-        return ModelFile(table.read(path, text, mount), table.NAME)
+    if coefficient_table.looks_like(text):
+        return ImportedModel(coefficient_table.read(path, text, mount), coefficient_table.NAME)
     for program in PROGRAMS.values():
         if program.looks_like(text):
             program = of_mount(program, mount)
@@ -90,7 +90,7 @@ def read_model(path, mount=ALTAZ):
             if loss is not None and loss.largest > 1e-3:
                 notes.append(f'{program.title} computes it otherwise by {loss.rms:.3f} arcsec RMS, '
                              f'at most {loss.largest:.3f}, on a uniform sky above 20 degrees')
-            return ModelFile(model, program.name, notes)
+            return ImportedModel(model, program.name, notes)
     raise ValueError(f'{path} is no model file: expected ours (.json, .yaml), a table with name '
                      'and value_arcsec, or one of ' + ', '.join(
                          p.title for p in PROGRAMS.values()))

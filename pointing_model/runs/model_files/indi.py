@@ -16,9 +16,9 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
-from .columns import OF_TERM, on_sky
 from .program import ModelFile, Program
 from .spk import SPK
+from .term_columns import OF_TERM, on_sky
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
 _TERMS = {'IA': 1, 'IE': -1, 'AN': 1, 'AW': 1, 'CA': 1, 'TF': 1}

@@ -12,8 +12,8 @@ import numpy as np
 
 from msg_tools.units import DEG
 
-from .columns import column, summed
 from .program import ModelFile, Program, number_of
+from .term_columns import column, summed
 
 _A, _E = (lambda f, k=1: (f, 'A', k)), (lambda f, k=1: (f, 'E', k))
 #: name -> (column, sign, what katpoint says of it)

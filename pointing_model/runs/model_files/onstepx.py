@@ -14,8 +14,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .columns import OF_TERM, TERM_OF, column, summed
 from .program import ModelFile, Program, number_of
+from .term_columns import OF_TERM, TERM_OF, column, summed
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
 #: number of the command -> its name there

@@ -9,7 +9,7 @@ import numpy as np
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 
-from .columns import summed
+from .term_columns import summed
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     from pointing_model.effects import effect
     from pointing_model.fitted_effects import FittedEffect
 
-    from .columns import TERM_OF
+    from .term_columns import TERM_OF
     if not mount.vertical:
         return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
             [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)

@@ -12,8 +12,8 @@ from dataclasses import replace
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .columns import OF_TERM, column
 from .program import ModelFile, Program, first_order, number_of
+from .term_columns import OF_TERM, column
 
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),

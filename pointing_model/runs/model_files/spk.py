@@ -14,8 +14,8 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ, is_beyond
 
-from .columns import OF_TERM
 from .program import ModelFile, Program, number_of
+from .term_columns import OF_TERM
 
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
 _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),

@@ -21,7 +21,6 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.terms import terms_of
 
-from .columns import OF_TERM, column, summed
 from .program import (
     ModelFile,
     Program,
@@ -31,6 +30,7 @@ from .program import (
     rotations,
 )
 from .spk import SPK
+from .term_columns import OF_TERM, column, summed
 
 #: our coefficient for a unit of TPOINT's, of the terms with a name of their own
 _NAMED = {'IA': 1, 'IE': -1, 'CA': 1, 'NPAE': 1, 'AN': 1, 'AW': 1, 'TF': 1, 'TX': 1, 'ECES': -1,

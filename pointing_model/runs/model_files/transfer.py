@@ -10,8 +10,8 @@ from pointing_model.effects.product import RESULTS, written
 from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.terms import stacked_design
 
-from .columns import OF_TERM, TERM_OF, of_model, on_sky
 from .program import Program, Sheet, model_of, rotations
+from .term_columns import OF_TERM, TERM_OF, of_model, on_sky
 
 #: a loss below is none, arcsec
 HELD = 1e-3
@@ -26,7 +26,7 @@ _LOWEST = np.radians(20.0)
 
 
 @dataclass(frozen=True)
-class Loss:
+class ExportLoss:
     """How far two models are apart on a sky, arcsec on the sky."""
 
     rms: float
@@ -73,15 +73,15 @@ def loss_of(target, program, values, sky):
 
     Returns
     -------
-    Loss
+    ExportLoss
     """
     encoder = program.encoder if isinstance(program, Program) else program
     left = apart(target, encoder(values, sky.az, sky.el), sky.el) / ARCSEC
     good = np.isfinite(left).all(axis=0)
     size = np.hypot(*left[:, good])
     if not good.any():
-        return Loss(float('nan'), float('nan'), 0, len(sky))
-    return Loss(float(np.sqrt(np.mean(size**2))), float(size.max()), int(good.sum()),
+        return ExportLoss(float('nan'), float('nan'), 0, len(sky))
+    return ExportLoss(float(np.sqrt(np.mean(size**2))), float(size.max()), int(good.sum()),
                 int((~good).sum()))
 
 
@@ -96,9 +96,9 @@ class Exported:
         Of the file.
     terms : dict of str to float
         As they stand in it, radians or plain numbers: see `listed`.
-    direct, loss : Loss
+    direct, loss : ExportLoss
         With the terms taken over by name alone, and as they are in the file.
-    elsewhere : Loss or None
+    elsewhere : ExportLoss or None
         As `loss` on a uniform sky, of what follows the direction; None where that is the sky.
     refitted : bool
         Whether the values are of a refit.
@@ -115,9 +115,9 @@ class Exported:
     program: Program
     text: str
     terms: dict
-    direct: Loss
-    loss: Loss
-    elsewhere: Loss | None
+    direct: ExportLoss
+    loss: ExportLoss
+    elsewhere: ExportLoss | None
     refitted: bool
     added: list
     left: list
@@ -367,7 +367,7 @@ def imported(program, found, source=''):
     Returns
     -------
     model : PointingModel
-    loss : Loss or None
+    loss : ExportLoss or None
         Of ours to what the program computes, where ours had to be fitted to it.
     """
     values = _by_column(program, found.terms)

@@ -264,7 +264,7 @@ def _number(name, value):
 
 
 def _time(header, names, values):
-    from pointing_model.runs.formats.table import YEAR_1900, YEAR_2100, parse_iso
+    from pointing_model.runs.formats.run_table import YEAR_1900, YEAR_2100, parse_iso
     system = str(header.get('TIMESYS', 'UTC')).strip().upper()
     if system not in ('', 'UTC', 'UT'):
         raise NotThere(f'TIMESYS is {system[:20]}, not UTC')

@@ -9,8 +9,8 @@ from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
 from ..indi.indi_mount_node import IndiMount
-from .driver import AlpacaDriver
-from .params import SERVER_PARAMS
+from .alpaca_driver import AlpacaDriver
+from .alpaca_params import SERVER_PARAMS
 
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,

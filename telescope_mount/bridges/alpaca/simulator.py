@@ -15,8 +15,8 @@ from ..indi.pointing import HOUR
 from ..indi.simulating import simulate
 from ..indi.two_axes import TwoAxes, draw_errors
 from . import PORT
-from .server import AlpacaServer
-from .telescope import KINDS, TRUE_PLACE
+from .alpaca_server import AlpacaServer
+from .alpaca_telescope import KINDS, TRUE_PLACE
 
 
 class SimulatedTelescope(AlpacaServer):

@@ -46,7 +46,7 @@ class GotoMount:
     What blocks is done by a thread of its own; `step` is called often, by one thread. Who speaks
     a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
     ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
-    ``parked``, ``goto``, ``abort`` and ``prepare`` as `telescope.IndiTelescope` has them.
+    ``parked``, ``goto``, ``abort`` and ``prepare`` as `indi_telescope.IndiTelescope` has them.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ class GotoMount:
     # --- readings -----------------------------------------------------------------------------
 
     def take(self, tick):
-        """A `telescope.Tick`, in the thread of the connection."""
+        """A `indi_telescope.Tick`, in the thread of the connection."""
         with self._lock:
             if tick.stamp > self._told:
                 self._told = tick.stamp

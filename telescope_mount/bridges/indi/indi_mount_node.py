@@ -13,9 +13,9 @@ from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .driver import MountDriver
 from .goto_mount import BridgeError
-from .params import SERVER_PARAMS
+from .indi_driver import MountDriver
+from .indi_params import SERVER_PARAMS
 from .pointing import check_kind
 
 PARAMS = (

@@ -15,9 +15,9 @@ from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .params import SERVER_PARAMS
+from .indi_params import SERVER_PARAMS
+from .indi_sources import SolvedSky, TrueSky
 from .seen import StarField
-from .sources import SolvedSky, TrueSky
 
 #: of what is looked at, whoever tells it
 FIELD_PARAMS = (
@@ -61,7 +61,7 @@ class IndiSky(ManagedNode):
         self.every(0.05, self._expose)
 
     def make_source(self, field):
-        """That of the parameters, a `sources.Source`."""
+        """That of the parameters, a `indi_sources.Source`."""
         value = self.value
         where = value('host'), value('port'), field
         if not value('camera'):

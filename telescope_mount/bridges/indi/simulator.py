@@ -12,10 +12,10 @@ from pointing_model.sky.places import DEFAULT_SITE
 
 from . import PORT
 from .client import IndiClient
-from .server import DEVICE, SimulatorServer
+from .indi_server import DEVICE, SimulatorServer
+from .indi_telescope import IndiTelescope
 from .simulating import simulate
 from .survey import draw_model, set_model
-from .telescope import IndiTelescope
 from .two_axes import TwoAxes, draw_errors
 from .two_axes_server import TwoAxesServer
 

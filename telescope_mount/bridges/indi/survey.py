@@ -75,7 +75,7 @@ class Survey:
         self._news, self._ticks = threading.Condition(), []
 
     def take(self, tick):
-        """As `tick` of `telescope.Ticks`."""
+        """As `tick` of `indi_telescope.Ticks`."""
         with self._news:
             self._ticks.append(tick)
             self._news.notify_all()

@@ -11,8 +11,8 @@ from xml.etree.ElementTree import ParseError, XMLPullParser
 
 from msg_tools.units import DEG
 
+from .indi_server import TWO_AXES
 from .pointing import HOUR
-from .server import TWO_AXES
 
 DEVICE = 'Two-Axis Simulator'
 #: s between two readings

@@ -65,17 +65,18 @@ def test_a_choice_comes_back_from_parameters_and_reports():
     assert choice_of({}) == choice_of_report(None) == choice_of_report({}) == HarmonicChoice()
     rows = observed(harmonic_mount('printed', 2))
     for wanted in (choice, HarmonicChoice('printed', True)):
-        _, section = fit_chosen(rows, wanted, ALONE)
+        _, section, _ = fit_chosen(rows, wanted, ALONE)
         assert choice_of_report({'harmonics': section}) == wanted
 
 
 def test_what_few_stars_do_not_determine_is_left_out_unless_it_is_asked_for():
     rows = observed(harmonic_mount('printed'), 30)
-    damped, whole = (fit_chosen(rows, HarmonicChoice('printed', True, 4, rcond), ALONE)[1]
-                     for rcond in (1e-4, 1e-12))
+    (_, damped, lost), (_, whole, none) = (
+        fit_chosen(rows, HarmonicChoice('printed', True, 4, rcond), ALONE)
+        for rcond in (1e-4, 1e-12))
     assert damped['rank'] < whole['rank'] == 26
-    assert any('do not determine' in note for note in damped['notes'])
-    assert not any('do not determine' in note for note in whole['notes'])
+    assert any(found.kind == 'open direction' for found in lost)
+    assert not any(found.kind == 'open direction' for found in none)
     assert any(row['sigma_arcsec'] is None for row in damped['coefficients'])
     assert all(row['sigma_arcsec'] is not None for row in whole['coefficients'])
     assert choice_of_report({'harmonics': whole}).rcond == 1e-12
@@ -146,19 +147,20 @@ def test_cross_validation_finds_the_degree_and_the_reading():
     best = min(tried['choices'], key=lambda one: one['radial'])
     assert (best['harmonics'], best['alone']) == ('printed', False)
     assert best['radial'] < 2.0 < 3.0 < tried['choices'][0]['radial']  # terms alone
-    fitted, section = fit_chosen(rows, HarmonicChoice('printed'), ALONE)
+    fitted, section, findings = fit_chosen(rows, HarmonicChoice('printed'), ALONE)
     assert section['degree'] == best['degree'] >= 2
-    assert section['degree_by'] == 'cross-validation' and section['notes'] == []
+    assert section['degree_by'] == 'cross-validation' and not findings
     assert fitted.model.harmonics.degree == best['degree']
     assert [row['name'] for row in section['coefficients']] == list(names_of(best['degree']))
 
 
 def test_a_better_model_is_named_and_the_one_that_was_asked_for_is_made():
-    fitted, section = fit_chosen(observed(PointingModel(TERMS)),
-                                 HarmonicChoice('zenith', True, 3), ALONE)
+    fitted, section, findings = fit_chosen(observed(PointingModel(TERMS)),
+                                           HarmonicChoice('zenith', True, 3), ALONE)
     assert (section['degree'], section['degree_by']) == (3, 'parameter')
     assert fitted.model.terms == {} and fitted.model.harmonics.degree == 3
-    assert any('cross-validation prefers another model: 7 terms' in n for n in section['notes'])
+    (better,) = findings
+    assert better.kind == 'better model' and better['best'].startswith('7 terms')
 
 
 def test_stars_observed_twice_are_left_out_together():
@@ -179,9 +181,9 @@ def test_too_few_stars_say_what_to_do(choice):
 
 
 def test_too_few_stars_to_leave_some_out_are_a_note():
-    _, section = fit_chosen(observed(PointingModel(TERMS), 14, noise=0.1),
-                            HarmonicChoice('zenith', True, 4), ALONE)
-    assert any('not cross-validated' in note for note in section['notes'])
+    findings = fit_chosen(observed(PointingModel(TERMS), 14, noise=0.1),
+                          HarmonicChoice('zenith', True, 4), ALONE)[-1]
+    assert any(found.kind == 'not cross-validated' for found in findings)
 
 
 @pytest.mark.parametrize('alone', [True, False])

@@ -8,14 +8,14 @@ import pytest
 from sides import MOUNT, NAMES, a_run
 
 from calibration.analysis.sky_model import CHANCE, origin_of_errors
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import offsets_and_jacobian
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.mounts import Mount, is_beyond, through_pole
 from pointing_model.rms import rms
-from pointing_model.runs.model_files import PROGRAMS, export, table
+from pointing_model.runs.model_files import PROGRAMS, coefficient_table, export
 from pointing_model.runs.run import PointingRun
 
 
@@ -104,7 +104,7 @@ def fitted(run):
     """A session that has the run as a night, its model and report."""
     rows = len(run)
     run.columns |= {'star': np.arange(rows), 'run': np.ones(rows), 'time': 1.8e9 + np.arange(rows)}
-    session = CalibrationSession()
+    session = CalibrationState()
     session.add(run, 1)
     return session, *session.fit()
 
@@ -119,7 +119,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     assert rms(*model.residuals(run)) < 2.0 * ARCSEC  # of rows that do not know whose errors are
     assert session.diagnose().model.mount.on_sky
     # a calibration that begins again takes it up with the model in force
-    again = CalibrationSession()
+    again = CalibrationState()
     again.take_up(model)
     again.add(run, 1)
     assert again.observations().mount.on_sky
@@ -129,9 +129,9 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     assert loaded.mount == model.mount
     other = replace(model, mount=MOUNT)
     assert identity(other.to_json()) != identity(model.to_json())
-    text = table.write(model, 'a model')
-    np.testing.assert_array_equal(table.read('a.csv', text, MOUNT).sky_to_encoder(1.0, 2.0),
-                                  loaded.sky_to_encoder(1.0, 2.0))
+    text = coefficient_table.write(model, 'a model')
+    again = coefficient_table.read('a.csv', text, MOUNT)
+    np.testing.assert_array_equal(again.sky_to_encoder(1.0, 2.0), loaded.sky_to_encoder(1.0, 2.0))
     for name in ('tpoint', 'spk', 'onstepx', 'rts2'):
         export(other, PROGRAMS[name])
         with pytest.raises(ValueError, match='act on the sky, the same on both sides'):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.estimation.comparison import judge
+from calibration.report.fit_wording import comparison_sentence
 from msg_tools.units import ARCSEC
 
 RNG = np.random.default_rng(7)
@@ -24,7 +25,7 @@ def test_a_worse_model_is_seen_and_a_better_one_let_through():
     assert sum(not found.holds for found in better) <= 3
     assert all(set(found.worse) <= {'el', 'radial'} for found in worse)
     one = worse[0]
-    assert one.rows == 30 and 'rows that it has not seen' in one.sentence()
+    assert one.rows == 30 and 'rows that it has not seen' in comparison_sentence(one)
     assert one.to_dict()['radial']['after_arcsec'] == one.radial.after
 
 
@@ -65,7 +66,8 @@ def test_the_figures_told_are_of_whole_residuals():
     for one, told in ((wrong, found.radial.before), (right, found.radial.after)):
         assert told == pytest.approx(np.sqrt(np.mean(np.sum(one**2, axis=0))) / ARCSEC)
     assert found.el.before == pytest.approx(np.sqrt(np.mean(wrong[1]**2)) / ARCSEC)
-    assert f'{found.radial.before:.2f} -> {found.radial.after:.2f} arcsec' in found.sentence()
+    figures = f'{found.radial.before:.2f} -> {found.radial.after:.2f} arcsec'
+    assert figures in comparison_sentence(found)
     assert found.holds and not judge(right, wrong).holds
 
 

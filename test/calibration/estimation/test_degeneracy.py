@@ -8,7 +8,8 @@ from places import CASES
 
 from calibration.analysis import diagnosis
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document
+from calibration.analysis.run_fit import fit_run
+from calibration.report.fit_document import fit_document
 from calibration.report.tables import fit_tables
 from calibration.rows import usable
 from msg_tools.units import ARCSEC, DEG
@@ -88,13 +89,13 @@ def test_a_healthy_run_and_a_field_of_five_degrees_determine_every_term():
 def test_what_is_undetermined_is_said_everywhere_and_read_back():
     run = run_at(np.full(60, 50.0))
     fit = fit_terms(run)
-    document = fit_document(run, fit)
+    document = fit_document(fit_run(run))
     assert [row['name'] for row in document['terms'] if row.get('undetermined')] == [
         'IA', 'IE', 'CA', 'NPAE', 'TF']
     assert all(pair['terms'] == ['AW', 'AN'] for pair in document['correlations'])
     assert not any('TF, the bending' in note for note in document['notes'])
     assert 'undetermined by these stars: IA, IE, CA, NPAE, TF' in ' '.join(document['notes'])
-    assert any('undetermined by these stars' in str(line) for line in fit_tables(run, fit))
+    assert any('undetermined by these stars' in str(line) for line in fit_tables(fit_run(run)))
     again = PointingModel.from_json(fit.model.to_json())
     assert again.to_json() == fit.model.to_json()
     assert again.undetermined == ('IA', 'IE', 'CA', 'NPAE', 'TF')
@@ -117,7 +118,7 @@ def test_diagnosis_claims_nothing_of_undetermined_terms():
     result = diagnosis.diagnose(run_at(np.full(40, 50.0)), flips=99, cross_validation=False)
     assert result.model.undetermined == ('IA', 'IE', 'CA', 'NPAE', 'TF')
     assert not result.unphysical and not result.effects
-    assert any('undetermined by these stars' in note for note in result.notes)
+    assert any(note.kind == 'undetermined terms' for note in result.notes)
 
 
 def test_one_sigma_far_below_the_others_is_taken_as_a_fifth_of_the_median():
@@ -132,7 +133,7 @@ def test_one_sigma_far_below_the_others_is_taken_as_a_fifth_of_the_median():
         (raised,) = fit.raised
         assert (raised['row'], raised['axis']) == (7, 'x')
         assert raised['taken'] == pytest.approx(0.1 * ARCSEC)
-        assert any('row 7: sigma x' in note for note in fit_document(run, fit)['notes'])
+        assert any('row 7: sigma x' in note for note in fit_document(fit_run(run))['notes'])
 
 
 def test_many_small_sigmas_are_an_instrument_and_one_that_cannot_be_costs_its_row():

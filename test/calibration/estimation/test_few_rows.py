@@ -4,8 +4,10 @@ import pytest
 from noisy_run import TRUTH, make_run
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document, told_entries, told_lines
+from calibration.analysis.run_fit import fit_run
 from calibration.estimation.few_rows import interval_factor, kept_rows
+from calibration.report.fit_document import fit_document
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.terms import PHYSICAL, stacked_design
 
@@ -77,13 +79,16 @@ def test_what_was_rejected_and_how_few_rows_are_is_told():
     run['el_enc'][3] += 60 * ARCSEC
     fit = fit_terms(run)
     assert fit.rejected.tolist() == [3]
-    document = fit_document(run, fit)
+    document = fit_document(fit_run(run))
     assert document['degrees_of_freedom'] == 2 * 8 - 7
     assert [(one['row'], one['star']) for one in document['outliers']] == [(3, 103)]
     assert all(0 < term['degrees_of_freedom'] < 9 for term in document['terms'])
     assert document['terms'][6]['within95_arcsec'] > 2.2 * document['terms'][6]['sigma_arcsec']
-    assert told_entries(run, fit)['outliers'][0]['y_arcsec'] == pytest.approx(60, abs=8)
-    rejected, few = told_lines(run, fit)
-    assert rejected.startswith('star 103 at 13:00:00 UTC is rejected: ') and '9 degrees' in few
-    assert 'may be among them' in told_lines(run, fit_terms(run.select(slice(0, 5))))[-1]
-    assert told_entries(run, fit_terms(make_run(np.random.default_rng(6), 40))) == {}
+    rejected, = fit.rejected_stars(run)
+    assert rejected['y_arcsec'] == pytest.approx(60, abs=8)
+    assert wording(rejected).startswith('star 103 at 13:00:00 UTC is rejected: ')
+    few, = fit.freedom_findings
+    assert '9 degrees' in wording(few)
+    assert 'may be among them' in wording(fit_terms(run.select(slice(0, 5))).freedom_findings[-1])
+    many = fit_terms(make_run(np.random.default_rng(6), 40))
+    assert many.freedom_findings == many.rejected_stars(run) == []

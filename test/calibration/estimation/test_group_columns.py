@@ -1,22 +1,21 @@
 """Zeros of groups in closed form, against the columns that they stand for."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scipy.special import stdtr
 
-from calibration.analysis.encoders import cross_check_noise as witness_noise
-from calibration.analysis.encoders.cross_check_noise import (
-    Colour,
-    colour_of,
-    restricted_coloured,
-    strongest,
-)
 from calibration.analysis.fit import fit_harmonics, fit_terms
 from calibration.estimation import least_squares
-from calibration.estimation.group_columns import GroupColumns, Moves
+from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.least_squares import weighted_solve
-from calibration.estimation.step_scan import clipped, robust_fit, scan
+from calibration.estimation.markov_noise import neighbour_noise
+from calibration.estimation.step_scan import (
+    LocalColumns,
+    clipped,
+    detect,
+    probabilities_by_chance,
+    robust_fit,
+)
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -45,7 +44,7 @@ def whole(design):
 def moves():
     steps = np.tri(ROWS)[:, 2:-2]
     blocks = [(np.flatnonzero(run == RUN), steps) for run in range(RUNS)]
-    return Moves(N, blocks, [(run, n) for run in range(RUNS) for n in range(steps.shape[1])])
+    return LocalColumns(N, blocks, [(run, n) for run in range(RUNS) for n in range(steps.shape[1])])
 
 
 def test_robust_fits_are_those_of_all_columns():
@@ -59,59 +58,50 @@ def test_robust_fits_are_those_of_all_columns():
     assert clipped(design, y) == pytest.approx(clipped(whole(design), y), abs=1e-8)
 
 
-def test_candidates_by_group_are_those_of_all_rows():
-    design, y, step = simulated(2)
-    for one, other in zip(scan(design, y + step, moves()),
-                          scan(whole(design), y + step, moves().dense())):
-        assert one == pytest.approx(other, rel=1e-7, abs=1e-12)
+def alone(design):
+    """The same columns, none of them of a group."""
+    return GroupColumns(np.zeros(N, int), np.zeros(N), whole(design))
 
 
-def test_what_moved_is_found_alike():
+def test_what_moved_is_found_as_by_all_columns():
     design, y, step = simulated(3)
-    y = clipped(design, y)
-    found, other = (strongest(base, y + 3.0 * step, steps, 0.01, RUN) for base, steps in (
-        (design, moves()), (whole(design), moves().dense())))
-    assert moves().about[found.place][0] == 12 and found.place == other.place
-    assert found[1:] == pytest.approx(other[1:], rel=1e-5)
+    y = y + 3.0 * step
+    p = probabilities_by_chance(design, y, moves(), 0.0)
+    columns = whole(design)
+    for place in (10, 12 * 5 + 2, 100):
+        full = np.column_stack([columns, moves().column(place)])
+        rank = np.linalg.matrix_rank(full)
+        rss, less = (np.sum(np.square(y - one @ np.linalg.lstsq(one, y, rcond=1e-7)[0]))
+                     for one in (full, columns))
+        t = np.sqrt((less - rss) / rss * (N - rank))
+        assert p[place] == pytest.approx(2.0 * stdtr(N - rank, -t), rel=1e-6)
+    found = detect(design, y, moves(), 0.01, RUN, 0.0)
+    assert moves().labels[found.place][0] == 12
+    assert found.amount == pytest.approx(18.0, abs=4.0 * found.sigma)
     assert moves().column(found.place) == pytest.approx(moves().dense()[:, found.place])
 
 
-def test_likelihoods_of_correlated_rows_are_those_of_all_columns():
+def test_noise_of_groups_is_that_of_all_columns():
     design, y, _ = simulated(4)
-    rho = np.where(np.arange(N) % ROWS, 0.6, 0.0)
-    own, full = (restricted_coloured(one, y, rho) for one in (design, whole(design)))
-    assert own == pytest.approx(full, rel=1e-9)
-    white = moves().white(Colour(rho)).dense()
-    assert white == pytest.approx(Colour(rho).white(moves().dense()), abs=1e-12)
-
-
-def test_many_correlations_at_once_are_those_one_by_one(monkeypatch):
-    design, y, _ = simulated(6)
-    y[1:] += 0.5 * y[:-1]
-    rho = np.array([[0.0], [0.3], [0.6]]) * (np.arange(N) % ROWS > 0)
-    for one in (design, whole(design)):
-        assert restricted_coloured(one, y, rho) == pytest.approx(
-            [restricted_coloured(one, y, each) for each in rho], rel=1e-12)
-        assert restricted_coloured(one, y, rho[:1]).shape == (1,)
-    found = colour_of(design, y, RUN)
-    assert found.most > 0.2
-    monkeypatch.setattr(witness_noise, '_AT_ONCE', 1)  # each by itself
-    assert np.array_equal(colour_of(design, y, RUN).rho, found.rho)
+    y[::31] -= 100.0
+    for k in range(1, N):
+        y[k] += 0.5 * y[k - 1] * (RUN[k] == RUN[k - 1])
+    own, full = (neighbour_noise(one, y, RUN) for one in (design, alone(design)))
+    assert own.neighbour == pytest.approx(full.neighbour) and own.neighbour > 0.2
+    assert own.memory[0].gain == pytest.approx(full.memory[0].gain, rel=1e-6)
+    white = moves().whitened(own).dense()
+    assert white == pytest.approx(own.whiten(moves().dense().T).T, abs=1e-9)
 
 
 def test_a_column_that_depends_on_others_changes_no_likelihood():
     """Rounding leaves a direction of it, which is none."""
     design, y, _ = simulated(5)
-    rho = np.where(np.arange(N) % ROWS, 0.4, 0.0)
-    twice = np.insert(design.rest, 1, design.rest[:, 0] * np.pi, axis=1)
-    assert restricted_coloured(replace(design, rest=twice), y, rho) == pytest.approx(
-        restricted_coloured(design, y, rho), abs=1e-6)
-
-
-def test_candidates_that_are_wanted():
-    some = moves().only(lambda about: about[1] == 1)
-    assert len(some) == RUNS and some.column(7) == pytest.approx(
-        moves().column(moves().about.index((7, 1))))
+    for k in range(1, N):
+        y[k] += 0.5 * y[k - 1] * (RUN[k] == RUN[k - 1])
+    twice = GroupColumns(design.group, design.own,
+                         np.insert(design.rest, 1, design.rest[:, 0] * np.pi, axis=1))
+    assert neighbour_noise(twice, y, RUN).memory[0].gain == pytest.approx(
+        neighbour_noise(design, y, RUN).memory[0].gain, abs=1e-6)
 
 
 def test_products_and_solutions_are_those_of_the_columns():

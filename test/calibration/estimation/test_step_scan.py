@@ -1,13 +1,16 @@
 import numpy as np
 import pytest
 
+from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.step_scan import (
+    LocalColumns,
     clipped,
+    detect,
     evidence,
     log_normal,
     probabilities,
+    probabilities_by_chance,
     robust_fit,
-    scan,
 )
 
 
@@ -43,23 +46,56 @@ def test_dependent_columns_share_and_too_few_rows_are_refused():
         robust_fit(np.eye(2), np.ones(2))
 
 
-def test_scan_finds_the_step_with_its_size():
+def one_run(columns):
+    """A zero, and columns beside it, of one power-on."""
+    return GroupColumns.of(np.zeros(len(columns)), rest=columns)
+
+
+def local(columns):
+    return LocalColumns(len(columns), [(np.arange(len(columns)), columns)],
+                        list(range(columns.shape[1])))
+
+
+def test_a_step_is_found_with_its_size():
     rng = np.random.default_rng(6)
-    columns = np.tri(60)[:, 3:-3][::-1]  # steps down, at every place
+    columns = np.tri(60)[:, 3:-3]  # at every place
     y = line() @ [3.0, -2.0] + rng.normal(size=60) + 5.0 * columns[:, 20]
-    found = scan(line(), y, columns)
-    best = int(np.argmin(found.probability))
-    assert abs(best - 20) <= 1
-    assert found.amount[20] == pytest.approx(5.0, abs=3.0 * found.sigma[20])
-    assert found.probability[best] < 1e-8
+    found = detect(one_run(line()[:, 1:]), y, local(columns), 1e-3, np.zeros(60), 0.0)
+    assert abs(found.place - 20) <= 1 and found.probability < 1e-6
+    assert found.amount == pytest.approx(5.0, abs=3.0 * found.sigma)
 
 
-def test_scan_by_chance_is_uniform_and_what_is_there_already_is_none():
+def test_chance_is_uniform_and_what_is_there_already_is_none():
     rng = np.random.default_rng(7)
-    column = (np.arange(25) > 11).astype(float)[:, None]
-    p = [scan(line(25), rng.normal(size=25), column).probability[0] for _ in range(2000)]
+    design, column = one_run(line(25)[:, 1:]), (np.arange(25) > 11).astype(float)[:, None]
+    p = [probabilities_by_chance(design, rng.normal(size=25), local(column), 0.0)[0]
+         for _ in range(2000)]
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=0.015)
-    assert scan(line(25), rng.normal(size=25), line(25)).probability == pytest.approx([1.0, 1.0])
+    assert probabilities_by_chance(design, rng.normal(size=25), local(line(25)),
+                                   0.0) == pytest.approx([1.0, 1.0])
+
+
+N = 80
+BASE = one_run(np.cos(np.arange(N) * 2.4)[:, None])
+STEPS = np.array([np.arange(N) >= k for k in range(3, N - 2)], float).T
+
+
+def ar1(rng, rho, n=N):
+    out = rng.normal(size=n)
+    for k in range(1, n):
+        out[k] = rho * out[k - 1] + np.sqrt(1.0 - rho**2) * out[k]
+    return out
+
+
+def test_chance_is_what_it_says_for_rows_that_resemble_their_neighbours():
+    rng = np.random.default_rng(4)
+
+    def found(y):
+        return detect(BASE, y, local(STEPS), 0.001, np.zeros(N), 0.0)
+    assert sum(found(ar1(rng, 0.6)) is not None for _ in range(200)) <= 2
+    step = found(ar1(rng, 0.6) + 8.0 * STEPS[:, 40])
+    assert abs(step.place - 40) <= 1 and step.amount == pytest.approx(8.0, abs=4 * step.sigma)
+    assert found(rng.normal(size=N) + 2.5 * STEPS[:, 30])
 
 
 def test_evidence_is_the_marginal_likelihood():

@@ -1,12 +1,10 @@
 """What is said of figures, of proposals and of what was found."""
 
-from types import SimpleNamespace
 
 import pytest
 from documents import CAUSES, contended, document
 from places import ROOT
 
-from calibration.analysis.diagnosis.residual_correlation import _like
 from calibration.report.diagnosis_words import figures_sentence, told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
 from calibration.report.method_words import (
@@ -23,6 +21,7 @@ from calibration.report.method_words import (
     spread_sentence,
     way,
 )
+from calibration.report.noise_wording import explanation
 from calibration.report.page_parts import said
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
@@ -32,8 +31,8 @@ from pointing_model.runs.formats.mmt import _WANTED as WANTED
 
 def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
     def like(*effects):
-        return _like(SimpleNamespace(like=[SimpleNamespace(effect=lambda _, e=e: e)
-                                           for e in effects]), None)
+        return explanation([{'cause': e.cause_told, 'driver': e.driver,
+                             'curve': e.kind == 'smooth'} for e in effects])
     step = effect('step', axis='az', at=5.0)
     assert like(step) == f'"{step.cause_told}"'
     many = [step, effect('nod', order=2), effect('encoder', axis='az', order=3),

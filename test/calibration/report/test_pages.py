@@ -15,9 +15,9 @@ from chromium import Browser, program
 from places import LOG, ROOT
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.fit import fit_terms
-from calibration.analysis.fit_document import fit_document
+from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import write_report
+from calibration.report.fit_document import fit_document
 from calibration.report.fit_page import write_fit_page
 from calibration.report.log_health import log_health
 from calibration.report.log_page import write_page_of_log
@@ -32,7 +32,6 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 EVIL = '"><script>document.title="taken"</script><img src=x onerror=alert(2)>\x07\u202e'
 WIDTHS = (400, 1000, 1600)
@@ -70,10 +69,10 @@ def measured(n, runs=1, seed=1):
 def fitted(tmp_path_factory):
     """The page of a fit to the 1044 rows of a large run."""
     run = measured(1044, 5)
-    result = fit_terms(run, PHYSICAL)
-    document = fit_document(run, result)
+    found = fit_run(run)
+    document = fit_document(found)
     path = tmp_path_factory.mktemp('fit') / 'page.html'
-    write_fit_page(path, run, result, document)
+    write_fit_page(path, found, document)
     return SimpleNamespace(path=path, document=document, text=path.read_text(encoding='utf-8'))
 
 
@@ -120,7 +119,7 @@ def test_what_became_of_each_row_is_told(night):
     assert list(late.words).count('came after the fit') == 1
 
 
-def test_each_witness_says_its_zero(night):
+def test_zeros_by_the_sky_and_by_the_encoders(night):
     first, second = zeros_of(night.report, night.run)
     for axis, moved in (('az', 20.0), ('el', -12.0)):
         assert second[axis]['measured'] - first[axis]['measured'] == pytest.approx(moved, abs=2.0)

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_counts import left_out_lines
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.run_fit import fit_run
+from calibration.calibration_state import CalibrationState
+from calibration.report.row_wording import left_out_lines
 from calibration.report.tables import fit_tables, night_tables, terms_table
-from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
@@ -24,7 +24,7 @@ def run(n=40, number=1, star=None, zero=0.0, seed=0):
 
 @pytest.fixture(scope='module')
 def night():
-    session = CalibrationSession()
+    session = CalibrationState()
     drift = 20 * ARCSEC
     for stamp, block in enumerate((
             run(seed=1), run(6, star=POLARIS_HIP, seed=2), run(6, 2, POLARIS_HIP, drift, seed=3),
@@ -75,7 +75,7 @@ def test_nothing_is_cut_on_a_pipe(night):
 
 
 def test_a_night_without_zeros_has_no_table_of_them():
-    session = CalibrationSession()
+    session = CalibrationState()
     session.add(run(), 1)
     titles = [str(table.title) for table in night_tables(session.fit()[1])]
     assert not any('Zero' in title or 'External' in title for title in titles)
@@ -95,8 +95,7 @@ def test_fit_tables_say_what_was_left_out_and_what_is_uncertain():
     narrow = rows.select(np.arange(60))
     narrow.columns['az'] = 1.0 + 0.05 * narrow['az']
     narrow.columns['az_enc'] = narrow['az'] + (rows['az_enc'] - rows['az'])
-    result = fit_terms(narrow)
-    text = text_of(fit_tables(narrow, result))
+    text = text_of(fit_tables(fit_run(narrow)))
     assert 'row 3 left out: a cloud' in text
     assert 'note: in two files' in text
     assert 'correlations above 0.9: ' in text

@@ -6,11 +6,13 @@ import pytest
 from documents import CAUSES, document
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
-from calibration.analysis.diagnosis.raw_errors import as_read_sentence
-from calibration.analysis.term_notes import notes_of_terms, said_of_term, suspicious
+from calibration.analysis.diagnosis.implausible_terms import refraction_in_place, suspicious
+from calibration.analysis.run_fit import implausible_values
 from calibration.report.diagnosis_words import told_verdict, verdict_sentences
 from calibration.report.effect_words import EffectTold
+from calibration.report.fit_wording import implausible_term
+from calibration.report.raw_error_wording import raw_error_sentence
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.run import PointingRun
@@ -28,13 +30,13 @@ def test_what_the_errors_as_read_consist_of(kind, values, said):
             for name, v in zip(KINDS[kind].physical, values)]
     told = document(CAUSES, mount=kind, as_read_rms_arcsec=850.0, as_read_terms=sorted(
         rows, key=lambda row: -row['rms_arcsec']))
-    assert as_read_sentence({**told, 'effects': []}) == said
+    assert raw_error_sentence({**told, 'effects': []}) == said
     said += ' These values are of the terms fitted alone, without the effect.'
-    assert as_read_sentence(told) == said
-    assert as_read_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
+    assert raw_error_sentence(told) == said
+    assert raw_error_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
     assert told_verdict(told, [EffectTold('A')]).sentences[2].endswith(f'rows left out. {said}')
     if kind == 'german':  # the other pole
-        assert 'too high (ME) and 3″ east' in as_read_sentence({**told, 'south': True})
+        assert 'too high (ME) and 3″ east' in raw_error_sentence({**told, 'south': True})
 
 
 def test_what_is_read_beyond_the_zeros_and_what_effects_move():
@@ -43,7 +45,7 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
     rows = [{'name': name, 'value_arcsec': v, 'rms_arcsec': 0.8 * abs(v)}
             for name, v in values.items()]
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
-    text = as_read_sentence(told)
+    text = raw_error_sentence(told)
     assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
         '(collimation, the cone error; 1027″ RMS on the sky) and ME +594″ (the tilt of the polar ' \
         'axis; 475″ RMS on the sky). The polar axis' in text
@@ -52,15 +54,15 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
                    correlation=-0.97)
     rows[5].update(beside_effects_arcsec=620.0, resembles='declination_axis_flexure',
                    correlation=0.2)
-    assert as_read_sentence(told).endswith(
+    assert raw_error_sentence(told).endswith(
         'Beside it CH is +1046″ in place of +1284″, for it resembles declination axis flexure '
         '(correlation −0.97); ME is +620″ in place of +594″.')
     rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
-    assert 'Beyond the zeros' not in as_read_sentence(told)
+    assert 'Beyond the zeros' not in raw_error_sentence(told)
     # rows come by their size on the sky: what is larger there is said first
     rows[2]['rms_arcsec'] = 400.0
     told['as_read_terms'] = sorted(rows, key=lambda row: -row['rms_arcsec'])
-    text = as_read_sentence(told)
+    text = raw_error_sentence(told)
     assert 0 < text.index('ME +594″ (the tilt') < text.index('CH +1284″ (collimation')
 
 
@@ -88,7 +90,7 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
         'J2000': {'ME': 594.0, 'MA': -245.0}, 'of date': {'ME': 108.0, 'MA': -84.0}}}
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9400.0, as_read_terms=rows,
                     equinox=found)
-    said = as_read_sentence(told)
+    said = raw_error_sentence(told)
     assert (
         'The polar axis points 9.9′ too high (ME) and 4.1′ east of the pole (MA), if the catalogue '
         'of the file is J2000, which its rows do not tell; if it is of date, it points 1.8′ too '
@@ -96,14 +98,15 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
         'moved.') in said
     assert said in ' '.join(told_verdict(told, [EffectTold('A')]).sentences)
     for settled in (None, {**found, 'told': True}):
-        assert 'catalogue' not in as_read_sentence({**told, 'equinox': settled})
-    few = as_read_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
+        assert 'catalogue' not in raw_error_sentence({**told, 'equinox': settled})
+    few = raw_error_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
     assert 'do not tell. Say which' in few
 
 
 def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
-    text = said_of_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1, 'what': 'sign',
-                         'beside_effects_arcsec': -13.4, 'altaz': True})
+    text = implausible_term({'name': 'TF', 'value_arcsec': -60.2, 'sigma_arcsec': 3.1,
+                             'what': 'sign', 'beside_effects_arcsec': -13.4,
+                             'altaz': True})
     assert text.startswith(
         'TF, the bending of the tube, is negative (−60.2 ± 3.1″ before the effects were added; '
         '−13.4″ beside them, which take up the same curve), and weight bends no tube upward.')
@@ -111,11 +114,11 @@ def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
 
 def test_a_tube_that_bends_up():
     row = {'name': 'TF', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3}
-    text, = notes_of_terms([row])
+    text, = map(wording, implausible_values([row]))
     assert text.startswith('TF, the bending of the tube, is negative (−78.1 ± 6.3″)')
     assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
-    assert not notes_of_terms([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
-                               {**row, 'value_arcsec': 78.1}])
+    assert not implausible_values([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
+                                   {**row, 'value_arcsec': 78.1}])
 
 
 @pytest.mark.parametrize('gain, said', [
@@ -125,12 +128,12 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
     row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
            'alone_arcsec': -58.0, 'altaz': True, 'refraction': fitted}
-    text = said_of_term(row)
+    text = implausible_term(row)
     assert said in text and '−41.0″ of cot E' in text and '−58.0″ before the effects' in text
     assert ('disc is off centre' in text) == (gain < 6.0)
-    assert 'disc' not in said_of_term({**row, 'altaz': False})
+    assert 'disc' not in implausible_term({**row, 'altaz': False})
     other = {'cause': 'disc oval', 'value_arcsec': 24.3, 'sigma_arcsec': 5.5}
-    text_of_both = said_of_term({**row, 'sound_with': [other]})
+    text_of_both = implausible_term({**row, 'sound_with': [other]})
     assert 'not with others that fit as well (+24.3 ± 5.5″ with disc oval)' in text_of_both
     # among the first things, also where nothing is missing
     told = document([], unphysical=[row])
@@ -146,7 +149,8 @@ def test_sizes_that_no_mount_has():
             [{'name': name, 'value_arcsec': value, 'sigma_arcsec': 1.0}])]
     assert named('TX', -58.0) == named('TX', 58.0) == named('NPAE', 4000.0) == ['size']
     assert not named('TX', 8.0) and not named('CA', 900.0) and not named('AW', 4000.0)
-    text, = notes_of_terms([{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}])
+    text, = map(wording, implausible_values(
+        [{'name': 'TX', 'value_arcsec': -58.0, 'sigma_arcsec': 1.0}]))
     assert 'put into the star places twice' in text
 
 
@@ -162,7 +166,7 @@ def test_refraction_that_was_put_in_twice_is_told_from_the_rows():
         return found, {row['name']: row for row in found.to_dict()['unphysical']}
     found, told = fitted(-58.0 * ARCSEC / np.tan(el))
     # found as an effect, it is as large as all of the refraction
-    assert list(told) == ['TX'] and 'twice' in said_of_term(told['TX'])
+    assert list(told) == ['TX'] and 'twice' in implausible_term(told['TX'])
     twice = refraction_in_place(found)
     assert twice['delta_bic'] > 100.0 and twice['value_arcsec'] == pytest.approx(-58.0, abs=2.0)
     assert twice['beside_arcsec'] == pytest.approx(0.0, abs=5.0)

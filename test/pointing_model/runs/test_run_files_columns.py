@@ -6,7 +6,7 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import context
 from pointing_model.runs.formats import read_run
-from pointing_model.runs.formats.table import DERIVED
+from pointing_model.runs.formats.run_table import DERIVED
 from pointing_model.runs.run import COLUMNS
 from pointing_model.sky.places import Site
 
@@ -272,7 +272,7 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
     rows[30] = rows[4]
     text = table(f'time,{HEADER},star,fan', *rows)
     whole = read(text)
-    for module in ('cells', 'table'):
+    for module in ('cells', 'run_table'):
         monkeypatch.setattr(f'pointing_model.runs.formats.{module}._BLOCK', 7)
     run = read(text)
     assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39

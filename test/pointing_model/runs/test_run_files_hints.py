@@ -6,6 +6,7 @@ import pytest
 from calibration.analysis.diagnosis.diagnosis import not_taken
 from calibration.analysis.diagnosis.readings import Reading
 from calibration.analysis.fit import fit_terms
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.context import Context
@@ -127,7 +128,7 @@ def test_a_right_ascension_in_place_of_the_hour_angle_is_told_how_it_is_read():
 
 def test_auxiliary_readings_that_are_a_temperature_are_told_how_to_be_used():
     def note(name):
-        return not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)}))
+        return wording(not_taken(Context(np.zeros(3), np.ones(3), {name: np.arange(3.0)})))
     assert 'auxiliary_1' in note('auxiliary_1') and 'call the column temperature_c' in note(
         'auxiliary_1')
     assert 'temperature_c' not in note('fwhm') and '--cause COLUMN' in note('fwhm')

@@ -13,6 +13,7 @@ from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import _surely, _worse
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
+from calibration.report.wording import paragraph, wording
 from msg_tools import forks
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.effects import Amount
@@ -294,7 +295,7 @@ def test_outliers_and_slips():
     assert [e['row'] for e in result.excluded] == [50, 40]
     assert 'not finite' in result.excluded[0]['reason']
     assert any('azimuth encoder was read whole bars' in note and note.endswith('row 7 (+2)')
-               for note in result.notes)
+               for note in map(wording, result.notes))
     # without a declared graduation, or a reading, they are outliers as any other
     for meta in ({'graduation': None}, {'raw_reading': False}):
         plain = diagnose(PointingRun(run.columns, {**run.meta, **meta}), **FAST)
@@ -307,7 +308,7 @@ def test_outliers_and_slips():
     assert [(e['row'], e['source']) for e in again.excluded] == [
         (105, 'night.csv'), (85, 'night.csv')]
     assert again.to_dict()['excluded'][0] == {'row': 105, 'reason': 'night.csv: az_enc not finite'}
-    assert any(note.endswith('line 19 (+2)') for note in again.notes)
+    assert any(note.endswith('line 19 (+2)') for note in map(wording, again.notes))
     assert result.after['rms_arcsec'] < 1.7
 
 
@@ -346,7 +347,7 @@ def test_held_out_rows_and_drivers_that_fail_are_said():
     later.columns['az_enc'][4] = np.nan
     later.columns.pop('approach_az')
     result = diagnose(night(80, effect=backlash(8.0)), holdout=later, **FAST)
-    text = '\n'.join(result.notes)
+    text = '\n'.join(map(wording, result.notes))
     assert 'held out: run:4 left out: az_enc not finite' in text
     assert 'counts as zero in 59 of 59 rows, where the direction of approach is not known' in text
 
@@ -356,7 +357,7 @@ def test_two_clocks_are_not_joined():
     other.meta = {**other.meta, 'time_is_utc': False}
     other.columns['time'] = other['time'] - 1.7e9
     result = diagnose([night(82), other], **FAST)
-    assert result.verdict == 'none' and any('arbitrary start' in n for n in result.notes)
+    assert result.verdict == 'none' and 'two clocks' in [n.kind for n in result.notes]
 
 
 def test_several_runs_get_zeros_of_their_own():
@@ -372,21 +373,22 @@ def test_several_runs_get_zeros_of_their_own():
     zeros = [terms['IA'] for terms in result.run_terms.values()]
     assert np.diff(zeros) == pytest.approx([300.0, 300.0], abs=5.0)
     assert result.before['holdout_rms_arcsec'] > 2.0 > result.after['holdout_rms_arcsec']
-    assert any('IA, IE refitted' in note for note in result.notes)
+    assert any('IA, IE refitted' in note for note in map(wording, result.notes))
 
 
 def test_a_choice_that_does_not_hold_elsewhere_is_not_added(monkeypatch):
     run = night(62, n=40, effect=backlash(8.0))
-    assert diagnose(run).caution == ''
+    assert diagnose(run).cautions == []
     monkeypatch.setattr('calibration.analysis.diagnosis.validation.nested', lambda problem, *rest,
                         **more: (np.ones((3, 2, problem.n)) * np.array(
                             [20.0, 10.0, 30.0])[:, None, None] * ARCSEC, []))
     result = diagnose(run)
     assert not result.effects and not result.model.effects
-    assert 'session' not in result.caution  # there is one night
-    assert 'not added' in result.caution and 'azimuth hysteresis, × cos E' in result.caution
-    assert result.verdict == 'undecided' and result.caution in render(view_of(result))
-    (note,) = (n for n in result.notes if 'are predicted worse with it' in n)
+    text = paragraph(result.cautions)
+    assert 'session' not in text  # there is one night
+    assert 'not added' in text and 'azimuth hysteresis, × cos E' in text
+    assert result.verdict == 'undecided' and text in render(view_of(result))
+    (note,) = (wording(n) for n in result.notes if n.kind == 'not repeated')
     assert 'azimuth hysteresis, × cos E' in note
 
 
@@ -427,18 +429,20 @@ def test_an_axis_is_worse_only_beyond_the_scatter_of_its_rows():
     worse = _surely(before**2, (1.4 * before)**2)
     assert worse == {'x', 'y'}
     figures = [{'radial': 5.0, 'x': 4.5, 'y': 1.0}], {'radial': 4.8, 'x': 4.1, 'y': 1.6}
-    assert _worse('rows', *figures, set()) == ()
-    assert _worse('rows', *figures, {'y'}) == ('rows', 1.0, 1.6, ', in elevation')
+    assert _worse('rows', *figures, set()) == {}
+    assert _worse('rows', *figures, {'y'}) == {
+        'before': 1.0, 'after': 1.6, 'evidence': {'what': 'rows', 'axis': 'elevation'}}
     # as a whole it is worse by any amount
     assert _worse('rows', [figures[1]], figures[0][0], set())
 
 
 def test_an_axis_may_lose_a_little_of_what_the_other_one_gains():
     without, one = {'radial': 2.74, 'x': 1.06, 'y': 2.53}, {'radial': 1.43, 'x': 1.09, 'y': 0.94}
-    assert _worse('rows', [without], one, {'x'}) == ()
+    assert _worse('rows', [without], one, {'x'}) == {}
     # an effect more, by which the axis loses alone, does not hide behind the one before
     two = {'radial': 1.47, 'x': 1.14, 'y': 0.93}
-    assert _worse('rows', [without, one], two, {'x'}) == ('rows', 1.06, 1.14, ', in azimuth')
+    assert _worse('rows', [without, one], two, {'x'}) == {
+        'before': 1.06, 'after': 1.14, 'evidence': {'what': 'rows', 'axis': 'azimuth'}}
 
 
 def test_equal_causes_share_the_folds_and_the_effect_is_added():
@@ -450,7 +454,7 @@ def test_equal_causes_share_the_folds_and_the_effect_is_added():
                                                      *effect.alternatives}
     # the folds differ in the cause, not in the set
     assert spread['others'] and spread['same_choice'] < spread['same_set'] == spread['folds']
-    assert result.caution == '' and result.after['cv_rms_x_arcsec'] > 1.01 * (
+    assert result.cautions == [] and result.after['cv_rms_x_arcsec'] > 1.01 * (
         result.before['cv_rms_x_arcsec'])
     assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
 

@@ -66,7 +66,7 @@ def gradians(x, y):
     ('german', False, False), ('equatorial', False, False)])
 def test_units_are_named_whatever_side_of_the_pier(tmp_path, kind, pier, through):
     path = tmp_path / 'run.csv'
-    assert checked(written(path, kind, pier, through)).notes == []
+    assert checked(written(path, kind, pier, through)).findings == []
     for (write, said), where in product(
             ((hours, 'hour angle {} in hours'),
              (gradians, 'hour angle and declination {} in gradians')),
@@ -132,7 +132,7 @@ def of_stars(path, kind, hours=0.0, site=SITE, n=40, ascension=False, seed=4):
 @pytest.mark.parametrize('kind', ['altaz', 'equatorial', 'german'])
 def test_a_clock_that_is_not_utc_and_a_wrong_site_are_named(tmp_path, kind):
     path = tmp_path / 'run.csv'
-    assert check_columns(load_run(of_stars(path, kind))).notes == []
+    assert check_columns(load_run(of_stars(path, kind))).findings == []
     for hours, site, said in ELSEWHERE.values():
         of_stars(path, kind, hours, site)
         with pytest.raises(MistakenColumns, match=said), naming_columns(), catch_warnings():
@@ -142,7 +142,7 @@ def test_a_clock_that_is_not_utc_and_a_wrong_site_are_named(tmp_path, kind):
 
 def test_a_clock_that_right_ascensions_of_the_mount_were_turned_by_is_named(tmp_path):
     path = tmp_path / 'run.csv'
-    assert check_columns(load_run(of_stars(path, 'german', ascension=True))).notes == []
+    assert check_columns(load_run(of_stars(path, 'german', ascension=True))).findings == []
     of_stars(path, 'german', 8.0, ascension=True)
     with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'), naming_columns():
         check_columns(load_run(path))

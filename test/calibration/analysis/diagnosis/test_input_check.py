@@ -7,6 +7,7 @@ import pytest
 from places import ROOT
 
 from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.runs.formats import read_run
@@ -159,7 +160,7 @@ def test_offsets_that_the_file_gives_are_held_where_the_places_are_wrong():
     with pytest.raises(MistakenColumns, match='fit: azimuth of the catalogue in hours'):
         check_columns(run(az / 15.0, el))
     # an encoder off its centre and a second flexure would do the same
-    (note,) = check_columns(run(az, np.pi / 2 - el)).notes
+    note = wording(*check_columns(run(az, np.pi / 2 - el)).findings)
     assert 'zenith distance in place of the elevation of the catalogue' in note
 
 
@@ -187,7 +188,7 @@ def test_right_columns_pass():
 def test_an_effect_that_a_wrong_reading_explains_too_is_noted():
     az, el, az_enc, el_enc = telescope(8, 60, {'IA': 80, 'IE': -40})
     checked = check_columns(run_of((az, el, az_enc, el_enc + 60.0 * ARCSEC * np.sin(el))))
-    (note,) = checked.notes
+    note = wording(*checked.findings)
     assert 'zenith distance in place of the elevation of catalogue and encoders' in note
     assert 'make sure of the columns' in note
 
@@ -211,7 +212,7 @@ def test_every_run_is_judged_and_many_rows_cost_little():
         check_columns([run_of(right), wrong])
     with pytest.raises(MistakenColumns, match='^second.csv: '):
         diagnose(run_of(right), holdout=wrong)
-    assert check_columns(run_of(telescope(9, 50000, {'IA': 30, 'AN': 20}))).notes == []
+    assert check_columns(run_of(telescope(9, 50000, {'IA': 30, 'AN': 20}))).findings == []
     # two numbers, one direction: nothing to judge
     assert check_columns(run_of([v[:3] for v in right])).alike == []
     assert check_columns(run_of([np.full(20, v[0]) for v in right])).alike == []

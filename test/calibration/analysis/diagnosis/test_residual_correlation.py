@@ -12,12 +12,10 @@ from calibration.analysis.diagnosis.diagnosis_base import sequence_of, star_grou
 from calibration.analysis.diagnosis.residual_correlation import (
     PairDifferences,
     beyond_terms,
-    direction_sentence,
-    seen_sentence,
     slow_noise,
     trend,
 )
-from calibration.analysis.diagnosis.row_facts import repeats_sentence
+from calibration.analysis.diagnosis.row_facts import repeats
 from calibration.analysis.fit import fit_terms
 from calibration.estimation.correlated_noise import (
     AxisNoise,
@@ -28,6 +26,12 @@ from calibration.estimation.correlated_noise import (
 )
 from calibration.estimation.linear_model import Columns, weighted_fit
 from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.noise_wording import (
+    correlation_sentence,
+    difference_sentence,
+    direction_sentence,
+)
+from calibration.report.wording import paragraph, wording
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.mounts import ALTAZ
@@ -136,7 +140,7 @@ def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
     result = diagnose(nights_that_wander(3), **FAST)
     assert result.verdict == 'wanders' and not result.effects
     assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
-    _, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    _, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert not any('looks like noise' in s for s in sentences)
     # what the mount has on all nights stays
     result = diagnose(nights_that_wander(3, size=8.0))
@@ -164,7 +168,7 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
     assert 0.5 < told.wander['removes_rms_arcsec'] < 2.0
-    assert 'the zero wanders' in told.wander['text']
+    assert 'the zero wanders' in correlation_sentence(told.wander, ALTAZ.names.axes)
     headline, sentences = verdict_sentences(told.to_dict())
     assert 'wanders' in headline and 'What moves it is not known' in sentences[0]
     document = json.loads(json.dumps(told.to_dict()))
@@ -189,7 +193,7 @@ def test_what_repeats_each_other_counts_as_fewer():
         run.columns['el_enc'] += e[1]
         result = diagnose(run, **FAST)
         false += bool(result.effects)
-        told += bool(result.wander) and 'share their error' in result.wander['text']
+        told += bool(result.wander) and not result.wander['slow']
     assert false <= 1 and told >= 2
 
 
@@ -293,9 +297,11 @@ def test_how_rows_differ_is_measured_in_what_is_left_of_them():
     assert told['apart_arcsec'] == pytest.approx(np.sqrt(np.mean(far)))
     # noise alone: nothing is said to move that cannot be seen
     assert told['moves_arcsec'] < told['next_arcsec']
+    told |= {'apart': 10.0, 'unit': 'rows'}
     none = {key: {**told, 'moves_arcsec': 0.0} for key in ('az', 'el')}
-    assert 'no more' in seen_sentence(none, ALTAZ.names.axes, 'ten')
-    assert seen_sentence({'az': {**told, 'moves_arcsec': None}}, ALTAZ.names.axes, 'ten') == ''
+    assert 'no more' in difference_sentence({'axes': none}, ALTAZ.names.axes)
+    assert difference_sentence({'axes': {'az': {**told, 'moves_arcsec': None}}},
+                               ALTAZ.names.axes) == ''
 
 
 def test_an_error_of_the_direction_comes_again_where_the_order_does():
@@ -308,10 +314,11 @@ def test_an_error_of_the_direction_comes_again_where_the_order_does():
     assert of_place.pairs() >= 50
     assert same['near_apart_arcsec'] < 1.3 * same['near_next_arcsec'] < 0.5 * same['apart_arcsec']
     assert moved['near_apart_arcsec'] > 2.0 * moved['near_next_arcsec']
-    text = direction_sentence({'az': same, 'el': moved}, ALTAZ.names.axes, 'ten', of_place.within,
-                              of_place.pairs())
-    assert f'({of_place.pairs()} pairs)' in text
-    assert direction_sentence({'az': same}, ALTAZ.names.axes, 'ten', 5.0, 3) == ''
+    same |= {'apart': 10.0, 'unit': 'rows'}
+    entry = {'axes': {'az': same, 'el': moved}, 'pairs': of_place.pairs(),
+             'within_deg': of_place.within}
+    assert f'({of_place.pairs()} pairs)' in direction_sentence(entry, ALTAZ.names.axes)
+    assert direction_sentence({**entry, 'axes': {'az': same}, 'pairs': 3}, ALTAZ.names.axes) == ''
 
 
 def test_a_star_that_stands_twice_is_told():
@@ -319,9 +326,9 @@ def test_a_star_that_stands_twice_is_told():
     group = star_groups(context, np.arange(4.0), np.zeros(4, int), False)
     assert group.tolist() == [0, 1, 1, 3]
     left = ARCSEC * np.array([[0.0, 1.0, 1.3, 0.0], [0.0, 2.0, 2.4, 0.0]])
-    text = repeats_sentence(group, [11, 12, 13, 14], left, 'line')
+    text = wording(repeats(group, [11, 12, 13, 14], left, 'line'))
     assert text.startswith('lines 12 and 13 are of one place') and 'differs by 0.50″' in text
-    assert repeats_sentence(np.arange(4), [1, 2, 3, 4], left) == ''
+    assert repeats(np.arange(4), [1, 2, 3, 4], left) is None
 
 
 def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():

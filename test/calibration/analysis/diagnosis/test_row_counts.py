@@ -7,15 +7,16 @@ import pytest
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.row_counts import (
-    rows_of_fit,
-    rows_of_reader,
-    rows_told,
-    used_sentence,
+    diagnosis_row_counts,
+    fit_row_counts,
+    reader_row_counts,
 )
 from calibration.analysis.fit import fit_terms
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.row_wording import used_sentence
+from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.runs.run import PointingRun
@@ -70,7 +71,7 @@ def test_above_a_third_left_out_no_effect_is_claimed():
     result = diagnose(run, **FAST)
     assert result.verdict == 'refused' and result.effects == []
     assert result.model == result.base_model and result.before == result.after
-    headline, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    headline, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert 'Nothing is concluded' in headline
     assert sentences[0].startswith('59 of 90 rows could be used')
     assert 'no effect is claimed' in sentences[0]
@@ -85,13 +86,13 @@ def test_rows_taken_back_in_the_file_were_never_offered():
     lost = [{'row': 90, 'reason': 'commented out'},
             {'row': 91, 'reason': 'rejected by the observers (#)'},
             {'row': 92, 'reason': 'elevation outside -5..90.1 deg'}]
-    told = rows_told(diagnose(night(excluded=lost), **FAST))
+    told = diagnosis_row_counts(diagnose(night(excluded=lost), **FAST))
     assert (told.read, told.used, told.lost) == (61, 60, 1) and not told.too_few
     assert used_sentence(told.to_dict()) == (
         '60 of 61 rows used; 2 more are commented out or rejected in the file')
     # a file joined to itself has every row twice
     copies = [{'row': i, 'reason': f'the same as line {i - 60}'} for i in range(62, 122)]
-    told = rows_of_reader(night(excluded=copies))
+    told = reader_row_counts(night(excluded=copies))
     assert (told.read, told.used) == (120, 60) and not told.too_few
 
 
@@ -99,6 +100,6 @@ def test_rows_of_a_fit():
     run = night()
     run.columns['az_enc'][10] += 3.0 * DEG
     run.columns['el'][20] = np.nan
-    told = rows_of_fit(run, fit_terms(run))
+    told = fit_row_counts(run, fit_terms(run))
     assert (told.read, told.used) == (60, 58)
     assert [e['row'] for e in told.outliers] == [12] and told.rms_with > 100.0

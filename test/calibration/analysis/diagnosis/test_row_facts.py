@@ -5,13 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_facts import (
-    bad_nights,
-    nights_held_out,
-    scatter_sentence,
-    unequal_scatter,
-    worst_sentence,
-)
+from calibration.analysis.diagnosis.row_facts import nights_held_out, unequal_scatter
+from calibration.report.row_wording import bad_nights, scatter_sentence, worst_sentence
 from msg_tools.units import ARCSEC
 
 

@@ -6,6 +6,7 @@ import pytest
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import Base
 from calibration.analysis.diagnosis.sessions import arrange, in_sessions, split
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.runs.run import PointingRun
@@ -39,7 +40,7 @@ def test_nights_with_zeros_of_their_own_are_sessions():
     found = arrange(joined(1, IA=[0.0, 15.0, -8.0], IE=[0.0, 3.0, -12.0]))
     assert found.own_terms == ('IA', 'IE') and found.hours == 3.0
     assert np.bincount(found.runs[0]['run']).tolist() == [0, 30, 30, 30]
-    assert '3 sessions, at gaps of more than 3 h' in found.runs[0].meta['notes'][0]
+    assert '3 sessions, at gaps of more than 3 h' in wording(found.runs[0].meta['notes'][0])
     result = diagnose(joined(1, IA=[0.0, 15.0, -8.0]), flips=199, cross_validation=False)
     assert result.verdict == 'none' and result.base.own == ('IA', 'IE')
     assert result.before['rms_arcsec'] < 1.6
@@ -50,14 +51,14 @@ def test_nights_of_one_mount_stay_one_run():
     assert sum(found.hours is not None for found in alone) <= 2
     one = next(found for found in alone if found.hours is None)
     assert one.own_terms == () and 'run' not in one.runs[0]
-    assert 'taken as one' in one.runs[0].meta['notes'][0]
+    assert one.runs[0].meta['notes'][0].kind == 'gaps without sessions'
 
 
 def test_what_else_moves_is_chosen():
     leaning = {'AN': [0.0, 20.0, -15.0], 'AW': [0.0, -12.0, 18.0]}
     found = arrange(joined(2, IA=[0.0, 15.0, -8.0], **leaning))
     assert found.own_terms == ('IA', 'IE', 'AN', 'AW')
-    assert any('its own IA, IE, AN, AW' in note for note in found.runs[0].meta['notes'])
+    assert ('IA', 'IE', 'AN', 'AW') in [note.causes for note in found.runs[0].meta['notes']]
     # a session moves as a file does
     files = arrange(nights(2, **leaning))
     assert files.own_terms == ('IA', 'IE', 'AN', 'AW') and files.hours is None
@@ -88,4 +89,5 @@ def test_runs_held_out_are_divided_as_the_others():
     result = diagnose(joined(1, **moved), holdout=joined(9, **moved), flips=199,
                       cross_validation=False)
     assert result.before['holdout_rms_arcsec'] < 1.6
-    assert any('90 observations of 3 runs, IA, IE refitted' in note for note in result.notes)
+    assert any('90 observations of 3 runs, IA, IE refitted' in wording(note)
+               for note in result.notes)

@@ -9,6 +9,7 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.runs.run import PointingRun
@@ -69,9 +70,9 @@ def test_it_says_how_many_rows_and_what_that_costs(both):
     assert told['detection_factor'] == pytest.approx((4000 / 1500)**0.5, rel=0.01)
     assert told['after']['cv_rms_arcsec'] is not None
     assert whole.to_dict()['rows_not_drawn'] == 0 and whole.to_dict()['detection_factor'] == 1.0
-    (note,) = (n for n in part.notes if 'searched' in n)
+    (note,) = (wording(n) for n in part.notes if n.kind == 'rows searched')
     assert note.startswith('1500 of 4000 rows') and '1.6 times as large' in note
-    assert not any('searched' in n for n in whole.notes)
+    assert 'rows searched' not in [n.kind for n in whole.notes]
     assert '1500 of 4000 rows were searched' in render(view_of(part))
 
 

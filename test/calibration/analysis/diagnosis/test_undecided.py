@@ -9,6 +9,7 @@ from calibration.estimation.folds import effective_runs
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 
@@ -31,7 +32,7 @@ def test_what_the_sessions_cannot_test_is_undecided():
     result = diagnose(sessions(7, 15.0), flips=199)
     assert result.to_dict()['runs'] == 4 and result.effects == []
     assert result.verdict == 'undecided' and result.detectable is None
-    headline, sentences = verdict_sentences(result.to_dict(), caution=result.caution)
+    headline, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert 'Undecided' in headline and 'too unequal' in sentences[0]
     page = render(view_of(result))
     assert 'nothing missing' not in page and 'class="verdict undecided"' in page
@@ -46,9 +47,9 @@ def test_a_small_effect_that_does_not_hold_is_none():
     result.before['cv_rms_arcsec'] = 1.2 * result.noise_floor_arcsec
     mark_undecided(result, ['azimuth_zero_step'], 12.0)
     mark_undecided(result, [], 500.0)
-    assert result.verdict == 'none' and not result.caution
+    assert result.verdict == 'none' and not result.cautions
     mark_undecided(result, ['azimuth_zero_step'], 100.0)
-    assert result.verdict == 'undecided' and 'azimuth_zero_step' in result.caution
+    assert result.verdict == 'undecided' and 'azimuth_zero_step' in result.cautions[0].causes
 
 
 @pytest.mark.parametrize('counts, worth', [((20, 20, 20, 20), 4.0), ((7, 1, 37, 49), 2.31)])

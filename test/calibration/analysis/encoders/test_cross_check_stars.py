@@ -1,12 +1,12 @@
-"""The witnesses where stars were exposed for the zero in place of Polaris."""
+"""The cross-check where stars were exposed for the zero in place of Polaris."""
 
 
 import numpy as np
 import pytest
 from encoder_night import mount, night
 
-from calibration.analysis.encoders.cross_check import check_witnesses
-from calibration.analysis.encoders.cross_check_stars import StarsSeen
+from calibration.analysis.encoders.cross_check import cross_check
+from calibration.analysis.encoders.encoder_zeros import StarOffsets
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import MARK
@@ -42,30 +42,30 @@ def nights(second, **options):
 
 
 def test_a_zero_of_the_incremental_encoder_moves_without_alarm():
-    report = check_witnesses(nights((0.0, 0.0)), model=mount())
+    report = cross_check(nights((0.0, 0.0)), model=mount())
     assert report.alarms == [] and report.notes == []
-    for change, true in zip(report.changes, (12.0, 7.0)):
+    for change, true in zip(report.shifts, (12.0, 7.0)):
         assert change.by == 'stars'
         assert change.incremental / ARCSEC == pytest.approx(
             true, abs=4 * change.incremental_sigma / ARCSEC)
         assert 0.2 < change.incremental_sigma / ARCSEC < 0.8
         assert abs(change.pull) < 3.0
-    assert isinstance(report.latest, StarsSeen) and len(report.latest.star) == 5
+    assert isinstance(report.latest, StarOffsets) and len(report.latest.star) == 5
 
 
 @pytest.mark.parametrize('axis, name', [(0, 'azimuth'), (1, 'elevation')])
 def test_the_absolute_encoder_that_moved_is_named(axis, name):
     second = [0.0, 0.0]
     second[axis] = -6.0
-    alarm, = check_witnesses(nights(second), model=mount()).alarms
+    alarm, = cross_check(nights(second), model=mount()).alarms
     assert alarm.startswith(f'{name}: absolute encoder moved by -')
     assert 'the zeros by stars and by the absolute encoder disagree' in alarm
 
 
 def test_what_was_seen_yesterday_is_compared_with():
-    yesterday = check_witnesses(exposed(1, (0.0, 0.0), (0.0, 0.0), 1), model=mount()).latest
+    yesterday = cross_check(exposed(1, (0.0, 0.0), (0.0, 0.0), 1), model=mount()).latest
     tonight = exposed(2, (12.0, 7.0), (0.0, -6.0), 2)
-    alarm, = check_witnesses(tonight, yesterday, model=mount()).alarms
+    alarm, = cross_check(tonight, yesterday, model=mount()).alarms
     assert alarm.startswith('elevation: absolute encoder moved by -')
 
 
@@ -77,8 +77,8 @@ def test_zeros_by_other_stars_are_not_compared_and_that_is_said():
         if MARK not in rows:
             mark = (rows['star'] >= 900) & (rows['star'] < 1000)
             rows = PointingRun({**rows.columns, MARK: mark.astype(float)})
-        report = check_witnesses(rows, model=mount())
-        assert report.changes == []
+        report = cross_check(rows, model=mount())
+        assert report.shifts == []
         assert report.notes == [
             f'power-on 1 and power-on 2 were not compared against the sky: {why}']
 
@@ -87,7 +87,7 @@ def test_a_power_on_without_a_zero_is_told():
     later = night(3, (5.0, 5.0), (0.0, 0.0), 2, polaris=0, start=7200.0)
     rows = PointingRun.concatenate([exposed(1, (0.0, 0.0), (0.0, 0.0), 1), PointingRun(
         {**later.columns, MARK: np.zeros(len(later))})])
-    report = check_witnesses(rows, model=mount())
+    report = cross_check(rows, model=mount())
     alarms = [alarm for alarm in report.alarms if 'has no zero on stars since' in alarm]
     assert len(alarms) == 2
     for alarm in alarms:

@@ -9,15 +9,11 @@ from places import DATA
 
 from calibration.analysis.season.season_causes import candidates, choose_causes
 from calibration.analysis.season.season_filter import (
-    Told,
-    Wander,
-    find_wander,
+    NightlyTerms,
+    TermVariation,
+    fit_variation,
     forecast,
-    levels,
-    log_likelihood,
-    normal_equations,
-    smoothed,
-    step_gains,
+    season_path,
 )
 from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
@@ -48,67 +44,47 @@ def season(rng, count=24, walk=(1.0, 0.0, 0.0), scatter=(1.0, 3.0, 2.0), moved=N
         for i, (d, v, t) in enumerate(zip(day, values, warm))], [])
 
 
-def told_of(found):
+def terms_of_nights(found):
     n, k = len(found.nights), len(found.names)
-    return Told(days(found.nights), np.array([night.values for night in found.nights]),
-                np.array([night.covariance for night in found.nights]), np.zeros((n, k, 0)))
+    return NightlyTerms(days(found.nights), np.array([night.values for night in found.nights]),
+                        np.array([night.covariance for night in found.nights]),
+                        np.zeros((n, k, 0)))
 
 
-def test_the_likelihood_is_that_of_the_whole_covariance():
-    rng = np.random.default_rng(3)
-    told = told_of(season(rng, 7))
-    told = told._replace(columns=levels(7, 3))
-    walk, scatter = np.square([0.7, 0.2, 0.1]) * ARCSEC**2, np.square([1.0, 2.0, 3.0]) * ARCSEC**2
-    gram, log_det = normal_equations(told, walk[None], scatter[None])
-    since = told.days - told.days[0]
-    whole = np.zeros((7, 3, 7, 3))
-    for i in range(7):
-        for j in range(7):
-            whole[i, :, j] = np.diag(walk * min(since[i], since[j]))
-        whole[i, :, i] += told.covariances[i] + np.diag(scatter)
-    whole = whole.reshape(21, 21)
-    y, f = told.values.ravel(), told.columns.reshape(21, 3)
-    data = np.column_stack([y, f])
-    assert gram[0] == pytest.approx(data.T @ np.linalg.solve(whole, data), rel=1e-9)
-    assert log_det[0] == pytest.approx(np.linalg.slogdet(whole)[1])
-    plain, restricted = (log_likelihood(gram, log_det, own)[0] for own in (False, True))
-    assert plain - restricted == pytest.approx(0.5 * np.linalg.slogdet(gram[0, 1:, 1:])[1])
-
-
-def test_wander_and_scatter_are_found_and_the_forecast_holds_its_sigma():
+def test_walk_and_scatter_are_found_and_the_forecast_holds_its_sigma():
     walks, scatters, chi = [], [], []
     for trial in range(8):
         rng = np.random.default_rng([5, trial])
         nights = season(rng, 60)
-        told = told_of(nights)
-        past = Told(*(part[:-1] for part in told))
-        wander, _ = find_wander(past._replace(columns=levels(59, 3)))
-        mean, cov = forecast(smoothed(past, wander), wander, told.days[-1] - told.days[-2],
-                             np.zeros((3, 0)))
-        off = told.values[-1] - mean
-        chi.append(off @ np.linalg.solve(cov + told.covariances[-1], off))
-        walks.append(wander.walk / ARCSEC)
-        scatters.append(wander.scatter / ARCSEC)
+        terms = terms_of_nights(nights)
+        past = NightlyTerms(*(part[:-1] for part in terms))
+        variation, _ = fit_variation(past)
+        mean, cov = forecast(season_path(past, variation), variation,
+                             terms.days[-1] - terms.days[-2], np.zeros((3, 0)))
+        off = terms.values[-1] - mean
+        chi.append(off @ np.linalg.solve(cov + terms.covariances[-1], off))
+        walks.append(variation.walk / ARCSEC)
+        scatters.append(variation.scatter / ARCSEC)
     assert np.median(walks, axis=0)[0] == pytest.approx(1.0, abs=0.15)
     assert np.all(np.median(walks, axis=0)[1:] < 0.1)
     assert np.median(scatters, axis=0)[1:] == pytest.approx([3.0, 2.0], rel=0.15)
     assert 11.5 < np.sum(chi) < 41.4  # 24 on the average; 1.5 % on either side
 
 
-def test_hindsight_agrees_with_the_weighted_mean_of_terms_that_stay():
-    told = told_of(season(np.random.default_rng(8), 9, walk=(0.0, 0.0, 0.0)))
-    seen = smoothed(told, Wander(np.full(3, 1e-9 * ARCSEC), np.full(3, 2.0 * ARCSEC)))
-    assert seen.levels == pytest.approx(np.tile(told.values.mean(0), (9, 1)), abs=1e-3 * ARCSEC)
+def test_levels_agree_with_the_weighted_mean_of_terms_that_stay():
+    terms = terms_of_nights(season(np.random.default_rng(8), 9, walk=(0.0, 0.0, 0.0)))
+    path = season_path(terms, TermVariation(np.full(3, 1e-9 * ARCSEC), np.full(3, 2.0 * ARCSEC)))
+    assert path.levels == pytest.approx(np.tile(terms.values.mean(0), (9, 1)), abs=1e-3 * ARCSEC)
     sigma = np.sqrt((2.0**2 + 0.5**2) / 9.0) * ARCSEC
-    assert np.sqrt(seen.covariances[:, 1, 1]) == pytest.approx(sigma, rel=1e-3)
+    assert np.sqrt(path.covariances[:, 1, 1]) == pytest.approx(sigma, rel=1e-3)
 
 
 def test_a_season_that_only_wanders_has_no_cause():
     claimed = 0
     for trial in range(6):
         nights = season(np.random.default_rng([11, trial]), 20)
-        told = told_of(nights)
-        claimed += bool(choose_causes(told, candidates(nights, told.days))[0])
+        terms = terms_of_nights(nights)
+        claimed += bool(choose_causes(terms, candidates(nights, terms.days))[0])
     assert claimed == 0
 
 
@@ -147,11 +123,11 @@ def test_steps_of_one_term_do_not_hide_one_another():
             values[night:, 1] += size
 
     nights = season(np.random.default_rng(27), 24, moved=moved)
-    told = told_of(nights)
-    found, wander = choose_causes(told, candidates(nights, told.days))
+    terms = terms_of_nights(nights)
+    found, variation = choose_causes(terms, candidates(nights, terms.days))
     assert all(entry.cause.terms == (1,) and entry.p < 1e-3 for entry in found)
     assert sorted(entry.cause.first for entry in found) == [2, 9, 14, 19]
-    assert wander.walk[1] < 0.5 * ARCSEC  # what the steps do is no walk
+    assert variation.walk[1] < 0.5 * ARCSEC  # what the steps do is no walk
 
 
 def test_what_a_few_nights_run_through_is_no_cause():
@@ -176,8 +152,8 @@ def test_the_steps_of_a_measured_season_are_found_with_their_dates():
     alone = Nights(('IE',), whole.mount, [night._replace(
         values=night.values[[place]], covariance=night.covariance[[place]][:, [place]])
         for night in whole.nights], [])
-    told = told_of(alone)
-    found, _ = choose_causes(told, candidates(alone, told.days))
+    terms = terms_of_nights(alone)
+    found, _ = choose_causes(terms, candidates(alone, terms.days))
     steps = {entry.cause.text[7:14] for entry in found if entry.cause.kind == 'step'}
     # the first night with it: 2014-06/08, 2015-06/07, 2016-06/07, 2018-05/09, 2019-06/07
     assert steps == {'2014-08', '2015-07', '2016-07', '2018-09', '2019-07'}
@@ -237,26 +213,3 @@ def test_a_night_that_two_files_have_counts_once():
     found = nights_of([*runs, again], tuple(terms))
     assert [night.source for night in found.nights] == [f'{i}.csv' for i in range(4)]
     assert 'copy.csv left out: all 30 rows are in 1.csv too' in found.notes
-
-
-def test_all_steps_at_once_gain_what_each_gains_by_itself():
-    found = season(np.random.default_rng(3), moved=lambda v, _: v.__setitem__(
-        (slice(11, None), 1), v[11:, 1] + 12.0))
-    told, k = told_of(found), len(NAMES)
-    own = told._replace(columns=levels(len(found.nights), k))
-    wander = Wander(np.array([1.0, 0.0, 0.0]) * ARCSEC, np.array([1.0, 3.0, 2.0]) * ARCSEC)
-    gains = step_gains(own, wander)
-    variances = np.square(wander.walk)[None], np.square(wander.scatter)[None]
-    base = log_likelihood(*normal_equations(own, *variances), False)[0]
-    steps = [cause for cause in candidates(found, told.days) if cause.kind == 'step']
-    assert len(steps) > 40
-    for cause in steps:
-        more = own._replace(columns=np.concatenate([own.columns, cause.columns(k)], axis=2))
-        value = log_likelihood(*normal_equations(more, *variances), False)[0]
-        assert gains[cause.first, cause.terms[0]] == pytest.approx(
-            2.0 * (value - base), rel=1e-6, abs=1e-6)
-    assert np.unravel_index(np.argmax(gains), gains.shape) == (11, 1)
-    # a step that is taken already gains nothing more
-    with_it = own._replace(columns=np.concatenate(
-        [own.columns, next(c for c in steps if c.first == 11 and c.terms == (1,)).columns(k)], 2))
-    assert step_gains(with_it, wander)[11, 1] == 0.0

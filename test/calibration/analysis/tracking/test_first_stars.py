@@ -9,11 +9,10 @@ from calibration.analysis.fit import fit_terms
 from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import nights_of
 from calibration.analysis.tracking.first_stars import PAST, RATES, weights_of
-from calibration.analysis.tracking.live_tracking import LiveTracking
 from calibration.analysis.tracking.tracked_night import TrackedNight
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import AS_IT_WAS, LEAN, ZEROS
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
@@ -51,12 +50,11 @@ def foretold():
 
 
 def tracked(model, rows):
-    session, tracking = CalibrationSession(model), LiveTracking()
+    state = CalibrationState(model, mode='track')
     for i in range(len(rows)):
         one = rows.select([i])
-        session.add(one, int(np.rint(one['time'][0] * 1e9)))
-        tracking.observed(session, one)
-    return session, tracking
+        state.add(one, int(np.rint(one['time'][0] * 1e9)))
+    return state, state.tracking
 
 
 @pytest.mark.parametrize('off, story', [

@@ -6,18 +6,21 @@ from drifting_rows import MOUNT, START, rows
 
 from calibration.analysis.tracking.live_tracking import LiveTracking
 from calibration.analysis.tracking.tracked_night import KEY, TrackedNight, difference_of
-from calibration.session import CalibrationSession
+from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import RunZero
 
 
-def feed(tracking, session, run):
+def feed(state, run):
     for i in range(len(run)):
         one = run.select([i])
-        session.add(one, int(np.rint(one['time'][0] * 1e9)))
-        tracking.observed(session, one)
+        state.add(one, int(np.rint(one['time'][0] * 1e9)))
+
+
+def pair(state):
+    return state.tracking.pair(state)
 
 
 def off(model, zero):
@@ -26,46 +29,45 @@ def off(model, zero):
 
 
 def test_a_night_is_tracked_from_an_earlier_model_and_goes_on_to_the_bit():
-    session, tracking = CalibrationSession(MOUNT), LiveTracking()
+    state = CalibrationState(MOUNT, mode='track')
     first = rows(20, drift=1.0, zero=(140.0, -90.0))
     second = rows(12, 1, run=2.0, zero=(-60.0, 30.0), begin=20)
-    feed(tracking, session, first)
-    found = off(*tracking.pair(session))
+    feed(state, first)
+    found = off(*pair(state))
     assert found == (pytest.approx(159.0, abs=3.0), pytest.approx(-90.0, abs=2.5))
-    feed(tracking, session, second)
-    model, zero = tracking.pair(session)
+    feed(state, second)
+    model, zero = pair(state)
     assert off(model, zero) == (pytest.approx(-60.0, abs=3.0), pytest.approx(30.0, abs=2.5))
     assert zero.run == 2.0 and np.all(zero.sigma == 0.0)
     assert model.provenance[KEY]['stars'] == 32
-    again = LiveTracking()
-    again.take_up(session, PointingModel.from_json(model.to_json()))
-    assert again.pair(session)[0].to_json() == model.to_json()
+    again = CalibrationState(MOUNT, mode='track')
+    again.add_table(state.observations(), state.last_stamp)
+    again.take_up(PointingModel.from_json(model.to_json()))
+    assert pair(again)[0].to_json() == model.to_json()
     third = rows(3, 2, run=2.0, zero=(-60.0, 30.0), begin=32)
-    for one in (tracking, again):
-        feed(one, session, third)
-    assert again.pair(session)[0].to_json() == tracking.pair(session)[0].to_json()
-    assert not LiveTracking().take_up(session, MOUNT)
+    for one in (state, again):
+        feed(one, third)
+    assert pair(again)[0].to_json() == pair(state)[0].to_json()
+    assert not LiveTracking().take_up(state, MOUNT)
 
 
 def test_it_begins_anew_from_a_fit():
-    session, tracking = CalibrationSession(), LiveTracking()
-    assert not tracking.observed(session, rows(1))  # no model yet
-    assert 'begins with a model' in tracking.problems()[0]
-    feed(tracking, session, rows(24, second=0.0))
-    session.in_force = session.fit()[0]
-    tracking.begin(session)
-    assert tracking.night.stars == 0
-    assert difference_of(session.observations())['sigma'] == pytest.approx(
+    state = CalibrationState(mode='track')
+    assert 'begins with a model' in state.tracking.problems()[0]
+    feed(state, rows(24, second=0.0))
+    state.fit()
+    assert state.tracking.night.stars == 0
+    assert difference_of(state.observations())['sigma'] == pytest.approx(
         [0.3 * ARCSEC] * 2, rel=0.6)
     # the incremental encoder loses counts: the absolute one sees it at the first star
     lost = rows(3, 3, zero=(80.0, 0.0), begin=24, second=np.array([[-80.0], [0.0]]))
     lost.columns['az_abs'][1] += 2.0 * np.pi  # it has gone around
     called = []
     for i in range(3):
-        feed(tracking, session, lost.select([i]))
-        called += [text for one in tracking.night.heard for text in one.called]
+        feed(state, lost.select([i]))
+        called += [text for one in state.tracking.night.heard for text in one.called]
     assert len(called) == 1 and called[0].startswith('incremental encoder')
-    assert off(*tracking.pair(session))[0] == pytest.approx(80.0, abs=4.0)
+    assert off(*pair(state))[0] == pytest.approx(80.0, abs=4.0)
 
 
 def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
@@ -86,7 +88,7 @@ def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
 
 
 def test_a_pier_that_leans_is_told_from_a_tube_by_the_inclinometer():
-    session, tracking = CalibrationSession(), LiveTracking()
+    state = CalibrationState(mode='track')
 
     def leaning(n, seed, north, **more):
         rng = np.random.default_rng(seed)
@@ -97,18 +99,17 @@ def test_a_pier_that_leans_is_told_from_a_tube_by_the_inclinometer():
             run['el'])
         run.columns['el_enc'] = run['el_enc'] + north * ARCSEC * np.cos(run['az'])
         return run
-    feed(tracking, session, leaning(24, 21, 0.0))
-    session.in_force = session.fit()[0]
-    tracking.begin(session)
-    assert tracking.night._tracker.witnesses == ('inclinometer',)
-    before = tracking.pair(session)[0].terms['AN'] / ARCSEC
+    feed(state, leaning(24, 21, 0.0))
+    state.fit()
+    assert state.tracking.night._tracker.witnesses == ('inclinometer',)
+    before = pair(state)[0].terms['AN'] / ARCSEC
     called, later = [], leaning(5, 22, 25.0, begin=24)
     for i in range(5):
-        feed(tracking, session, later.select([i]))
-        called += [text for one in tracking.night.heard for text in one.called]
+        feed(state, later.select([i]))
+        called += [text for one in state.tracking.night.heard for text in one.called]
     assert any(text.startswith('pier, north or south') for text in called)
-    model = tracking.pair(session)[0]
+    model = pair(state)[0]
     assert model.terms['AN'] / ARCSEC - before == pytest.approx(25.0, abs=4.0)
     again = LiveTracking()
-    again.take_up(session, PointingModel.from_json(model.to_json()))
-    assert again.pair(session)[0].to_json() == model.to_json()
+    again.take_up(state, PointingModel.from_json(model.to_json()))
+    assert again.pair(state)[0].to_json() == model.to_json()

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.zero.stars_zero import zero_from_exposures, zeros_of_power_ons
-from calibration.nights import NightSeries
+from calibration.analysis.zero.power_on_zeros import power_on_zeros, zero_from_exposures
+from calibration.calibration_state import CalibrationState
+from calibration.night_series import NightSeries
 from calibration.rows import zero_exposures_by_run
-from calibration.session import CalibrationSession
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
@@ -97,7 +97,7 @@ def test_without_a_model_the_terms_cancel_in_the_change_of_the_same_stars():
         change = zero_from_exposures(now, then, run=2, reference_name='power-on 1')
         error.append(change.angles - CHANGE)
         sigma.append(change.sigma)
-        zeros = zeros_of_power_ons({1: then, 2: now}, PointingModel({}))
+        zeros = power_on_zeros({1: then, 2: now}, PointingModel({}))
         np.testing.assert_allclose(zeros[2].angles - zeros[1].angles, change.angles,
                                    atol=0.05 * ARCSEC)
         # all power-ons together tell IA and IE themselves, as far as they can
@@ -181,7 +181,7 @@ def night(seed=8, second_by_polaris=False):
 
 
 def session(blocks):
-    out = CalibrationSession()
+    out = CalibrationState()
     for number, block in enumerate(blocks):
         out.add(block, (number + 1) * 10**9)
     return out

@@ -6,8 +6,8 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from calibration.analysis.zero.covariate_choice import ALPHA, choose, fewest_nights
-from calibration.analysis.zero.zero_causes import Season, usable_drivers, zero_causes
+from calibration.analysis.zero.zero_causes import Season, usable_covariates, zero_causes
+from calibration.estimation.covariate_choice import ALPHA, choose_covariates, fewest_epochs
 from msg_tools.units import ARCSEC
 
 DAY = 86400.0
@@ -45,7 +45,7 @@ def test_temperature_and_supply_are_found_with_their_slopes():
     assert any('constant' in line and 'last power-on' in line for line in found['not_tried'])
 
 
-def test_both_drivers_at_once_are_found_on_one_axis():
+def test_both_covariates_at_once_are_found_on_one_axis():
     rng = np.random.default_rng(3)
     supply = 5.0 + rng.normal(0.0, 0.1, (13, 2))
     given = season(4, n=13, slope=2.0, noise=1.0, supply=supply)
@@ -70,7 +70,7 @@ def test_a_walk_beside_a_seasonal_trend_is_undecided():
     assert 'walks or drifts' in found['text'] and not names(found, 'azimuth')
 
 
-def test_drivers_that_changed_together_are_not_told_apart():
+def test_covariates_that_changed_together_are_not_distinguished():
     warmth = np.random.default_rng(6).uniform(-4.0, 16.0, 11)
     supply = np.tile((5.0 - 0.01 * warmth)[:, None], 2)
     found = zero_causes(season(6, slope=3.0, temperature=warmth, supply=supply))
@@ -80,11 +80,11 @@ def test_drivers_that_changed_together_are_not_told_apart():
 
 def test_p_is_exact_over_all_orders_of_six_nights():
     rng = np.random.default_rng(7)
-    zeros, drivers = rng.normal(size=(6, 2)), rng.normal(size=(1, 6, 1)) * np.ones(2)
-    p = choose(zeros, drivers, np.arange(6.0)).p_levels
+    zeros, covariates = rng.normal(size=(6, 2)), rng.normal(size=(1, 6, 1)) * np.ones(2)
+    p = choose_covariates(zeros, covariates, np.arange(6.0)).p_levels
 
     def best(z):
-        return max(abs(np.corrcoef(z[:, k], drivers[0, :, 0])[0, 1]) for k in range(2))
+        return max(abs(np.corrcoef(z[:, k], covariates[0, :, 0])[0, 1]) for k in range(2))
     every = np.array([best(zeros[list(order)]) for order in permutations(range(6))])
     assert p.min() == np.mean(every >= best(zeros) - 1e-9)
 
@@ -92,7 +92,7 @@ def test_p_is_exact_over_all_orders_of_six_nights():
 def test_a_scale_and_an_origin_change_nothing():
     given = season(8, slope=1.0)
     other = Season(given.run, given.time, 7.0 * given.zeros + 1.0, given.sigmas, {
-        name: 3.0 * values - 20.0 for name, values in given.drivers.items()})
+        name: 3.0 * values - 20.0 for name, values in given.covariates.items()})
     a, b = zero_causes(given), zero_causes(other)
     assert a['p'] == b['p'] and names(a, 'azimuth') == names(b, 'azimuth')
 
@@ -101,7 +101,7 @@ def test_tonight_is_predicted_as_well_as_its_sigma_says():
     pulls, widths = [], []
     for seed in range(60):
         given = season(seed, n=12, slope=3.0)
-        tonight = {name: values[-1] for name, values in given.drivers.items()}
+        tonight = {name: values[-1] for name, values in given.covariates.items()}
         expected = zero_causes(given.select(slice(0, 11)), tonight, leave_out=False)['tonight']
         for axis, name in enumerate(('azimuth', 'elevation')):
             told = expected[name]
@@ -127,13 +127,13 @@ def test_without_tonights_temperature_the_mean_is_expected():
     ({'temperature': np.r_[np.full(4, np.nan), np.linspace(0.0, 9.0, 7)]},
      'temperature: not known of 4 of 11 nights'),
 ])
-def test_a_driver_that_cannot_tell_is_said(changed, said):
+def test_a_covariate_that_cannot_be_tried_is_named(changed, said):
     found = zero_causes(season(1, **changed))
     assert any(line.startswith(said) for line in found['not_tried'])
     assert found['verdict'] == 'nothing' and 'temperature' not in found['drivers']
 
 
-def test_a_driver_that_one_axis_has_alone_is_tried_there():
+def test_a_covariate_that_one_axis_has_alone_is_tried_there():
     rng = np.random.default_rng(11)
     side = np.ones((13, 2))
     side[:, 0] = rng.permutation(np.r_[np.ones(7), -np.ones(6)])
@@ -168,13 +168,13 @@ def test_a_night_without_temperature_is_left_out():
 def test_too_few_nights_are_said(n):
     found = zero_causes(season(1, n=n, slope=3.0, noise=0.1), {'temperature': [3.0, 3.0]})
     assert found['verdict'] == 'nothing' and f'{n} power-ons' in found['text']
-    assert f'takes {fewest_nights(ALPHA)}' in found['text']
+    assert f'takes {fewest_epochs(ALPHA)}' in found['text']
     assert (found['tonight'] is None) == (n < 2)
 
 
-def test_drivers_that_a_fold_makes_constant_do_no_harm():
+def test_covariates_that_a_fold_makes_constant_do_no_harm():
     side = np.ones((11, 2))
     side[4] = -1.0
     given = season(1, slope=3.0, side=side)
-    assert 'side' in usable_drivers(given)[0]
+    assert 'side' in usable_covariates(given)[0]
     assert names(zero_causes(given), 'azimuth') == ['temperature']

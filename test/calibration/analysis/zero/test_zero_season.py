@@ -9,7 +9,7 @@ from calibration.analysis.encoders.cross_check import Homing
 from calibration.analysis.zero.zero_causes import Season
 from calibration.analysis.zero.zero_season import (
     SeasonLog,
-    drivers_of,
+    power_on_covariates,
     season_from_rows,
     season_rows,
 )
@@ -43,34 +43,35 @@ def test_temperature_is_that_of_the_encoders_else_that_of_the_air():
     air = rows_of(temperature=np.array([np.nan, 4.0]))
     told = {'azimuth': Homing(1, 'azimuth', True, 'above', supply=4.9, temperature=7.0),
             'elevation': Homing(1, 'elevation', True, 'below', supply=5.1, temperature=8.0)}
-    assert drivers_of(told, air) == {
+    assert power_on_covariates(told, air) == {
         'temperature': (7.0, 8.0), 'supply': (4.9, 5.1), 'side': (-1.0, 1.0)}
-    nothing = drivers_of({}, air)
+    nothing = power_on_covariates({}, air)
     assert nothing['temperature'] == (4.0, 4.0) and np.isnan(nothing['supply']).all()
-    assert np.isnan(drivers_of({}, rows_of())['temperature']).all()
+    assert np.isnan(power_on_covariates({}, rows_of())['temperature']).all()
 
 
 def test_a_power_on_has_what_its_own_marks_said():
     log = SeasonLog()
-    for started, warmth in ((500.0, 1.0), (990.0, 2.0), (1500.0, 3.0)):  # heard in any order
-        log.hear([Homing(0, axis, True, 'below', temperature=warmth, started=started)
+    for started, warmth in ((500.0, 1.0), (990.0, 2.0), (1500.0, 3.0)):  # in any order
+        log.update_marks([Homing(0, axis, True, 'below', temperature=warmth, started=started)
                   for axis in ('azimuth', 'elevation')])
-    log.hear([Homing(0, 'azimuth', False, temperature=9.0, started=995.0)])
-    log.begin(1, rows_of(encoder_start=np.full(2, 990.0)))
-    assert log._drivers[1]['temperature'] == (2.0, 2.0)
-    assert np.isnan(log._drivers[1]['hours']).all()
-    log.begin(2, rows_of(encoder_start=np.full(2, 990.0 + 7200.0), time=np.full(2, 9000.0)))
-    assert log._drivers[2]['temperature'] == (3.0, 3.0) and log._drivers[2]['hours'] == (2.0, 2.0)
+    log.update_marks([Homing(0, 'azimuth', False, temperature=9.0, started=995.0)])
+    log.add_power_on(1, rows_of(encoder_start=np.full(2, 990.0)))
+    assert log._covariates[1]['temperature'] == (2.0, 2.0)
+    assert np.isnan(log._covariates[1]['hours']).all()
+    log.add_power_on(2, rows_of(encoder_start=np.full(2, 990.0 + 7200.0), time=np.full(2, 9000.0)))
+    second = log._covariates[2]
+    assert second['temperature'] == (3.0, 3.0) and second['hours'] == (2.0, 2.0)
     assert log.expected(2) is None and len(log.season()) == 0
 
 
 def test_rows_go_there_and_back():
     given = make_season()
-    given.drivers['supply'][2] = np.nan
+    given.covariates['supply'][2] = np.nan
     back = season_from_rows(season_rows(given))
     np.testing.assert_allclose(back.zeros, given.zeros)
-    for name, values in given.drivers.items():
-        np.testing.assert_array_equal(back.drivers[name], values)
+    for name, values in given.covariates.items():
+        np.testing.assert_array_equal(back.covariates[name], values)
     assert len(season_from_rows([])) == 0
 
 

@@ -17,8 +17,10 @@ from pointing_model.runs.model_files import (
     export,
     of_mount,
     read_model,
-    table,
     uniform_sky,
+)
+from pointing_model.runs.model_files import (
+    coefficient_table as table,
 )
 from pointing_model.terms import terms_of
 

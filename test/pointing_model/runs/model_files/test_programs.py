@@ -13,8 +13,16 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
-from pointing_model.runs.model_files import PROGRAMS, export, read_model, table, uniform_sky
-from pointing_model.runs.model_files.columns import OF_TERM, of_model, on_sky, summed
+from pointing_model.runs.model_files import (
+    PROGRAMS,
+    export,
+    read_model,
+    uniform_sky,
+)
+from pointing_model.runs.model_files import (
+    coefficient_table as table,
+)
+from pointing_model.runs.model_files.term_columns import OF_TERM, of_model, on_sky, summed
 from pointing_model.runs.model_files.tpoint import columns_of
 from pointing_model.terms import PHYSICAL, TERMS, Trig
 

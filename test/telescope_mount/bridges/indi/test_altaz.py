@@ -15,9 +15,9 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
+from telescope_mount.bridges.indi.indi_server import SIMULATOR
+from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, check_kind, find_device
 from telescope_mount.bridges.indi.pointing import axes_at
-from telescope_mount.bridges.indi.server import SIMULATOR
-from telescope_mount.bridges.indi.telescope import IndiTelescope, check_kind, find_device
 from telescope_mount.bridges.indi.two_axes import TwoAxes, draw_errors
 from telescope_mount.bridges.indi.two_axes_server import TwoAxesServer
 

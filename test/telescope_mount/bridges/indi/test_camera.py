@@ -20,9 +20,9 @@ from pointing_model.runs.plate_solves.frames import ICRS
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, icrs_to_observed
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.bridges.indi.camera import CCD
+from telescope_mount.bridges.indi.indi_camera import CCD
+from telescope_mount.bridges.indi.indi_sources import SolvedSky
 from telescope_mount.bridges.indi.seen import StarField
-from telescope_mount.bridges.indi.sources import SolvedSky
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)

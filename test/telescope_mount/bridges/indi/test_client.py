@@ -9,7 +9,7 @@ from msg_tools.units import DEG
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi import parse_address
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
-from telescope_mount.bridges.indi.telescope import IndiTelescope, Ticks, find_device
+from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks, find_device
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 

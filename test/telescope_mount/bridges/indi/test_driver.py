@@ -12,8 +12,8 @@ from pointing_model.mounts import Mount
 from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
 from telescope_mount.bridges.indi import goto_mount
 from telescope_mount.bridges.indi.client import IndiError
-from telescope_mount.bridges.indi.driver import MountDriver
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
+from telescope_mount.bridges.indi.indi_driver import MountDriver
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 GERMAN = Mount.equatorial(DEFAULT_SITE.latitude, 'german')

@@ -14,9 +14,9 @@ from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
 from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
-from telescope_mount.bridges.indi.telescope import IndiTelescope, Ticks
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or 'all is there')

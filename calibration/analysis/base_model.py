@@ -1,0 +1,151 @@
+"""A model file as the base of a fit: its terms are fitted anew, what else it has is held."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class BaseModel:
+    """What a fit starts from, as a model file declares it.
+
+    The terms are fitted to the run, and their values in the file are shown beside. Harmonics and
+    effects that came with them, which no list of terms can declare, are held as they are: taken
+    off the readings, and in the model again that is saved.
+
+    Attributes
+    ----------
+    path : Path
+    model : PointingModel
+        As it was read.
+    notes : list of str
+    """
+
+    path: Path
+    model: object
+    notes: list
+
+    @classmethod
+    def read(cls, path, mount):
+        """Read a file of ours or of another program.
+
+        Parameters
+        ----------
+        path : str or Path
+        mount : Mount
+            Of the run.
+
+        Raises
+        ------
+        ValueError
+            It is no such file, declares no term, or is of another mount.
+        """
+        from pointing_model.effects.base import readable
+        from pointing_model.mounts import told
+        from pointing_model.runs.model_files import read_model
+        loaded = read_model(path, mount)
+        if not loaded.model.mount.agrees(mount):
+            raise ValueError(f'{path} is a model of another mount ({told(loaded.model.mount)}) '
+                             f'than the run ({told(mount)})')
+        if not loaded.model.terms:
+            raise ValueError(f'{path} has no term to fit anew')
+        out = cls(Path(path), loaded.model, list(loaded.notes))
+        if out.held is not None:
+            out.notes.append(f'held as {path} has it, not fitted anew: '
+                             f'{", ".join(map(readable, out._held()))}')
+        return out
+
+    @property
+    def terms(self):
+        """Names of the declared terms."""
+        return tuple(self.model.terms)
+
+    @property
+    def held(self):
+        """The model of what is held, or None."""
+        if not self.model.effects and self.model.harmonics is None:
+            return None
+        return replace(self.model, terms={}, covariance=None, geometry='rotation',
+                       provenance={'source': str(self.path)})
+
+    def _held(self):
+        series = [] if self.model.harmonics is None else ['harmonics']
+        return [*series, *(e.effect.name for e in self.model.effects)]
+
+    def of_its_errors(self, run):
+        """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
+        if self.model.mount.errors == run.mount.errors:
+            return run
+        from .sky_model import with_errors
+        return with_errors(run, self.model.mount.errors)
+
+    def taken_off(self, run, encoder='enc'):
+        """The run with what is held taken off its readings.
+
+        Parameters
+        ----------
+        run : PointingRun
+        encoder : {'enc', 'abs'}
+
+        Returns
+        -------
+        PointingRun
+        """
+        held = self.held
+        if held is None:
+            return run
+        import numpy as np
+
+        from pointing_model.context import Context
+        from pointing_model.runs.run import PointingRun
+        context = Context.of_run(run, encoder)
+        x, y = held.offsets(run['az'], run['el'], context)
+        columns = dict(run.columns)
+        az, el = f'az_{encoder}', f'el_{encoder}'
+        # what meets a graduation is the reading as it was
+        for axis in ('az', 'el'):
+            reading = context.get(f'reading_{axis}')
+            if encoder == 'enc' and reading is not None:
+                columns.setdefault(f'{axis}_raw', reading)
+        columns[az] = columns[az] - x / np.cos(run['el'])
+        columns[el] = columns[el] - y
+        return PointingRun(columns, run.meta)
+
+    def whole(self, model):
+        """A model that was fitted to runs of `taken_off`, with what is held."""
+        held = self.held
+        if held is None:
+            return model
+        if held.harmonics is not None and model.harmonics is not None:
+            raise ValueError(f'{self.path} has harmonics, and others were fitted: leave one out')
+        return replace(model, harmonics=model.harmonics or held.harmonics,
+                       effects=(*model.effects, *held.effects))
+
+    def compared(self, model):
+        """The terms as the file has them and as they were fitted.
+
+        Parameters
+        ----------
+        model : PointingModel
+
+        Returns
+        -------
+        dict
+            JSON-ready, arcsec: ``terms`` (``here_arcsec`` None where it was not fitted;
+            ``in_sigma`` of both errors, where the file tells its own) and ``held``.
+        """
+        import numpy as np
+
+        from msg_tools.units import ARCSEC
+        sigma, errors = (dict(zip(one.terms, one.sigmas)) for one in (model, self.model))
+        rows = []
+        for name, there in self.model.terms.items():
+            row = {'name': name, 'there_arcsec': there / ARCSEC, 'here_arcsec': None,
+                   'sigma_arcsec': None, 'in_sigma': None}
+            if name in model.terms:
+                error = float(np.hypot(sigma[name], errors[name]))
+                row |= {'here_arcsec': model.terms[name] / ARCSEC,
+                        'sigma_arcsec': (float(sigma[name]) / ARCSEC
+                                         if np.isfinite(sigma[name]) else None),
+                        'in_sigma': (model.terms[name] - there) / error if error > 0.0 else None}
+            rows.append(row)
+        return {'file': str(self.path), 'terms': rows, 'held': self._held()}

@@ -1,0 +1,39 @@
+"""What an analysis finds, as data; `calibration.report.wording` has the sentence of each kind."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that people should know.
+
+    Attributes
+    ----------
+    kind : str
+        Which sentence it is; `calibration.report.wording` has one for each.
+    size, sigma : float, optional
+        What was found and its standard error, in `unit`.
+    unit : str
+    causes : tuple of str
+        What explains it equally well.
+    before, after : float, optional
+        A figure of merit without and with it, arcsec.
+    todo : str
+        Key of what to do about it.
+    evidence : dict
+        What else the sentence needs.
+    """
+
+    kind: str
+    size: float | None = None
+    sigma: float | None = None
+    unit: str = 'arcsec'
+    causes: tuple = ()
+    before: float | None = None
+    after: float | None = None
+    todo: str = ''
+    evidence: dict = field(default_factory=dict)
+
+    def __getitem__(self, name):
+        """One of `evidence`."""
+        return self.evidence[name]

@@ -1,0 +1,158 @@
+"""The fit of a measured run, from its columns to what is known of the model: one pipeline.
+
+The command ``fit`` and `telescope_mount.fit` are options and printing around it.
+"""
+
+from dataclasses import dataclass, field, replace
+
+from pointing_model.model import PointingModel
+from pointing_model.rms import Rms
+from pointing_model.runs.run import PointingRun
+from pointing_model.zero import NO_ZERO
+
+from .diagnosis.implausible_terms import suspicious
+from .diagnosis.input_check import ColumnCheck, check_columns
+from .external_check import checked_by_halves
+from .finding import Finding
+from .fit import fit_terms
+from .fit_result import FitResult
+from .harmonic_fit import Recipe, fit_chosen
+from .sky_model import Origin, settled
+
+
+@dataclass
+class RunFit:
+    """What a fit to a measured run found.
+
+    Attributes
+    ----------
+    run : PointingRun
+        With the errors that hold (`sky_model.settled`), without what a base model holds.
+    encoder : {'enc', 'abs'}
+    terms : FitResult
+    model : PointingModel
+        With harmonics, or what was chosen to predict, and what a base model holds.
+    plain : PointingModel
+        The same without what a base model holds.
+    columns : ColumnCheck
+    halves : Rms or None
+        Of each half of the rows, by a fit to the other.
+    origin : Origin or None
+        Whose the errors of a German mount are.
+    harmonics : dict or None
+        As of `harmonic_fit.fit_chosen`, with ``harmonic_findings``.
+    predicted : diagnosis.prediction.PredictiveModel or None
+    base : base_model.BaseModel or None
+    findings : list of Finding or str
+        What people should know: of the reader of the file first, as it says it.
+    """
+
+    run: PointingRun
+    encoder: str
+    terms: FitResult
+    model: PointingModel
+    plain: PointingModel
+    columns: ColumnCheck
+    halves: Rms | None
+    origin: Origin | None
+    harmonics: dict | None = None
+    harmonic_findings: list = ()
+    predicted: object = None
+    base: object = None
+    findings: list = field(default_factory=list)
+
+
+def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics=None,
+            predict=False, source=None, **solver):
+    """Check the columns of a run, and fit what is asked for.
+
+    Parameters
+    ----------
+    run : PointingRun
+    terms : sequence of str, optional
+        By default those of `base`, or the physical ones of the mount.
+    encoder : {'enc', 'abs'}
+    robust : bool
+    base : base_model.BaseModel, optional
+        Its terms are fitted anew, the rest of it is held, and whose the errors are it says.
+    harmonics : harmonic_fit.HarmonicChoice, optional
+    predict : bool
+        Choose effects of the direction that predict stars left out.
+    source : str, optional
+        Of the model's provenance; by default that of the run.
+    **solver
+        As of `estimation.gauss_newton.gauss_newton`.
+
+    Returns
+    -------
+    RunFit
+
+    Raises
+    ------
+    MistakenColumns
+        A ValueError: the columns are not what they are named.
+    ValueError
+        Too few usable rows or unknown terms.
+    """
+    if f'az_{encoder}' not in run:
+        raise ValueError(f'{run.meta.get("source", "the run")} has no second encoder; leave out '
+                         f'--encoder {encoder}')
+    columns = check_columns(run, encoder)
+    if terms is None:
+        terms = base.terms if base else run.mount.names.physical
+    terms = tuple(terms)
+    if base:
+        run = base.taken_off(base.of_its_errors(run), encoder)
+    settled_run, origin = settled(run, terms, encoder=encoder, robust=robust)
+    if not base:
+        run = settled_run
+    source = {'source': str(source or run.meta.get('source', ''))}
+    result = fit_terms(run, terms, robust=robust, encoder=encoder, provenance=source, **solver)
+    halves = checked_by_halves(run, result, terms, encoder=encoder, robust=robust, **solver)
+    out = RunFit(run, encoder, result, result.model, result.model, columns, halves, origin,
+                 base=base)
+    if harmonics:
+        fitted, out.harmonics, out.harmonic_findings = fit_chosen(
+            run, harmonics, Recipe(NO_ZERO, False, terms, encoder, robust), result)
+        out.plain = replace(fitted.model, provenance={**fitted.model.provenance, **source})
+    if predict:
+        from .diagnosis.prediction import predictive_model
+        out.predicted = predictive_model(run, '+'.join(terms), encoder=encoder)
+        out.plain = out.predicted.model
+    out.model = base.whole(out.plain) if base else out.plain
+    out.findings = [*run.meta.get('notes', ()), *columns.doubts(run.mount.names),
+                    *result.findings(run), *implausible_values(result.term_rows())]
+    return out
+
+
+def one_of_runs(run, number=None, zeros_known=False):
+    """The run of a number; of several that are fitted as one a finding says so.
+
+    Parameters
+    ----------
+    run : PointingRun
+    number : int, optional
+        In its column ``run``; None: all.
+    zeros_known : bool
+        The zeros of the runs are taken off, as in logs of ours.
+    """
+    numbers = sorted(set(run['run'].tolist())) if 'run' in run else []
+    if number is not None:
+        rows = run.get('run') == number
+        if not rows.any():
+            there = ', '.join(f'{n:g}' for n in numbers) or 'no column run'
+            raise ValueError(f'{run.meta.get("source", "the file")}: no run {number} (there: '
+                             f'{there})')
+        one = run.select(rows)
+        one.meta = {**run.meta, 'lines': run.lines[rows]}
+        return one
+    if len(numbers) > 1 and not zeros_known:
+        run.meta['notes'] = [*run.meta.get('notes', ()),
+                             Finding('runs fitted as one', len(numbers), unit='')]
+    return run
+
+
+def implausible_values(terms):
+    """Findings on values that no mount should have, of rows as of `FitResult.term_rows`."""
+    return [Finding('implausible term', row['value_arcsec'], row['sigma_arcsec'], evidence=row)
+            for row in suspicious(terms)]

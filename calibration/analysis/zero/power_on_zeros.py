@@ -1,0 +1,300 @@
+"""Zeros of the encoders in each power-on, relative to a model or an earlier power-on.
+
+Polaris alone measures IA + CA / cos E + (NPAE + AW cos A) tan E + ... in azimuth and
+IE + AN cos A + TF cos E + ... in elevation, so it cannot give IA and IE themselves. It gives
+how much the zero moved since a time when those other terms were the same, and `contamination`
+says by how much a change of each of them would falsify that. Stars elsewhere separate some of them
+(`zero_estimate`).
+"""
+
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.held_terms import is_a_model
+from pointing_model.model import PointingModel
+from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.zero import BY_POLARIS, RunZero, is_for_zero, is_marked
+
+from ...rows import by_run, zero_exposures_by_run
+from ..fit import fit_terms
+from .zero_estimate import estimate_zeros
+
+#: reference of a zero that is the whole offset at Polaris
+NO_MODEL = 'no model'
+#: of what one second of arc makes: less is rounding
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredZero(RunZero):
+    """Change of the zero of both axes, with all that it rests on.
+
+    Attributes
+    ----------
+    az, el, covariance, run
+        See `RunZero`; the covariance is of these exposures and of the reference.
+    n : int
+        Exposures used.
+    reference : str
+        What the change is relative to.
+    sigma_from : {'given sigmas', 'measured scatter'}
+        The latter is widened (Student) so that one sigma holds 68 % of the cases.
+    contamination : dict of str to dict of str to float
+        ``contamination['az']['CA']``: by how many seconds of arc the zero is false if that term
+        has changed by one since the reference; ``['el']`` likewise.
+    rejected : int
+        Exposures without weight.
+    by : str
+        The way, see `pointing_model.zero.way_of`.
+    mount : Mount
+        Whose axes.
+    noise : ndarray, shape (2, 2), optional
+        Covariance by the noise of the exposures alone, radians^2; None: `covariance` is that.
+    misfit : float
+        By how much the covariance was widened (as a sigma) since the stars disagree by more than
+        their noise and what is held allow; 1: they do not.
+    """
+
+    n: int
+    reference: str
+    sigma_from: str
+    contamination: dict
+    rejected: int
+    by: str = BY_POLARIS
+    mount: Mount = ALTAZ
+    noise: np.ndarray | None = None
+    misfit: float = 1.0
+
+    @property
+    def with_fitted_terms(self):
+        """Its covariance where a model goes with it that was fitted to these exposures too."""
+        if self.noise is not None and self.reference == NO_MODEL:
+            return self.noise
+        return self.covariance
+
+    def contained(self, names):
+        """How much of each term the zero has in it, shape (2, k); of itself all."""
+        own = self.mount.names.index
+        return np.array([[float(i == own.index(name)) if name in own else
+                          self.contamination[axis].get(name, 0.0) for name in names]
+                         for i, axis in enumerate(('az', 'el'))])
+
+    def statement(self):
+        """What the zero rests on, in words: terms that its exposures cannot tell from it."""
+        def list_of(axis):
+            parts = sorted(self.contamination[axis].items(), key=lambda item: -abs(item[1]))
+            return ', '.join(f'{name} {v:+.2f}\u2033' for name, v in parts if abs(v) >= 0.005)
+        first, second = self.mount.names.axes
+        by = '' if self.by == BY_POLARIS else f'by {self.by}: '
+        wide = '' if self.misfit == 1.0 else (
+            f'; the stars disagree by {self.misfit:.1f} times what their noise and the held terms '
+            'allow (a term has changed): sigma is widened by that')
+        if self.reference == NO_MODEL and not (list_of('az') or list_of('el')):
+            return (f'{by}no earlier model is its reference: the stars themselves tell the zero '
+                    f'from the other terms, as well as its sigma says{wide}')
+        if self.reference == NO_MODEL:
+            return (f'{by}no earlier model is its reference, so the other terms are in the zero. '
+                    f'1\u2033 of a term shifts it: {first} by {list_of("az")}; {second} by '
+                    f'{list_of("el")}{wide}')
+        return (f'{by}the zero is right as long as the other terms are as they were at its '
+                f'reference ({self.reference}). 1\u2033 of change in one of them makes it wrong: '
+                f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}')
+
+    def to_dict(self):
+        """Numbers for a log or a provenance, in arcsec; ``by`` where it is not Polaris."""
+        other = {} if self.by == BY_POLARIS else {'by': self.by, 'misfit': self.misfit}
+        return {
+            **super().to_dict(),
+            'sigma_az_arcsec': self.sigma_az / ARCSEC,
+            'sigma_el_arcsec': self.sigma_el / ARCSEC,
+            'exposures': self.n,
+            'rejected': self.rejected,
+            'reference': self.reference,
+            'sigma_from': self.sigma_from,
+            'contamination': self.contamination,
+            'statement': self.statement(),
+            **other,
+        }
+
+
+def _measured(found, pick, place, run, reference, seen_by=None):
+    """The combination `pick` (2, 2g) of the zeros of a ZeroEstimate as that of a group."""
+    names, false = found.contamination(pick, seen_by)
+    az, el = pick @ found.value * ARCSEC
+    return MeasuredZero(
+        run=run, az=float(az), el=float(el),
+        covariance=pick @ found.covariance @ pick.T * ARCSEC**2,
+        noise=pick @ found.noise @ pick.T * ARCSEC**2, n=found.used[place], reference=reference,
+        sigma_from='measured scatter' if found.rows.sigmas is None else 'given sigmas',
+        contamination={axis: {name: float(v) for name, v in zip(names, row) if abs(v) > _ROUNDING}
+                       for axis, row in zip(('az', 'el'), false)},
+        rejected=found.rejected[place], by=found.ways[place], mount=found.rows.mount,
+        misfit=found.misfit)
+
+
+def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=None,
+                        reference_name='an earlier power-on'):
+    """Change of the encoders' zero since a reference, from exposures of Polaris or of stars.
+
+    Parameters
+    ----------
+    exposures : PointingRun
+        All of its rows are for the zero, see `zero_exposures.is_for_zero`. Without ``sigma_x`` and
+        ``sigma_y`` their scatter gives their noise.
+    reference : PointingRun or PointingModel
+        Exposures of an earlier power-on, or a model whose prediction is the zero that its IA and
+        IE stand for; the model's covariance enters the result's.
+    encoder : {'enc', 'abs'}
+        The pair of encoder columns.
+    model : PointingModel, optional
+        With reference exposures: takes out how the offset differs between the places, as of Polaris
+        on its circle (0.6" per minute of arc of collimation). Its covariance enters. It was not
+        fitted to these exposures: else their noise would count as if it were of other stars.
+    run : int, optional
+        Number of the power-on of the exposures.
+    reference_name : str
+        What the report calls the reference exposures.
+
+    Returns
+    -------
+    MeasuredZero
+
+    Raises
+    ------
+    ValueError
+        No usable exposure, or only one and no sigma, here or in the reference; or `model`
+        beside a reference that is a model.
+    """
+    if isinstance(reference, PointingModel):
+        if model is not None:
+            raise ValueError('the reference is a model already; leave out the second one')
+        found = estimate_zeros([exposures], ['tonight'], reference, encoder)
+        return _measured(found, np.eye(2), 0, run, _model_name(reference))
+    found = estimate_zeros([exposures, reference], ['tonight', reference_name], model, encoder)
+    # a term that has changed is as it was in the exposures of before
+    return _measured(found, np.hstack((np.eye(2), -np.eye(2))), 0, run,
+                     f'{found.used[1]} exposures of {found.ways[1]}, {reference_name}', seen_by=0)
+
+
+def _model_name(model):
+    """A PointingModel as the reference of a zero."""
+    if not is_a_model(model):
+        return NO_MODEL
+    source = model.provenance.get('source')
+    return 'prediction of the pointing model' + (f' from {source}' if source else '')
+
+
+def power_on_zeros(parts, reference, *, encoder='enc'):
+    """The zero of each power-on from its exposures.
+
+    Parameters
+    ----------
+    parts : dict of int to PointingRun
+        Number of the power-on -> its exposures for a zero, at least one.
+    reference : PointingModel
+        Of an earlier night; one without terms: none.
+    encoder : {'enc', 'abs'}
+
+    Returns
+    -------
+    dict of int to MeasuredZero
+        Where stars were exposed and there is no reference, of all power-ons together.
+
+    Raises
+    ------
+    ValueError
+        A power-on has no usable exposure, or too few.
+    """
+    if _are_alone(parts, reference):
+        return {number: zero_from_exposures(part, reference, encoder=encoder, run=number)
+                for number, part in parts.items()}
+    found = estimate_zeros(list(parts.values()), [f'power-on {number}' for number in parts], None,
+                           encoder)
+    each = np.eye(2 * len(parts)).reshape(len(parts), 2, -1)
+    return {number: _measured(found, each[place], place, number, NO_MODEL)
+            for place, number in enumerate(parts)}
+
+
+def _are_alone(parts, reference):
+    """Whether the zero of each power-on has nothing to do with others; see `power_on_zeros`."""
+    return is_a_model(reference) or not any(is_marked(part).any() for part in parts.values())
+
+
+def night_zeros(rows, reference, needed=None):
+    """The zero of each power-on that has enough exposures for one.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        All of the night.
+    reference : PointingModel or None
+        Of an earlier night.
+    needed : int, optional
+        A power-on that must have enough, if it has any.
+
+    Returns
+    -------
+    zeros : dict of int to MeasuredZero
+    parts : dict of int to PointingRun
+        The exposures.
+
+    Raises
+    ------
+    ValueError
+        `needed` has too few.
+    """
+    reference = reference or PointingModel({}, mount=rows.mount)
+    zeros, parts = {}, {}
+    for number, part in zero_exposures_by_run(rows):
+        with nullcontext() if number == needed else suppress(ValueError):
+            zeros[number] = power_on_zeros({number: part}, reference)[number]
+            parts[number] = part
+    if not _are_alone(parts, reference):
+        zeros = power_on_zeros(parts, reference)
+    return zeros, parts
+
+
+def zero_changes(rows, numbers, model):
+    """Change of the zero from each power-on to the next.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        That were fitted, exposures for zeros among them.
+    numbers : sequence of int
+        Power-ons with such exposures.
+    model : PointingModel
+        Of the fit.
+
+    Returns
+    -------
+    list of dict
+        ``from``, ``to``, and `MeasuredZero.to_dict`.
+    """
+    if is_marked(rows).any():
+        model = _terms_of_stars(rows)
+    return [{'from': before, 'to': after, **zero_change(rows, before, after, model).to_dict()}
+            for before, after in zip(numbers, numbers[1:])]
+
+
+def zero_change(rows, before, after, model):
+    """Between two power-ons, a MeasuredZero.
+
+    `model` gives how the offset differs between the places exposed.
+    """
+    parts = by_run(rows.select(is_for_zero(rows)))
+    return zero_from_exposures(parts[after], parts[before], model=model,
+                               reference_name=f'power-on {before:.0f}')
+
+
+def _terms_of_stars(rows):
+    """The terms without the exposures: what is held may not rest on these themselves.
+
+    None where the stars are too few.
+    """
+    with suppress(ValueError, np.linalg.LinAlgError):
+        return fit_terms(rows.select(~is_for_zero(rows)), run_zeros=True).model
+    return None

@@ -1,0 +1,580 @@
+"""The state of a calibration: rows, zeros, the active model, and what follows with each star."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
+from pointing_model.row_retention import kept_words
+from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
+from pointing_model.zero_drift import KEY as FOLLOWS
+from pointing_model.zero_drift import Following
+
+from .analysis.encoders.count_drift import zero_following
+from .analysis.encoders.cross_check import cross_check
+from .analysis.external_check import power_on_check, split_half, ways
+from .analysis.fit_result import named
+from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
+from .analysis.held_out import held_out_steps
+from .analysis.sky_model import origin_of_night, with_errors
+from .analysis.tracking import BATCH, TRACK
+from .analysis.zero.power_on_zeros import (
+    night_zeros,
+    zero_change,
+    zero_changes,
+    zero_from_exposures,
+)
+from .distrust import contradiction, notes_of, reasons
+from .publication import BlindStars, ModelWithZeros
+from .report.fit_wording import comparison_sentence, origin_sentence
+from .report.wording import wording
+from .row_table import RowTable
+from .rows import check_mount, counts, for_fitting
+from .star_requests import StarRequests
+
+REPORT_FORMAT = 'telescope_mount/calibration_report'
+REPORT_VERSION = 1
+
+#: the first coefficients, with correlations in the report: of all they grow with the square
+CORRELATED = 40
+NO_HARMONICS = HarmonicChoice()
+
+
+class Contradiction(ValueError):
+    """Why a model is not published, a sentence; and the `report` of its fit, where there is one."""
+
+    def __init__(self, why, report=None):
+        super().__init__(why)
+        self.report = report
+
+
+class CalibrationState:
+    """Takes observations and computes from them alone; the same rows give the same numbers.
+
+    Parameters
+    ----------
+    reference : PointingModel, optional
+        Model of an earlier night. The zero is then the change since that night. Without it the
+        zero is the whole offset at Polaris, in which IA and IE cannot be told from the other
+        terms; what changed shows between two power-ons.
+    split_seed : int
+        Of the choice of the stars that are held out.
+    harmonics : HarmonicChoice
+        Of the model that is published; by default none.
+    power_ons : int
+        So many have their rows kept, the last ones; 0: all.
+    mode : {'batch', 'track'}
+        track: a model after each star too.
+    yesterday : cross_check_records.Witness, optional
+        How Polaris and the encoders stood to each other the night before.
+
+    Attributes
+    ----------
+    rows : RowTable
+    zeros : Zeros
+        By their exposures alone, a MeasuredZero of each power-on that has some.
+    fitted : ModelWithZeros or None
+        Of the last fit that was published, with the covariances of its zeros.
+    active, replaced : ModelWithZeros or None
+        What was published last, and what that replaced; no `replaced` where that is the same.
+    since : int
+        How many rows were known when `active` was published, of those that are still here.
+    model : PointingModel or None
+        That was published last: of `active`, with all that whoever points with it must know.
+    terms : ModelWithZeros or None
+        The terms alone, as the last fit found them.
+    report : dict or None
+        Of the last fit, the encoders checked again with the model that came after it.
+    encoder_zeros : EncoderZeros, StarOffsets or None
+        Zeros of the encoders tonight by the sky, from `fit` on.
+    tracking : LiveTracking or None
+        In mode track.
+    requests : StarRequests
+    """
+
+    def __init__(self, reference=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0,
+                 mode=BATCH, yesterday=None):
+        self.reference, self.rows = reference, RowTable(power_ons)
+        self._split_seed, self._harmonics, self._yesterday = split_seed, harmonics, yesterday
+        #: whose the errors of the mount are, as the last fit found or an earlier model has it
+        self._errors = None if reference is None else reference.mount.errors
+        self.zeros, self.terms, self._degree = Zeros(), None, None
+        self.fitted = self.active = self.replaced = self.model = None
+        self.since = 0
+        self.report = self.encoder_zeros = None
+        self._homings, self._diagnosis = (), None
+        self.tracking, self.requests = None, StarRequests()
+        if mode == TRACK:
+            from .analysis.tracking.live_tracking import LiveTracking
+            self.tracking = LiveTracking()
+
+    # --- rows -------------------------------------------------------------------------------------
+
+    @property
+    def tonight(self):
+        """The state of the night that is observed: this one. A `NightSeries` has one a night."""
+        return self
+
+    @property
+    def mount(self):
+        """That of the rows, else of the active model or the reference, `Mount`."""
+        return self.rows.mount or (self.model or self.reference or PointingModel({})).mount
+
+    @property
+    def taken(self):
+        """As of `RowTable`."""
+        return self.rows.taken
+
+    @property
+    def last_stamp(self):
+        """Of the newest row, ns; 0 before the first."""
+        return self.rows.last_stamp
+
+    def observations(self, until=0):
+        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
+
+        Raises
+        ------
+        ValueError
+            There is none.
+        """
+        run = self.rows.all(until)
+        return with_errors(run, self._errors) if self._errors else run
+
+    def add(self, run, stamp):
+        """Take rows, as `RowTable.add`, and let `tracking` and `requests` follow.
+
+        Returns
+        -------
+        bool
+            Whether there is another tracked model.
+        """
+        self._check_mount(run)
+        self._after(lambda: self.rows.add(run, stamp))
+        self.requests.update(self)
+        return self.tracking is not None and self.tracking.observed(self, run)
+
+    def add_table(self, run, stamp):
+        """Take the table of all rows so far; how many were not here, as `RowTable.add_table`."""
+        self._check_mount(run)
+        count = self._after(lambda: self.rows.add_table(run, stamp))
+        if count > 1:  # of a night under way, and no row that a table has overtaken
+            self.zeros.update(night_zeros(self.observations(), self.reference)[0])
+            if self.tracking:
+                self.tracking.again(self)
+        return count
+
+    def _check_mount(self, run):
+        check_mount(run.mount, {'the reference model': self.reference and self.reference.mount})
+
+    def _after(self, take):
+        """What `take` gives; what was made of rows that it lets go is gone too."""
+        before = self.rows.forgotten
+        out = take()
+        if self.rows.forgotten > before:
+            self.since = max(0, self.since - (self.rows.forgotten - before))
+            for number in [n for n in self.zeros if n not in self.rows.power_on_numbers]:
+                del self.zeros[number]
+        return out
+
+    def started(self, number):
+        """When a power-on began, UTC s; None where its rows do not tell."""
+        rows = self.observations()
+        own = rows.get('encoder_start')[rows['run'] == number]
+        own = own[np.isfinite(own)]
+        return float(own[-1]) if len(own) else None
+
+    # --- zeros ------------------------------------------------------------------------------------
+
+    @property
+    def active_zeros(self):
+        """Those that belong to the active model."""
+        return Zeros() if self.active is None else self.active.zeros
+
+    def calibrate_zero(self):
+        """Zeros of all power-ons in which Polaris, or stars for a zero, were observed.
+
+        Returns
+        -------
+        run : int
+            The newest of them.
+        zero : MeasuredZero
+            Its zero, for pointing with the active model, else relative to the reference.
+
+        Raises
+        ------
+        ValueError
+            No usable exposure for a zero in the newest power-on.
+        """
+        newest, exposures = self._measure_zeros()
+        if self.model is None:
+            return newest, self.zeros[newest]
+        if self.active is not None:
+            exposures = self.active.follows.corrected(exposures)
+        return newest, zero_from_exposures(exposures, self.model, run=newest)
+
+    def zero_of_reference(self):
+        """As `calibrate_zero`, relative to the reference even where a model is active."""
+        newest, _ = self._measure_zeros()
+        return newest, self.zeros[newest]
+
+    def _measure_zeros(self):
+        newest = self.rows.newest
+        zeros, exposures = night_zeros(self.observations(), self.reference, newest)
+        self.zeros.update(zeros)
+        if newest not in exposures:
+            self.zeros.pop(newest, None)  # of exposures that are not trusted any more
+            raise ValueError('; '.join([
+                f'Polaris was not observed since power-on {newest}, nor stars for its zero; point '
+                'at them first', *reasons(self.observations())]))
+        return newest, exposures[newest]
+
+    def zero_of_model(self):
+        """The newest active zero, as well known as its exposures, or else its stars, say.
+
+        Returns
+        -------
+        RunZero
+            Where the power-on has no exposures for its zero, the covariance is that which the fit
+            gives to the change since the first power-on; None of the first.
+        """
+        newest = self.active_zeros.newest
+        measured = self.zeros.get(newest.run)
+        if measured is not None:
+            return replace(newest, by=measured.by, covariance=measured.with_fitted_terms)
+        fitted = self.fitted and self.fitted.zeros.get(newest.run)
+        return replace(newest, covariance=fitted.covariance) if fitted else newest
+
+    def _first_zeros(self, rows):
+        """Zero of each power-on by its exposures; where there is none, the one before it."""
+        return self.zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
+
+    # --- the active model -------------------------------------------------------------------------
+
+    def take_up(self, model):
+        """`model` is active: a calibration before this one has published it.
+
+        The next fit is judged against it where it tells which zeros it went with.
+
+        Parameters
+        ----------
+        model : PointingModel
+
+        Raises
+        ------
+        ValueError
+            What it says of its zeros is damaged.
+        """
+        if self.tracking and self.tracking.take_up(self, model):
+            return
+        zeros, follows = zeros_in_force(model), Following.of(model)
+        self.model, self._errors = model, model.mount.errors
+        if zeros:
+            self.active, self.since = ModelWithZeros(model, zeros, follows), len(self.rows)
+
+    def _activate(self, new, model, since):
+        """`new` is active, published as `model`; what it replaced can come back."""
+        same = self.active is not None and new.predicts_as(self.active)
+        self.replaced = None if same else self.active
+        self.active, self.since = new, since
+        self._publish(model)
+
+    def _publish(self, model):
+        self.model = model
+        if self.tracking:
+            self.tracking.begin(self)
+
+    # --- fit --------------------------------------------------------------------------------------
+
+    def fit(self, homings=()):
+        """Fit all stars, and judge each kind of model on stars that it did not see.
+
+        Rows with ``check`` 1 are left out: see `rows`.
+
+        The terms are fitted together with the change of the zero from power-on to power-on, to
+        stars and exposures for the zero alike: these fix most of the change, the stars help.
+
+        Parameters
+        ----------
+        homings : iterable of cross_check.Homing
+            What the incremental encoders say of themselves.
+
+        Returns
+        -------
+        model : PointingModel
+            The physical terms, or the harmonics that were asked for, for pointing with
+            `active_zeros`; where a fit is worse on blind stars, the model that was active.
+        report : dict
+            See `REPORT_FORMAT`; JSON-ready.
+
+        Raises
+        ------
+        ValueError
+            Too few stars.
+        Contradiction
+            What is known speaks against a model of these rows: nothing has become active.
+        """
+        self.refuse_falsified()
+        origin = origin_of_night(for_fitting(self.observations()))
+        self._errors = (origin and origin.holds) or self._errors
+        observed = for_fitting(self.observations())
+        follows = zero_following(observed)
+        rows = follows.corrected(observed)
+        notes = notes_of(self.observations())
+        if kept := kept_words(self.rows.power_on_numbers, self.rows.power_ons):
+            notes.append(f'the fit is {kept}')
+        terms = self._fit_terms(rows)
+        self.terms = ModelWithZeros(terms.model, terms.zeros)
+        fitted, harmonics, misfits = self._fit_harmonics(rows, terms, notes)
+        report = self._report(observed, rows, fitted, harmonics, homings, notes)
+        if origin is not None:
+            report['origin_of_errors'] = origin.document()
+            notes.append(origin_sentence(origin))
+        report['expected'] = None if misfits else self._expected_error(rows, fitted.zeros)
+        if follows:
+            report[FOLLOWS] = follows.document()
+        new = ModelWithZeros(self._with_provenance(fitted.model, report), fitted.zeros, follows)
+        notes[:] = map(rows.mount.names.say, notes)
+        if why := contradiction(self.observations(), report):
+            raise Contradiction(why, report)
+        self._homings = homings
+        kept = self.active is not None and not self._replaces(new, report)
+        self.report = report
+        if kept:
+            self._publish(self.active.published(refit='refused', last_stamp_ns=self.last_stamp))
+        else:
+            self.fitted = new
+            self._activate(new, new.published(), len(self.rows))
+        return self.model, report
+
+    def refuse_falsified(self):
+        """`Contradiction` where too many of the rows are not to be trusted."""
+        if why := contradiction(self.observations()):
+            raise Contradiction(why)
+
+    def _fit_terms(self, rows):
+        """Terms, and the zero of each power-on that belongs to them, a FitResult."""
+        from .analysis.diagnosis import check_columns
+        check_columns(rows.select(~is_for_zero(rows)))
+        return self._recipe(rows).terms(rows)
+
+    def _fit_harmonics(self, rows, terms, notes):
+        """The harmonics that were asked for, else the terms.
+
+        Returns
+        -------
+        fitted : FitResult
+        section : dict or None
+            Of the report.
+        misfits : int
+            Rows that are outliers to the harmonics alone.
+        """
+        if not self._harmonics:
+            return terms, None, 0
+        fitted, section, findings = fit_chosen(rows, self._harmonics, self._recipe(rows), terms,
+                                               self._split_seed)
+        self._degree = section['degree']
+        misfits = int(np.count_nonzero(fitted.weights[terms.weights > 0.0] == 0.0))
+        if misfits:
+            notes.append(f'{misfits} rows are outliers to the harmonics, and not to the terms: '
+                         'how wrong they are on fresh stars is not said')
+        notes += map(wording, findings)
+        return fitted, section, misfits
+
+    def _recipe(self, rows):
+        """The zero of the first power-on by its exposures, those after it from there on."""
+        return Recipe(self._first_zeros(rows)[rows['run'].min()])
+
+    def _report(self, observed, rows, fitted, harmonics, homings, notes):
+        """Of a fit to `rows`, which are `observed` without what the counts have drifted."""
+        published = None
+        if harmonics:
+            published = self._harmonics.label(self._degree), lambda rows, recipe: recipe.fit(
+                rows, self._harmonics, self._degree)
+        else:
+            notes += map(wording, fitted.open_directions)
+        notes += [f'row {row["row"]} left out: {row["reason"]}' for row in fitted.excluded]
+        rejected = fitted.rejected_stars(rows)
+        notes += map(wording, [*named(rejected), *fitted.freedom_findings])
+        stars, first = rows.select(~is_for_zero(rows)), self._first_zeros(rows)
+        return {
+            'format': REPORT_FORMAT, 'version': REPORT_VERSION,
+            'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
+            **counts(rows),
+            'zeros': self.zeros.to_list(),
+            'changes': zero_changes(observed, sorted(self.zeros), fitted.model),
+            'zeros_in_force': fitted.zeros.to_list(),
+            'terms': rows_of_terms(fitted.model) if harmonics else fitted.term_rows(),
+            'correlations': fitted.correlations[:CORRELATED, :CORRELATED].tolist(),
+            'condition': fitted.condition,
+            'rejected': len(fitted.rejected),
+            **({'outliers': [one.evidence for one in rejected]} if rejected else {}),
+            **({'degrees_of_freedom': fitted.degrees_of_freedom} if fitted.few else {}),
+            'steps': held_out_steps(
+                rows, self._recipe, split_half(stars, self._split_seed), self.reference, first,
+                ways(self.zeros.values()), notes, published),
+            'external_check': power_on_check(
+                rows, self.reference, first if self.zeros else {}, self.zeros, zero_change, notes,
+                published and ('harmonics of', published[1])),
+            'noise_arcsec': [s / ARCSEC for s in fitted.scatter],
+            'witnesses': self._cross_check(observed, fitted.model, homings),
+            'notes': notes,
+            **({'harmonics': harmonics} if harmonics else {}),
+        }
+
+    def _expected_error(self, rows, zeros):
+        from .night_diagnosis import expected_of_fit, with_zero
+        expected = expected_of_fit(rows, zeros, self._harmonics.base(self._degree))
+        if zeros.newest.run not in self.zeros:
+            expected = with_zero(expected, zeros.newest, rows.select(~is_for_zero(rows)))
+        return expected
+
+    def _with_provenance(self, model, report):
+        expected = {'expected': report['expected']} if report['expected'] else {}
+        return PointingModel(model.terms, model.covariance, model.harmonics, {
+            **model.provenance, **self._source(), **expected}, model.geometry, mount=model.mount)
+
+    def _source(self):
+        """What the provenance of every model of these rows tells."""
+        reference = None
+        if self.reference is not None:
+            reference = self.reference.provenance.get('source', 'a model of an earlier night')
+        return {'last_stamp_ns': self.last_stamp, 'reference': reference}
+
+    def _replaces(self, new, report):
+        """Whether a fit is not worse than the active model on blind stars; told in its report."""
+        compared = BlindStars(self.observations()).compare(self.active, new)
+        if compared is None:
+            return True
+        report['judgement'] = compared.to_dict()
+        if not compared.holds:
+            report['refused'] = 'this fit is not published: ' + comparison_sentence(
+                compared, self.mount.names.axes)
+            report['notes'].append(report['refused'])
+            report['zeros_in_force'] = self.active.zeros_document
+        return compared.holds
+
+    def _cross_check(self, rows, model, homings):
+        found = cross_check(rows, self._yesterday, model=model, homings=homings)
+        self.encoder_zeros = found.latest
+        return {'alarms': found.alarms, 'notes': found.notes}
+
+    # --- diagnosis --------------------------------------------------------------------------------
+
+    def diagnose(self, alpha=0.01, site=None, until=0, progress=None):
+        """`find_effects`, and `apply` what is found, a NightDiagnosis."""
+        found = self.find_effects(alpha, site, until, progress)
+        self.apply(found, site, until)
+        return found
+
+    def find_effects(self, alpha=0.01, site=None, until=0, progress=None):
+        """What the fitted model lacks; nothing of the state changes: see `apply`.
+
+        Parameters
+        ----------
+        alpha, site, progress
+            As of `night_diagnosis.diagnose_night`.
+        until : int
+            Rows after this stamp (ns) were not known then; 0: all are. For replays.
+
+        Returns
+        -------
+        NightDiagnosis
+
+        Raises
+        ------
+        ValueError
+            Too few stars.
+        Contradiction
+            As of `fit`.
+        """
+        from .night_diagnosis import diagnose_night
+        self.refuse_falsified()
+        rows = self.observations(until)
+        start = self._start_of_diagnosis(rows)
+        found = diagnose_night(rows, start, self._source(), alpha, site,
+                               self._harmonics.base(self._degree), progress)
+        found.document['last_stamp_ns'] = until or self.last_stamp
+        found.document['published'] |= self.fitted is not None and start is not self.fitted
+        return found
+
+    def apply(self, found, site=None, until=0):
+        """The model of a diagnosis is active; `report` and `requests` go with it.
+
+        Parameters
+        ----------
+        found : NightDiagnosis
+        site, until
+            With which it was found.
+        """
+        rows = self.observations(until)
+        if found.start.model is not None:
+            self.fitted = found.start
+        self._diagnosis = found
+        self._activate(found.chosen, found.model, len(rows))
+        self._check_encoders_again(rows)
+        self.requests.begin(self, found, site, until)
+
+    def _start_of_diagnosis(self, rows):
+        """The fit, following what drifts by now, where that does not make blind stars worse.
+
+        Blind stars have seen more of it than those of the fit.
+
+        Returns
+        -------
+        ModelWithZeros
+            Without a model where nothing was fitted.
+        """
+        follows, old = zero_following(rows.select(rows['star'] >= 0)), self.fitted
+        if old is None:
+            return ModelWithZeros(None, self._first_zeros(rows), follows)
+        if not set(follows.axes) > set(old.follows.axes):
+            return old
+        rows_of_fit = for_fitting(follows.corrected(rows))
+        fitted = self._fit_terms(rows_of_fit)
+        if self._harmonics:
+            fitted = self._recipe(rows_of_fit).fit(rows_of_fit, self._harmonics, self._degree)
+        new = ModelWithZeros(replace(
+            old.model, terms=fitted.model.terms, covariance=fitted.model.covariance,
+            harmonics=fitted.model.harmonics), fitted.zeros, follows)
+        compared = BlindStars(rows).compare(old, new)
+        return new if compared is None or compared.holds else old
+
+    def judge(self, site=None):
+        """The active model before blind stars that came after the diagnosis that has made it.
+
+        Parameters
+        ----------
+        site : dict, optional
+            As of `find_effects`.
+
+        Returns
+        -------
+        NightDiagnosis
+            Of what is active from now on: the model before, where the new one is worse.
+
+        Raises
+        ------
+        ValueError
+            Nothing was diagnosed.
+        """
+        if self._diagnosis is None:
+            raise ValueError('nothing was diagnosed that could be judged; diagnose first')
+        from .night_diagnosis import judge_again
+        rows = self.observations()
+        found = self._diagnosis = judge_again(
+            self._diagnosis, self.active, self.replaced, BlindStars(rows, site, self.since),
+            self.last_stamp)
+        if found.chosen is not self.active:
+            self.active, self.replaced = self.replaced, None
+        self._publish(found.model)
+        self._check_encoders_again(rows)
+        return found
+
+    def _check_encoders_again(self, rows):
+        """What the model explains is no alarm any more."""
+        if self.report is not None:
+            self.report = {
+                **self.report, 'verdict': self._diagnosis.document['verdict'],
+                'witnesses': self._cross_check(for_fitting(rows), self.model, self._homings)}

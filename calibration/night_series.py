@@ -1,0 +1,349 @@
+"""Nights in a row: the zero and the stars of each are judged by the model of an earlier one.
+
+Paper 000, section 2: coefficients of two nights before correct the stars of tonight, before and
+after the zero calibration. Each power-on is a night here.
+"""
+
+from contextlib import suppress
+
+import numpy as np
+
+from msg_tools.status import Taken
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+from pointing_model.row_retention import kept_words
+from pointing_model.runs.run import PointingRun
+from pointing_model.terms import mean_columns
+from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, is_marked, zero_in_force
+
+from .analysis.fit import fit_harmonics
+from .analysis.harmonic_fit import choice_of
+from .analysis.satellite_check import tracking_errors
+from .analysis.tracking import BATCH, TRACK
+from .analysis.zero.power_on_zeros import zero_from_exposures
+from .analysis.zero.zero_causes import zero_causes
+from .analysis.zero.zero_season import SeasonLog, season_rows
+from .calibration_state import NO_HARMONICS, CalibrationState
+from .row_table import RowTable
+from .rows import by_run, for_fitting, is_kept_out, zero_exposures_by_run
+
+#: the kinds of model, in the order of the report; the last where the model that is published, to
+#: which zeros are relative, has harmonics
+PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED = 'physical', 'harmonics', 'published'
+
+
+def state_of(parameters, reference=None):
+    """The state of a calibration with such parameters.
+
+    Parameters
+    ----------
+    parameters : dict
+        Of the node, or some of them.
+    reference : PointingModel, optional
+        Of an earlier night.
+
+    Returns
+    -------
+    CalibrationState or NightSeries
+
+    Raises
+    ------
+    ValueError
+        They contradict each other.
+    """
+    age, mode = parameters.get('reference_age', 0), parameters.get('mode', BATCH)
+    common = (reference, parameters.get('split_seed', 1), choice_of(parameters),
+              parameters.get('kept_power_ons', 0))
+    if not age:
+        return CalibrationState(*common, mode)
+    if mode == TRACK:
+        raise ValueError('mode track follows one night after the other by itself: leave out '
+                         'reference_age')
+    return NightSeries(age, *common)
+
+
+class NightSeries:
+    """A `CalibrationState` for night after night, each a power-on of its own.
+
+    Parameters
+    ----------
+    age : int
+        The reference of a night is the model of so many power-ons before: 2 in the paper.
+    first : PointingModel, optional
+        Reference of the nights that have none.
+    split_seed : int
+        Of the choice of the stars that are held out.
+    harmonics : HarmonicChoice
+        Of the models that are published; by default none.
+    power_ons : int
+        Nights that are kept, the last ones; what the zeros of all have followed is kept. 0: all.
+
+    Attributes
+    ----------
+    tonight : CalibrationState
+        Of the newest night.
+    season : SeasonLog
+        What the zeros of all nights have followed.
+
+    Raises
+    ------
+    ValueError
+        So few that the reference of tonight would be none of them.
+    """
+
+    def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0):
+        if 0 < power_ons <= age:
+            raise ValueError(f'kept_power_ons = {power_ons}: the reference of a night is {age} '
+                             f'power-ons old, keep {age + 1} or more (0: all)')
+        self._age, self._first, self._power_ons = age, first, power_ons
+        self._split_seed, self._harmonics = split_seed, harmonics
+        self._own = PUBLISHED if harmonics else PHYSICAL_TERMS
+        self._nights, self._forgotten = {}, 0  # number -> CalibrationState
+        self._models = {}  # number -> {kind: (PointingModel, the zero that was active with it)}
+        self._rows = {}  # number -> a row of the report's `nights`
+        self._expected = {}  # number -> zero expected before Polaris was seen
+        self.season = SeasonLog()
+        self.tonight, self.last_stamp = self._state_of(None), 0
+
+    def _state_of(self, number):
+        yesterday = self._nights.get(number - 1) if number is not None else None
+        return CalibrationState(
+            self._reference(number), self._split_seed, self._harmonics,
+            yesterday=yesterday and yesterday.encoder_zeros)
+
+    @property
+    def taken(self):
+        """As of `RowTable`."""
+        return Taken(sum(len(night.rows) for night in self._nights.values()), self._power_ons,
+                     self._forgotten, self.last_stamp)
+
+    @property
+    def zeros(self):
+        """By its exposures alone, a MeasuredZero of each night that has some."""
+        return Zeros(zero for night in self._nights.values() for zero in night.zeros.values())
+
+    def observations(self):
+        """All rows so far, a PointingRun; ValueError before the first."""
+        if not self._nights:
+            return self.tonight.observations()
+        return PointingRun.concatenate(night.observations() for night in self._nights.values())
+
+    def _then(self, number, kind):
+        """The model of a kind that `number` is relative to, and its zero; None where is none."""
+        old = self._models.get(number - self._age) if number is not None else None
+        if old is not None:
+            return old.get(kind, (None, None))
+        return (self._first if kind == self._own else None), zero_in_force(self._first)
+
+    def _reference(self, number):
+        return self._then(number, self._own)[0]
+
+    def add(self, run, stamp):
+        """Take rows; see `CalibrationState.add`."""
+        if stamp <= self.last_stamp:
+            return False
+        if 'run' not in run:
+            raise ValueError('observation without column run')
+        for number, rows in by_run(run).items():
+            if int(number) not in self._nights:
+                self._nights[int(number)] = self._state_of(int(number))
+            self._nights[int(number)].add(rows, stamp)
+        self.last_stamp, self.tonight = stamp, self._nights[max(self._nights)]
+        if self._power_ons:
+            for number in sorted(self._nights)[:-self._power_ons]:
+                self._forgotten += len(self._nights[number].rows)
+                self._forget(number, self._nights, self._models, self._rows, self._expected)
+        return False
+
+    @staticmethod
+    def _forget(number, *known):
+        for one in known:
+            one.pop(number, None)
+
+    def add_table(self, run, stamp):
+        """Take the table of all rows so far, if there is more in it than here.
+
+        Where rows are missing that are not the last ones, the nights of the table that are over
+        are calibrated and fitted again: their models are the references of those to come.
+
+        Returns
+        -------
+        int
+            As of `CalibrationState.add_table`.
+        """
+        if 'run' not in run:
+            raise ValueError('observation without column run')
+        table = RowTable(self._power_ons)
+        table.add(run, stamp)
+        nights = by_run(table.all())
+        missing = {number: self._nights[number].rows.missing(rows) if number in self._nights
+                   else (len(rows), rows) for number, rows in nights.items()}
+        count = sum(lacking for lacking, _ in missing.values())
+        if stamp < self.last_stamp or count <= 0:
+            return 0
+        self.last_stamp = 0
+        tonight, changed = max(nights), [n for n, (lacking, _) in missing.items() if lacking]
+        new = missing[tonight][1]
+        if changed == [tonight] and new is not None and self._nights:
+            self.add(new, stamp)
+            return count
+        calibrated = {number for number, night in self._nights.items() if number in night.zeros}
+        for number in map(int, nights):
+            self._forget(number, self._nights, self._models, self._rows)
+        self.season.clear_zeros(map(int, nights))
+        for number, rows in nights.items():
+            self.last_stamp = 0
+            self.add(rows, stamp)
+            # tonight's zero too, if it had been: a table may overtake the last row before the fit
+            if number != tonight or number in calibrated:
+                with suppress(ValueError):
+                    self.tonight.zero_of_reference()
+            if number != tonight:
+                with suppress(ValueError):
+                    self.fit()
+        return count
+
+    def calibrate_zero(self):
+        """Zero of tonight relative to its reference; see `CalibrationState.calibrate_zero`."""
+        return self.tonight.zero_of_reference()
+
+    def fit(self, homings=()):
+        """Fit tonight, and judge tonight's stars by the model of the earlier night.
+
+        Parameters
+        ----------
+        homings : iterable of cross_check.Homing
+            What the incremental encoders say of themselves.
+
+        Returns
+        -------
+        model : PointingModel
+            Of tonight. Later nights keep it as their reference, without the effects that a
+            diagnosis adds: what follows the time of one night says nothing about another.
+        report : dict
+            As of `CalibrationState.fit`; ``nights`` holds a row for every night so far that
+            has a reference and a zero, ``power_ons`` one (of `season.season_rows`) for every
+            power-on with a zero, ``zero_causes`` what these follow (`zero_causes.zero_causes`),
+            and ``zero_expected`` what was expected of tonight's before (`SeasonLog.expected`).
+
+        Raises
+        ------
+        ValueError
+            Too few stars.
+        Contradiction
+            As of `CalibrationState.fit`.
+        """
+        night = self.tonight
+        model, report = night.fit(homings)
+        number, rows = night.rows.newest, night.observations()
+        own = {self._own: (model, night.active_zeros.get(number, NO_ZERO))}
+        if self._harmonics:
+            own[PHYSICAL_TERMS] = night.terms.model, night.terms.zeros.get(number, NO_ZERO)
+        zero = own[PHYSICAL_TERMS][1]
+        with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
+            own[HARMONICS_ONLY] = fit_harmonics(for_fitting(rows), zero=zero).model, zero
+        self._models[number] = own
+        if number in night.zeros and night.reference is not None:
+            self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
+        kept = kept_words(list(self._nights), self._power_ons)
+        return model, {
+            **report, 'nights': [self._rows[n] for n in sorted(self._rows)],
+            **self._season_of(number, rows, model),
+            'notes': [*report['notes'], *([f'the nights are {kept}'] if kept else [])]}
+
+    def _season_of(self, number, rows, model):
+        """What the zeros of the season follow, and how well tonight's was expected."""
+        self.expect()
+        exposures = dict(zero_exposures_by_run(rows))
+        if number in exposures:
+            with suppress(ValueError):  # too few of them
+                self.season.add_zero(number, exposures[number], model)
+        season = self.season.season()
+        return {'power_ons': season_rows(season),
+                'zero_causes': zero_causes(season, leave_out=False),
+                'zero_expected': self._expected.get(number)}
+
+    def expect(self):
+        """The zero of tonight before Polaris is seen, from the nights before.
+
+        Returns
+        -------
+        dict or None
+            See `zero_season.SeasonLog.expected`; ValueError before the first row of tonight.
+        """
+        number = self.tonight.rows.newest
+        self.season.add_power_on(number, self.tonight.observations())
+        self._expected[number] = self.season.expected(number)
+        return self._expected[number]
+
+    def _night(self, number, rows, alarms):
+        exposures = is_for_zero(rows)
+        stars = (rows['star'] >= 0) & ~is_kept_out(rows)
+        first, last = rows['time'][exposures][[0, -1]]
+        parts = {'before': rows.select(stars & ~exposures & (rows['time'] < first)),
+                 'after': rows.select(stars & ~exposures & (rows['time'] > last))}
+        out = {'night': number, 'reference': number - self._age}
+        for kind in (PHYSICAL_TERMS, HARMONICS_ONLY, PUBLISHED):
+            reference, then = self._then(number, kind)
+            if reference is None:
+                continue
+            zero = zero_from_exposures(rows.select(exposures), reference)
+            out[kind] = {'zero': zero.to_dict(),
+                         'change_az_arcsec': (zero.az - then.az) / ARCSEC,
+                         'change_el_arcsec': (zero.el - then.el) / ARCSEC}
+            for part, in_force in (('before', then), ('after', zero)):
+                if len(parts[part]):
+                    out[kind][part] = _means(reference, parts[part], in_force)
+            if kind == PHYSICAL_TERMS:
+                if 'after' in out[kind]:
+                    out[kind]['after'].update(
+                        _budget(reference, zero, rows.select(exposures), parts['after']))
+                track = rows['star'] < 0
+                out['satellite'] = None if not track.any() else {
+                    'before': tracking_errors(
+                        reference, rows.select(track & (rows['time'] < first)), then),
+                    'after': tracking_errors(
+                        reference, rows.select(track & (rows['time'] > last)), zero)}
+        out['alarms'] = alarms
+        return out
+
+
+def _means(model, stars, zero):
+    """Mean, scatter and RMS of the stars' residuals, arcsec.
+
+    ``az`` is the coordinate angle, as the paper's table 1 is read here; ``x`` is it on the sky.
+    """
+    x, y = (v / ARCSEC for v in model.residuals(stars, zero=zero))
+    az = x / np.cos(stars['el'])
+    out = {'stars': len(stars)}
+    for name, values in (('az', az), ('x', x), ('el', y)):
+        out[f'{name}_mean_arcsec'] = float(np.mean(values))
+        out[f'{name}_std_arcsec'] = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+        out[f'{name}_rms_arcsec'] = rms(values)
+    out['radial_max_arcsec'] = float(np.max(np.hypot(x, y)))
+    out['radial_rms_arcsec'] = rms(x, y)
+    return out
+
+
+def _budget(model, zero, exposed, stars):
+    """1-sigma of the two means after calibration, as the errors of all that went in predict it.
+
+    The exposures for the zero, the scatter of the stars, and what the reference model's covariance
+    leaves between the place of Polaris (or of the stars for the zero) and the mean of the stars.
+    """
+    names = tuple(model.terms)
+    at_stars, at_zero = (mean_columns(names, run['az'], run['el'], run.mount)
+                         for run in (stars, exposed))
+    if is_marked(exposed).any():
+        at_zero = zero.contained(names)
+    apart = at_stars - at_zero
+    # the zero's covariance has that of the model there, which cancels but for `apart`
+    exposures = zero.covariance - at_zero @ model.covariance @ at_zero.T
+    x, y = model.residuals(stars, zero=zero)
+    az = x / np.cos(stars['el'])
+    n = len(stars)
+    scatter = np.array([np.var(az, ddof=1), np.var(y, ddof=1)]) / n
+    variance = np.diag(exposures) + np.diag(apart @ model.covariance @ apart.T) + scatter
+    sigma = np.sqrt(np.maximum(variance, 0.0)) / ARCSEC
+    return {'az_sigma_arcsec': float(sigma[0]), 'el_sigma_arcsec': float(sigma[1])}
+

@@ -1,0 +1,151 @@
+"""Words for what a diagnosis notes beside its verdict: rows, sessions, what was dropped."""
+
+from pointing_model.effects.base import driver_word, readable, the
+
+
+def limit_words(kind):
+    """Name -> words of each effect whose detection limit is told, of a `mount_kinds.MountKind`."""
+    first, second = (f'a{"n" * (word[0] in "aeh")} {word}' for word in kind.axes)
+    out = {'line_of_sight_2': 'a line of sight that swings twice per turn',
+           'refraction': 'a refraction constant wrong',
+           f'{kind.keys[1]}_nod_2': 'a nod twice per turn',
+           f'{kind.keys[0]}_hysteresis_cosE': f'a backlash of the {kind.shafts[0]}',
+           f'{kind.keys[1]}_hysteresis': f'a backlash of the {kind.shafts[1]}'}
+    for key, word in zip(kind.keys, (first, second)):
+        out |= {f'{key}_encoder_1': f'{word} encoder wrong once per turn',
+                f'{key}_encoder_2': f'{word} encoder wrong twice per turn',
+                f'{key}_zero_with_temperature': f'{word} zero that follows the temperature',
+                **{f'{key}_zero_with_{driver}': f'{word} zero that drifts'
+                   for driver in ('time', 'run_hours', 'order')}}
+    return out
+
+
+def _undecided(found):
+    text = ''
+    if found.causes:
+        text = ('Beyond chance, but not added, for it does not hold where a part of the '
+                f'observations is left out: {"; ".join(found.causes)}. ')
+    text += (f'Where a part is left out the model misses it by {found.size:.1f}\u2033 beside a '
+             f'noise of {found.before:.1f}\u2033' if found['misses'] else
+             'It would take away most of the error')
+    return f'{text}: the observations are too few or too unequal to ' + (
+        'distinguish an effect from what one session has of its own. Observe the whole sky in one '
+        'session more.' if found.todo == 'another session' else
+        'judge an effect. Observe more stars, over the whole sky.')
+
+
+def _figures(found):
+    """RMS before and after of what is predicted worse, and on which axis."""
+    place = f', in {found["axis"]}' if found['axis'] else ''
+    return f'({found.before:.2f}\u2033 to {found.after:.2f}\u2033{place})'
+
+
+def _rows_searched(found):
+    return (f'{found.size} of {found["all"]} rows were searched, spread evenly over each run. An '
+            f'effect must be {(found["all"] / found.size)**0.5:.1f} times as large to be found as '
+            'with all of them. The model was fitted to all rows, the other figures are of those '
+            'searched')
+
+
+def _columns_not_taken(found):
+    how = '--cause COLUMN takes one'
+    if found['unnamed']:
+        how += ('; one that is the air temperature: telescope-mount export RUN run.csv, and call '
+                'the column temperature_c')
+    return ('not taken as causes, for they may be outcomes of a measurement: '
+            f'{", ".join(found["columns"])} ({how})')
+
+
+def _another_model(found):
+    own, other = map(readable, found.causes)
+    beside = ', '.join(map(readable, found['beside'])) or 'none'
+    more, better = found['more'], found['better']
+    text = (f'with {other} in the place of {own} the run is explained as well, with other effects '
+            f'beside it: {beside}')
+    if more:
+        text += f'. That is {more} effect{"s" * (more > 1)} more'
+    if more and better:
+        text += (f', which the rows pay for (ΔBIC {better:.0f} better); the model with fewer was '
+                 'kept')
+    return text
+
+
+def _dropped(why):
+    return lambda found: (f'beyond chance, but {why}, so not added: '
+                          + '; '.join(map(readable, found.causes)))
+
+
+def _reading_set_right(found):
+    return (f'the {found["axis"]} encoder was read whole {found["graduation"]} beside the true '
+            'place, and set right, in '
+            + ', '.join(f'{found["word"]} {row} ({m:+d})' for row, m in found['rows']))
+
+
+def _sessions(found):
+    return f'{found["source"]}: {found["sessions"]} sessions, at gaps of more than {found.size:g} h'
+
+
+def _unknown_driver(found):
+    return (f'held out: {readable(found["effect"])} counts as zero in {found.size} of '
+            f'{found["rows"]} rows, where the {driver_word(found["driver"])} is not known')
+
+
+def _runs_held_out(found):
+    return (f'held out: {found.size} observations of {found["runs"]} runs, '
+            f'{", ".join(found["refitted"])} refitted in each, nothing else; '
+            f'{found["outliers"]} outliers set aside')
+
+
+#: kind of a `Finding` -> its sentence
+KINDS = {
+    'too few rows': lambda found: (
+        f'{found.size} of {found["read"]} rows could be used. With more than a third left out no '
+        'effect is claimed: what the others show may come from what is wrong with those. Look at '
+        'the rows left out, and at the columns.'),
+    'undecided': _undecided,
+    'not from run to run': lambda found: (
+        'More is beyond chance, but it does not hold from run to run, so it is not added (the '
+        'notes have the names): what the rows of one run share looks like an effect.'),
+    'dropped, worse on rows left out': lambda found: (
+        f'More is beyond chance, but where {found["what"]} are left out, they are predicted worse '
+        f'than without it {_figures(found)}, so it is not added (the notes have the names).'),
+    'worse on rows left out': lambda found: (
+        f'But where {found["what"]} are left out, they are predicted worse than without any effect '
+        f'{_figures(found)}: what was found may hold for these observations alone. Judge it on '
+        'another run (--holdout) before you use it there.'),
+    'rows searched': _rows_searched,
+    'columns not taken': _columns_not_taken,
+    'terms beside correlated noise': lambda found: (
+        'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes each '
+        f'row for itself, leaves {found.before:.2f} in place of {found.after:.2f} arcsec on these '
+        'rows, because its terms take up a part of the wander'),
+    'another model': _another_model,
+    'no gain on rows left out': _dropped('no gain on rows left out'),
+    'not repeated': _dropped('runs or rows that are left out are predicted worse with it'),
+    'beyond the zenith': lambda found: (
+        f'{found.size} rows are nearer to the zenith than the mount can look'),
+    'curve': lambda found: (
+        f'something unknown is left that follows {the(found["driver"])}: the model has a curve for '
+        f'it, {found["shape"]}'),
+    'columns of some runs': lambda found: (
+        f'not in all runs, so not used: {", ".join(found["columns"])}'),
+    'two clocks': lambda found: (
+        'time is UTC in some runs and counts from an arbitrary start in others: not used'),
+    'undetermined base': lambda found: (
+        'the directions do not determine all terms of the base: only predictions there have a '
+        'meaning'),
+    'reading set right': _reading_set_right,
+    'sessions': _sessions,
+    'sessions found': lambda found: (
+        f'{_sessions(found)}: zeros of their own explain the rows better (--sessions 0 takes them '
+        'as one)'),
+    'gaps without sessions': lambda found: (
+        f'{found["source"]}: gaps of more than {found.size:g} h, but sessions with zeros of their '
+        'own explain the rows no better: taken as one (--sessions HOURS makes them sessions)'),
+    'terms of sessions': lambda found: (
+        f'each session has its own {", ".join(found.causes)}: they move from session to session '
+        '(--own says otherwise)'),
+    'unknown driver held out': _unknown_driver,
+    'runs held out': _runs_held_out,
+    'rows left out': lambda found: f'{", ".join(found["rows"])} left out: {found["why"]}',
+}

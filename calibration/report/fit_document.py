@@ -1,0 +1,107 @@
+"""The result of a fit to a measured run, as JSON."""
+
+import numpy as np
+
+from pointing_model.rms import rms_arcsec
+
+from ..analysis.diagnosis.row_counts import RMS_KEYS, excluded_of_fit, fit_row_counts
+from .wording import wording
+
+
+def fit_document(found):
+    """What ``fit --json`` writes; keys that `Diagnosis.to_dict` has too mean the same.
+
+    Parameters
+    ----------
+    found : calibration.analysis.run_fit.RunFit
+
+    Returns
+    -------
+    dict
+        ``terms`` (``name``, ``value_arcsec``, ``sigma_arcsec``, ``within95_arcsec`` by Student's t
+        with ``degrees_of_freedom``, null where the noise is given; of those with ``undetermined``
+        null as well, and their value is what they have in the model); the ``degrees_of_freedom`` of
+        the fit; ``before`` (as the encoders read) and ``after``; ``condition``, ``rank``,
+        ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
+        stars do not determine, in words); rows, notes, and what else was asked for, or None:
+        ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
+        (`sky_model.Origin.document`).
+    """
+    run, result, base = found.run, found.terms, found.base
+    told, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
+    matrix = result.correlations
+    return {
+        **run.mount.entries(), 'observations': told.used,
+        'terms': result.term_rows(interval=True),
+        'degrees_of_freedom': result.degrees_of_freedom,
+        'before': _entry(rms_arcsec(*used.offsets(found.encoder))),
+        'after': _entry(result.rms_arcsec(rejected=False), found.halves),
+        'condition': float(result.condition) if np.isfinite(result.condition) else None,
+        'rank': int(result.rank),
+        'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
+                         for i, a in enumerate(result.names)
+                         for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
+        'undetermined': [one['text'] for one in result.dropped], **told.to_dict(),
+        'columns_alike': found.columns.alike, 'readings': [],
+        'excluded': [{'row': int(one['row']), 'reason': one['reason']}
+                     for one in excluded_of_fit(run, result)],
+        'notes': list(map(wording, found.findings)),
+        'harmonics': found.harmonics and {
+            **found.harmonics, 'notes': list(map(wording, found.harmonic_findings))},
+        'predicted': found.predicted and predicted_document(found.predicted),
+        'base_model': base and base.compared(found.plain),
+        'origin_of_errors': found.origin and found.origin.document()}
+
+
+def refused_fit(error):
+    """As `fit_document` where the columns are not what they are named; what fits in ``readings``.
+
+    Parameters
+    ----------
+    error : MistakenColumns
+    """
+    nothing = _entry(None)
+    return {
+        'observations': error.rows_used, 'terms': None, 'before': nothing, 'after': dict(nothing),
+        'degrees_of_freedom': None, 'condition': None, 'rank': None, 'correlations': None,
+        'undetermined': None,
+        'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
+        'rms_with_outliers_arcsec': None, 'rows_are': 'line', 'rows_taken_back': 0,
+        'rows_not_drawn': 0, 'detection_factor': 1.0,
+        'columns_alike': [], 'readings': error.readings,
+        'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
+        'origin_of_errors': None}
+
+
+def predicted_document(found):
+    """Entry ``predicted``: of a model chosen to predict.
+
+    Parameters
+    ----------
+    found : diagnosis.prediction.PredictiveModel
+
+    Returns
+    -------
+    dict
+        ``coefficients``; ``rms_arcsec`` and its axes of all ``rows``, outliers too, on the rows
+        fitted; ``before`` and ``after`` (the terms alone, the choice repeated) with the means over
+        the ``ways`` to leave rows out.
+    """
+    def mean(each):
+        return {f'cv_{key}': value and float(np.mean([_entry(one)[key] for one in each]))
+                for key, value in _entry(each[0] if each else None).items()
+                if not key.startswith('cv_') and key.startswith('rms_')}
+    fitted = {key: value for key, value in _entry(found.fitted).items() if key.startswith('rms_')}
+    return {'coefficients': found.coefficients(), 'rows': int(found.rows), **fitted,
+            'ways': len(found.after), 'before': mean(found.before), 'after': mean(found.after)}
+
+
+def _entry(rms, held_out=None):
+    """Entry of RMS with the keys of a diagnosis."""
+    out = dict.fromkeys(RMS_KEYS)
+    for before, one in (('', rms), ('cv_', held_out)):
+        if one is not None:
+            out.update({f'{before}rms_arcsec': float(one.radial),
+                        f'{before}rms_x_arcsec': float(one.x),
+                        f'{before}rms_y_arcsec': float(one.y)})
+    return out

@@ -1,0 +1,194 @@
+"""Words for a fit: values that no mount has, what its rows leave open, whose the errors are."""
+
+from datetime import datetime, timezone
+
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import OF_MOUNT, ON_SKY
+
+from .row_wording import far_text
+
+#: in the place of a standard error
+UNDETERMINED = 'undetermined'
+#: BIC, from where the rows prefer one to the other
+_CLEAR = 6.0
+
+
+def implausible_term(row):
+    """An entry of `implausible_terms` (of a document: ``unphysical``) in words."""
+    name, value = row['name'], _signed(row['value_arcsec'])
+    figure = f'{value} ± {row["sigma_arcsec"]:.1f}″'
+    if row.get('alone_arcsec') is not None:
+        figure += f'; {_signed(row["alone_arcsec"])}″ before the effects were added'
+    if row.get('beside_effects_arcsec') is not None:
+        figure += (f' before the effects were added; {_signed(row["beside_effects_arcsec"])}″ '
+                   'beside them, which take up the same curve')
+    if row['what'] == 'sign' and row.get('sound_with'):
+        return _with_others(row, figure)
+    if row['what'] == 'sign':
+        return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
+                f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')
+    if name == 'TX':
+        return (f'{name}, what is wrong with the refraction, is {figure} of cot E, where the whole '
+                'refraction has 40 to 60″: most likely it was '
+                + ('left out of the star places' if row['value_arcsec'] > 0
+                   else 'put into the star places twice') + f'. {_DESK}?')
+    return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
+            'desk, what the columns of the file mean, and where their zeros are.')
+
+
+def _with_others(row, figure):
+    """Of a bending of the tube that is negative with the cause that fits best, not with others."""
+    told = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
+                     f'{one["cause"]}' for one in row['sound_with'])
+    return (f'{row["name"]}, the bending of the tube, is negative with the cause that fits best '
+            f'({figure}), and not with others that fit as well ({told}). Weight bends no tube '
+            'upward, which speaks for these; or look at the refraction: '
+            + _DESK[0].lower() + _DESK[1:] + '?')
+
+
+_DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
+         'both not')
+_OTHERS = ('a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file, which '
+           'turns every sign')
+#: of an alt-azimuth mount: its cosine is the same curve
+_DISC = 'an elevation encoder whose disc is off centre, '
+
+
+def _of_air(fitted, altaz):
+    """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
+    others = _OTHERS.format(_DISC * altaz)
+    if fitted is None:
+        return ('Usual reasons: the refraction is in the star places twice or too much (TX or TX3 '
+                f'fits better then), {others}. {_DESK}?')
+    gain = fitted['delta_bic']
+    size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
+    if gain >= _CLEAR:
+        return ('Most likely the refraction is in the star places twice or too much: in the place '
+                f'of TF it fits these rows better ({size}). {_DESK}?')
+    if gain > -_CLEAR:
+        return ('Refraction that is in the star places twice or too much explains it as well '
+                f'({size}); so does {others}. {_DESK}? That is the cheapest check.')
+    return ('Refraction that is in the star places twice or too much bears on the same curve, but '
+            f'is not the whole of it: in the place of TF it fits these rows worse ({size}), and '
+            f'beside it TF is {_signed(fitted["beside_arcsec"])}″. What does this too: {others}. '
+            f'{_DESK}, and which column is the mount? Then look at the {"disc and the " * altaz}'
+            'mirror cell.')
+
+
+def _signed(value):
+    return f'{value:+.1f}'.replace('-', '−')
+
+
+def _are(names):
+    return 'is' if len(names) == 1 else 'are'
+
+
+def _undetermined(found):
+    held, carrying = found['held'], found['carrying']
+    text = f'undetermined by these stars: {", ".join(found["terms"])}'
+    if held and carrying:
+        text += (f'. {", ".join(held)} {_are(held)} held at zero, and {", ".join(carrying)} '
+                 f'{"stands" if len(carrying) == 1 else "stand"} for the sum of all of them here')
+    elif held:
+        text += '; held at zero'
+    return text + '. The model holds near these stars alone: observe other parts of the sky'
+
+
+def _raised_sigma(found):
+    return (f'{found["place"]}: sigma {found["axis"]} {found["given"] / ARCSEC:.3g}″ is far '
+            f'below the others\'; taken as {found["taken"] / ARCSEC:.3g}″, a fifth of their median')
+
+
+def _little_freedom(found):
+    dof = found['degrees']
+    return (f'{dof} degree{"s" * (dof != 1)} of freedom: 95 of 100 terms are within the 95 % told '
+            "(Student's t), fewer within two sigmas")
+
+
+def _rejected_star(found):
+    when = found['time'] and datetime.fromtimestamp(found['time'], timezone.utc)
+    return (f'star {found["star"]}{f" at {when:%H:%M:%S} UTC" if when else ""} is rejected: '
+            f'{far_text(found.size)} off')
+
+
+def origin_sentence(origin):
+    """Whose the errors of a German mount are, of a `sky_model.Origin`."""
+    mount, sky = (origin.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
+    figures = (f'{mount:.2f} arcsec radial on rows left out as errors of the mount, {sky:.2f} '
+               f'as errors applied on the sky (p = {origin.chance:.1g})')
+    if origin.holds == ON_SKY:
+        terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
+                          for row in origin.fits[ON_SKY].term_rows())
+        return (f'the errors do not go through the pole with the mount: {figures}. A driver '
+                f'corrects them there, or makes them; with one sign on both sides: {terms}')
+    if origin.holds == OF_MOUNT:
+        return f'the errors go through the pole with the mount: {figures}'
+    return f'whether the errors go through the pole with the mount cannot be told: {figures}'
+
+
+def comparison_sentence(judged, axes=('azimuth', 'elevation')):
+    """What rows that neither model has seen say of an `estimation.comparison.PairedComparison`."""
+    names = {'az': f'in {axes[0]}', 'el': f'in {axes[1]}', 'radial': 'on the sky'}
+    parts = []
+    for axis in judged.worse or ('radial',):
+        one = getattr(judged, axis)
+        parts.append(f'{one.before:.2f} -> {one.after:.2f} arcsec {names[axis]} '
+                     f'(p = {one.chance:.2g})')
+    return (f'{judged.rows} rows that it has not seen: ' + ', '.join(parts)
+            + '; p: the chance that a harmless change looks as bad')
+
+
+def _frame_taken(found):
+    taken, other = found.causes
+    return (f'no frame is declared; {taken} leaves {found.before:.1f} arcsec, the next, '
+            f'{other}, {found.after:.1f}: {taken} it is')
+
+
+def _first_axis_leans(found):
+    terms = ', '.join(f'{name} {value:+.1f}' for name, value in found['terms_deg'].items())
+    return (f'the {found["axis"]} axis would lean {found.size:.1f} deg ({terms}): a clock that is '
+            'not UTC, or a wrong longitude or latitude, looks the same')
+
+
+def _sigma_of_solver(found):
+    low, high = found['given_arcsec']
+    az, el = found['scatter_arcsec']
+    return (f'solutions weigh by their own sigma ({low:.2g} to {high:.2g} arcsec) and the scatter '
+            f'beyond it: {az:.2g} arcsec in azimuth, {el:.2g} in elevation')
+
+
+#: kind of a `Finding` -> its sentence
+KINDS = {
+    'undetermined terms': _undetermined,
+    'raised sigma': _raised_sigma,
+    'few degrees of freedom': _little_freedom,
+    'rows not judged': lambda found: (
+        'no row was judged by the others: a wrong one may be among them; observe more'),
+    'implausible term': lambda found: implausible_term(found.evidence),
+    'rejected star': _rejected_star,
+    'more stars rejected': lambda found: f'{found.size} rows more are rejected',
+    'open direction': lambda found: f'the stars do not determine {found["direction"]}',
+    'runs fitted as one': lambda found: (
+        f'{found.size} runs (column run) fitted as one, with one zero: take one with --run N, or '
+        'diagnose, which fits zeros to each'),
+    'not cross-validated': lambda found: (
+        f'{found["model"]}: not cross-validated, the stars are too few to leave some out'),
+    'better model': lambda found: (
+        f'cross-validation prefers another model: {found["best"]} {found.after:.2f} arcsec radial '
+        f'on stars left out, {found["model"]} {found.before:.2f}'),
+    'many far places': lambda found: (
+        f'{found.size} of {found["rows"]} places are far from where the encoders point: with so '
+        'many none is left out for it'),
+    'far place': lambda found: (
+        f'{far_text(found.size)} from where the encoders point: a false solve, or a slip'),
+    'copied solution': lambda found: (
+        f'the solution of row {found["of"]} copied, {far_text(found.size)} from where the encoders '
+        'point'),
+    'frame taken': _frame_taken,
+    'leaning first axis': _first_axis_leans,
+    'sigma of the solver': _sigma_of_solver,
+}
+
+
+def _are(names):
+    return 'is' if len(names) == 1 else 'are'

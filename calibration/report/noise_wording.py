@@ -1,0 +1,108 @@
+"""Words for noise that remembers: rows alike beyond chance whose cause is not known."""
+
+from calibration.analysis.diagnosis.residual_correlation import FEWEST
+from pointing_model.effects.base import arcsec, the
+
+_NAMED = 5  # drivers in a sentence, at most
+#: of the variance of an axis, from where an even drift is told
+_MOSTLY = 0.5
+
+
+def correlation_sentence(entry, axes):
+    """What is said of rows that are alike.
+
+    Parameters
+    ----------
+    entry : dict
+        ``wander`` of a document.
+    axes : sequence of str
+        What the angles are called.
+    """
+    if not entry['slow']:
+        return 'rows taken close together share their error: they count as fewer'
+    step, drifts = entry['along_the_sky'], drift_words(entry, axes)
+    return '. '.join(filter(None, [
+        _lead(step, explanation(entry.get('explained_by', ()))), difference_sentence(entry, axes),
+        direction_sentence(entry, axes) if step else '',
+        f'Most of it is even: {drifts}, as where something slips or settles '
+        '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
+        'What moves it is not known' if not step else
+        'To tell them apart return to stars of the beginning now and then, or observe in an '
+        'order that mixes the sky']))
+
+
+def _lead(step, explained):
+    """What it may be: what the rows do not tell apart comes first."""
+    if not step:
+        return f'neighbouring rows err alike: the zero wanders, or {explained} does it' \
+            if explained else 'the zero wanders'
+    more = f', or {explained} does it' if explained else ''
+    return ('neighbouring rows err alike, and these rows do not tell why: the zero wanders, or the '
+            f'direction has an error that no effect in the model describes{more}; for they went '
+            f'over the sky step by step, {step["step_deg"]:.0f}\u00b0 from one to the next '
+            f'({step["any_deg"]:.0f}\u00b0 between any two)')
+
+
+def drift_words(entry, axes):
+    """The axes that mostly drift evenly, and how fast; '' where none does."""
+    drifts = []
+    for name, axis in zip(('az', 'el'), axes):
+        drift = (entry.get('axes') or {}).get(name, {}).get('trend')
+        if drift and drift['share'] > _MOSTLY:
+            rate = drift['rate_arcsec_per_hour']
+            drifts.append(f'the {axis} error {"falls" if rate < 0.0 else "grows"} by '
+                          f'{arcsec(abs(rate))} an hour')
+    return ' and '.join(drifts)
+
+
+def explanation(effects):
+    """What would explain it: one cause by its name, of several what they follow."""
+    causes = list(dict.fromkeys(one['cause'] for one in effects if not one['curve']))
+    if len(causes) == 1 and len(effects) == 1:
+        return f'"{causes[0]}"'
+    drivers = list(dict.fromkeys(the(one['driver']) for one in effects))
+    if len(drivers) > _NAMED:
+        drivers = [*drivers[:_NAMED - 1], f'{len(drivers) - _NAMED + 1} more that the ranking has']
+    return f'something that changes with {" or ".join(drivers)}' if drivers else ''
+
+
+def _apart(axis):
+    """How far apart the rows of an axis are of which is said how they differ."""
+    if axis['unit'] == 'rows':
+        return {10.0: 'ten', 3.0: 'three'}[axis['apart']]
+    return {60: 'an hour', 10: 'ten minutes', 1: 'a minute'}[round(60.0 * axis['apart'])]
+
+
+def difference_sentence(entry, words):
+    """How much more rows differ that are farther apart; '' where that is not known."""
+    told = _told(entry, words, 'moves_arcsec')
+    if not told:
+        return ''
+    near, far = (_each(told, key) for key in ('next_arcsec', 'apart_arcsec'))
+    text = (f'What is left of a row and of the next differs by {near}, of rows about '
+            f'{_apart(told[0][1])} apart by {far} (RMS on the sky, noise included)')
+    if not any(one['moves_arcsec'] for _, one in told):
+        text += ': no more, so it is from row to row that they err alike, if at all'
+    return text
+
+
+def direction_sentence(entry, words):
+    """Whether rows of one direction err alike whenever they were observed; '' if not known."""
+    told = _told(entry, words, 'near_next_arcsec', 'near_apart_arcsec')
+    if not told or entry.get('pairs', 0) < FEWEST:
+        return ''
+    near, far = (_each(told, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
+    return (f'Rows within {entry["within_deg"]:.0f}° on the sky differ by {near} where one follows '
+            f'the other, by {far} where they are {_apart(told[0][1])} or more apart '
+            f'({entry["pairs"]} pairs): an error of the direction leaves the two alike, a zero '
+            'that wanders makes the second as large as that of rows anywhere')
+
+
+def _told(entry, words, *keys):
+    """Word and figures of each axis that has all of some figures."""
+    return [(word, entry['axes'][name]) for name, word in zip(('az', 'el'), words)
+            if name in entry['axes'] and None not in map(entry['axes'][name].get, keys)]
+
+
+def _each(told, key):
+    return ' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)

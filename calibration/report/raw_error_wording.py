@@ -1,0 +1,137 @@
+"""Words for the errors as the encoders read them: what they consist of, how the axis stands."""
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec, readable
+from pointing_model.mount_kinds import kind_of
+
+_MUCH = 3.0  # times what the terms leave, from where it is said what the errors as read are
+_PART, _MOST_NAMED = 0.3, 2  # of them, of a term that is named, and how many of these
+_MOST_MOVED, _RESEMBLES = 3, 0.7  # terms told so; correlation from where it says why
+
+
+def raw_error_sentence(document):
+    """What the errors as read consist of, and how the first axis stands; '' where they are small.
+
+    Parameters
+    ----------
+    document : dict
+        With ``as_read_rms_arcsec``, ``as_read_terms``, ``before``, ``mount`` and ``equinox``.
+
+    Returns
+    -------
+    str
+    """
+    read, rows = document.get('as_read_rms_arcsec'), document.get('as_read_terms') or []
+    left = document['before'].get('rms_arcsec')
+    if not rows or not read or left is None or read < _MUCH * left:
+        return ''
+    names = kind_of(document)
+    values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
+    others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
+    said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
+    more = _beyond_zeros(values, others, left)
+    lean = '' if any(values[own].get('undetermined') for own in ('AN', 'AW') if own in values) \
+        else _lean(values, names, document.get('south', False))
+    if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
+        said.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
+    if lean:
+        said.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
+    if said:
+        said += _of_which_fit(document, rows)
+    return '. '.join(said) + '.' if said else ''
+
+
+def _named(rows, names, sizes=False):
+    told = [f'{row["name"]} {_signed(row["value_arcsec"])} '
+            f'({_what(row["name"], names)}'
+            + ', undetermined: the sum of several terms' * row.get('undetermined', False)
+            + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
+    return ' and '.join(filter(None, [', '.join(told[:-1]), told[-1]]))
+
+
+def _beyond_zeros(values, named, left):
+    """What is much of the errors as read once the zeros, which may be anything, are off them."""
+    rows = {own: row for own, row in values.items() if own not in ('IA', 'IE')}
+    size = np.sqrt(sum(row['rms_arcsec']**2 for row in rows.values()))
+    return [row for row in rows.values() if row not in named
+            and row['rms_arcsec'] > max(_PART * size, left)]
+
+
+def _of_which_fit(document, rows):
+    """Of which fit these values are, and which are others beside the effects, in sentences."""
+    effects = len(document['effects'])
+    if not effects or document['before'] == document['after']:
+        return []
+    said = ['These values are of the terms fitted alone, without the '
+            f'effect{"s" * (effects > 1)}']
+    moved = sorted((row for row in rows if 'beside_effects_arcsec' in row),
+                   key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
+    told = []
+    for row in moved[:_MOST_MOVED]:
+        text = (f'{row["name"]} is {_signed(row["beside_effects_arcsec"])} in place of '
+                f'{_signed(row["value_arcsec"])}')
+        if abs(row.get('correlation') or 0.0) > _RESEMBLES:
+            text += (f', for it resembles {readable(row["resembles"])} (correlation '
+                     f'{row["correlation"]:.2f})').replace('-', '\u2212')
+        told.append(text)
+    if told:
+        wander = document.get('wander')
+        # then that fit does not follow what wanders, and the one of the terms alone does
+        beside = ', and with what wanders in mind,' * bool(
+            wander and wander.get('along_the_sky') is None)
+        said.append(f'Beside {"it" if effects == 1 else "them"}{beside} {"; ".join(told)}')
+    return said
+
+
+def _if_so(document, values, names):
+    """With which equinox of the catalogue the axis stands so, where the rows do not tell it."""
+    found = document.get('equinox')
+    if not found or found['told']:
+        return ''
+    polar, taken, other = found['polar_axis_arcsec'], found['taken'], found['other']
+    out = f', if the catalogue of the file is {taken}, which its rows do not tell'
+    if {taken, other} <= set(polar):
+        by = {name: polar[other][name] - value for name, value in polar[taken].items()}
+        moved = {own: {**row, 'value_arcsec': row['value_arcsec'] + by.get(row['name'], 0.0)}
+                 for own, row in values.items()}
+        out += f'; if it is {other}, it {_lean(moved, names, document.get("south", False))}'
+    return f'{out}. Say which with --equinox before the axis is moved'
+
+
+def _what(name, names):
+    """A term of the geometry, in words."""
+    own = names.terms[name][0]
+    cone = ', the cone error' if names.axes[0] == 'hour angle' else ''
+    return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
+            'CA': f'collimation{cone}', 'NPAE': 'the axes are not square',
+            'TF': 'the tube bends', **dict.fromkeys(('AN', 'AW'), 'the tilt of the '
+                                                    f'{names.shafts[0]}')}[own]
+
+
+def _lean(values, names, south):
+    """How far the first axis is from where it belongs, and which way; '' where it is not known."""
+    if not {'AN', 'AW'} <= set(values) or names.axes[0] not in ('azimuth', 'hour angle'):
+        return ''
+    north, west = (values[own]['value_arcsec'] for own in ('AN', 'AW'))
+    west *= names.terms[values['AW']['name']][1]
+    terms = [values[own]['name'] for own in ('AN', 'AW')]
+    if names.axes[0] == 'azimuth':
+        ways = (('north', 'south')[north < 0.0], ('west', 'east')[west < 0.0])
+        text = 'leans {} to the {} ({}) and {} to the {} ({})'
+    else:
+        # the end that is above the horizon; of MA the sign is that of the pole itself
+        north, west = (-one if south else one for one in (north, -west))
+        ways = (('high', 'low')[north < 0.0], ('west', 'east')[west < 0.0])
+        text = 'points {} too {} ({}) and {} {} of the pole ({})'
+    return text.format(_size(north), ways[0], terms[0], _size(west), ways[1], terms[1])
+
+
+def _size(value):
+    """Arcseconds, of more than some of them minutes."""
+    value = abs(value)
+    return f'{value / 60.0:.1f}\u2032' if value >= 100.0 else f'{value:.0f}\u2033'
+
+
+def _signed(value):
+    return f'{value:+.0f}\u2033'.replace('-', '\u2212')

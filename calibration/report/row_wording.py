@@ -1,0 +1,257 @@
+"""Words for rows: how many were used, which were left out, and why."""
+
+from pathlib import PurePath
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec
+from pointing_model.mount_kinds import kind_of
+
+_NAMED = 5  # outliers in a sentence, at most
+_REASONS = 12  # lines of rows left out, at most
+_FOOT = 1.01  # times as far off, from where a row is said to be worse
+#: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
+_BY_CHANCE = 0.05
+
+
+def used_sentence(told):
+    """First line of what people read.
+
+    Parameters
+    ----------
+    told : dict
+        With ``rows_used``, ``rows_read``, ``rows_taken_back``.
+
+    Returns
+    -------
+    str
+    """
+    more = told.get('rows_taken_back')
+    return f'{told["rows_used"]} of {told["rows_read"]} rows used' + (
+        f'; {more} more {"is" if more == 1 else "are"} commented out or rejected in the file'
+        if more else '')
+
+
+def expected_sentence(document):
+    """The error to be expected of the model, from a document with ``expected``; None if unknown."""
+    told = document.get('expected')
+    if not told:
+        return None
+    return (f'expected on fresh stars in the {told.get("within", "half hour")} after: '
+            f'{told["rms_arcsec"]:.2f} arcsec radial, {told["low_arcsec"]:.2f} to '
+            f'{told["high_arcsec"]:.2f} in {100 * told["confidence"]:.0f} % of cases')
+
+
+def outlier_sentence(document):
+    """Which rows are outliers, and what they do to the RMS; empty where there is none.
+
+    Parameters
+    ----------
+    document : dict
+        With ``outliers``, ``rms_with_outliers_arcsec``, ``after`` and ``rows_are``.
+
+    Returns
+    -------
+    str
+    """
+    rows = document.get('outliers') or []
+    if not rows:
+        return ''
+    word = document.get('rows_are') or 'row'
+    named = ', '.join(
+        (f'{row["source"]} ' if 'source' in row else '')
+        + f'{word} {row["row"]} ({_star(row)}'
+        f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
+        for row in rows[:_NAMED])
+    more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
+    what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
+    return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
+            f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
+            f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
+
+
+def _star(row):
+    return f'star {row["star"]}, ' if 'star' in row else ''
+
+
+def far_text(arcsec):
+    """An amount of error in words."""
+    return f'{arcsec:.0f} arcsec' if arcsec < 3600.0 else f'{arcsec / 3600.0:.2f} deg'
+
+
+def left_out_lines(excluded, several=False, word='row'):
+    """Which rows are left out and why: a line for each reason.
+
+    Parameters
+    ----------
+    excluded : list of dict
+        ``row`` (the line in the file), ``reason``, ``source``.
+    several : bool
+        Whether there are several files: the line says which.
+    word : str
+        As of `RowCounts`.
+
+    Returns
+    -------
+    list of str
+    """
+    reasons = {}
+    for one in excluded:
+        source = PurePath(str(one['source'])).name if several and one.get('source') else ''
+        reasons.setdefault((source, one['reason']), []).append(one['row'])
+    lines = [f'{source}{": " if source else ""}{word}{"s" * (len(rows) > 1)} {listed(rows)} '
+             f'left out: {reason}' for (source, reason), rows in reasons.items()]
+    if len(lines) <= _REASONS:
+        return lines
+    others = list(reasons.values())[_REASONS:]
+    return [*lines[:_REASONS], f'{sum(map(len, others))} {word}s more left out, for {len(others)} '
+            'other reasons (--json FILE has them all)']
+
+
+def listed(rows, limit=10):
+    """Numbers as text, neighbours as a range: 3, 7-9; of many the first and how many."""
+    rows = sorted(set(rows))
+    breaks = [i for i, (a, b) in enumerate(zip(rows, rows[1:]), 1) if b != a + 1]
+    parts = [rows[i:j] for i, j in zip([0, *breaks], [*breaks, len(rows)])]
+    texts = [f'{p[0]}' if len(p) == 1 else f'{p[0]}-{p[-1]}' for p in parts]
+    more = f', ... ({len(rows)} rows)' if len(texts) > limit else ''
+    return ', '.join(texts[:limit]) + more
+
+
+def columns_alike(readings):
+    """What is said of readings of the columns that fit as well."""
+    return ('read otherwise the columns fit as well, so make sure that they are not: '
+            + '; '.join(readings))
+
+
+def _reading_as_good(found):
+    zero, tilt = found['sizes_deg']
+    own_zero, own_tilt = found['as_written_deg']
+    return (f'{found["where"]}{found.causes[0]} would fit as well, with a zero of {zero:.3g} deg '
+            f'and a tilt of {tilt:.3g} in place of a zero of {own_zero:.3g} deg and a tilt of '
+            f'{own_tilt:.3g}: make sure of the {found["what"]}')
+
+
+def _better_reading(found):
+    return (f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, where the '
+            f'seven terms leave {found.before:.1f}; an effect that they lack may do so too: make '
+            f'sure of the {found["what"]}')
+
+
+def scatter_sentence(document):
+    """An `unequal_scatter` of a document in words; '' without one."""
+    found = document.get('unequal_scatter')
+    if not found:
+        return ''
+    bands = found['bands']
+    word = kind_of(document).axes['xy'.index(found['axis'])]
+    told = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
+                     f'{band["to_deg"]:.0f}°' for band in bands)
+    lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
+    return (f'What is left in {word} is not the same at all elevations: {told} (RMS). '
+            + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
+               'Seeing grows toward the horizon only, so this is no noise of the sky: something '
+               'is left there that no effect here describes.'))
+
+
+def worst_sentence(document):
+    """Whether the effects made the worst row worse, or another row the worst; '' where neither.
+
+    Parameters
+    ----------
+    document : dict
+        With ``worst_rows``, ``rows_are`` and ``mount``.
+
+    Returns
+    -------
+    str
+        '' too where noise alone would have a row as far off among so many.
+    """
+    rows = document.get('worst_rows')
+    if not rows:
+        return ''
+    before, after = rows['before'], rows['after']
+    word = document.get('rows_are') or 'row'
+    axes = kind_of(document).axes
+
+    def named(row):
+        text = (f'{row["source"]} ' if 'source' in row else '') + f'{word} {row["row"]}'
+        if 'az_deg' not in row:
+            return text
+        return f'{text} ({axes[0]} {row["az_deg"]:.0f}°, {axes[1]} {row["el_deg"]:.0f}°)'.replace(
+            '-', '−')
+
+    def moved(row):
+        return f'{arcsec(row["before_arcsec"])} before, {arcsec(row["after_arcsec"])} after'
+
+    def worse(row):
+        return row['after_arcsec'] > max(_FOOT * row['before_arcsec'], by_chance)
+    by_chance = _worst_by_chance(document)
+    same = before == after
+    said = []
+    if worse(before):
+        said.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
+    if not same and worse(after):
+        said.append(f'Now the worst row is {named(after)}: {moved(after)}.')
+    if not said:
+        return ''
+    return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
+
+
+def _worst_by_chance(document):
+    """How far off the worst of so many rows is by noise alone at most, as a rule; arcsec."""
+    left, count = document.get('after') or {}, document.get('observations')
+    sigma = max(left.get('rms_x_arcsec') or 0.0, left.get('rms_y_arcsec') or 0.0)
+    return float(sigma * np.sqrt(2.0 * np.log(count / _BY_CHANCE))) if count else 0.0
+
+
+def bad_nights(document, axes):
+    """A sentence for each bad night.
+
+    Parameters
+    ----------
+    document : dict
+        With ``held_out``.
+    axes : sequence of str
+        What x and y are called.
+
+    Returns
+    -------
+    list of str
+    """
+    nights = document.get('held_out') or []
+    good = [night for night in nights if not night['bad']]
+    said = []
+    for night in nights:
+        if not night['bad']:
+            continue
+        after, times = night['after'], night['bad']
+        each = ', '.join(
+            f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
+            + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
+               else 'as the others') for key, word in zip('xy', axes))
+        said.append(f'The night {night["run"]} is bad: {each}'
+                    + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
+                       'outliers' if night['set_aside'] else '') + '. Judge the model without it'
+                    + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
+                       + _together(good, 'after') + f' (before {_together(good, "before")}).'
+                       if good else '.'))
+    return said
+
+
+def _together(nights, when):
+    rows = np.array([night['rows'] for night in nights], float)
+    squares = np.array([night[when]['rms_arcsec'] for night in nights])**2
+    return f'{np.sqrt(rows @ squares / rows.sum()):.2f}\u2033'
+
+
+#: kind of a `Finding` -> its sentence
+KINDS = {
+    'columns alike': lambda found: columns_alike(found.causes),
+    'reading as good': _reading_as_good,
+    'better reading': _better_reading,
+    'star measured again': lambda found: (
+        f'{found["word"]}s {"; ".join(" and ".join(map(str, rows)) for rows in found["rows"])} are '
+        'of one place, a star measured again: they are left out together, and what is left of '
+        f'them differs by {arcsec(found.size)}, which tells how well a star is centred'),
+}

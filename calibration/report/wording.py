@@ -1,0 +1,18 @@
+"""The sentence of each `Finding`: one for a kind, in the module of what it is about."""
+
+from . import diagnosis_wording, fit_wording, row_wording
+
+KINDS = {
+    'held out': lambda found: f'held out: {wording(found["of"])}',
+    **fit_wording.KINDS, **row_wording.KINDS, **diagnosis_wording.KINDS,
+}
+
+
+def wording(found):
+    """The sentence of a Finding; a note of who read the file is one already."""
+    return found if isinstance(found, str) else KINDS[found.kind](found)
+
+
+def paragraph(findings):
+    """Their sentences, one after the other."""
+    return ' '.join(map(wording, findings))

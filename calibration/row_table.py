@@ -1,0 +1,178 @@
+"""The rows of a calibration: those of the last power-ons, one after the other."""
+
+import numpy as np
+
+from msg_tools.status import Taken
+from pointing_model.runs.run import REQUIRED, PointingRun
+
+from .rows import by_run, check_mount, with_marks
+
+
+class RowTable:
+    """Rows of one mount, a block for each power-on.
+
+    Of its columns those are given that all rows have.
+
+    Parameters
+    ----------
+    power_ons : int
+        So many are kept, the last ones, by the column ``run``; 0: all.
+
+    Attributes
+    ----------
+    last_stamp : int
+        Of the newest row, ns; 0 before the first.
+    forgotten : int
+        Rows of earlier power-ons, which are here no more.
+    """
+
+    def __init__(self, power_ons=0):
+        self.power_ons = power_ons
+        self.last_stamp = self.forgotten = 0
+        self._blocks = {}  # number of the power-on -> its rows, and the stamp with which each came
+
+    def __len__(self):
+        return sum(len(rows) for rows, _ in self._blocks.values())
+
+    @property
+    def power_on_numbers(self):
+        """Of those that have rows, ascending."""
+        return sorted(self._blocks)
+
+    @property
+    def newest(self):
+        """Number of the newest power-on; ValueError before the first row."""
+        self._check_any()
+        return self.power_on_numbers[-1]
+
+    @property
+    def mount(self):
+        """That of the rows; None before the first."""
+        return next((rows.mount for rows, _ in self._blocks.values()), None)
+
+    @property
+    def taken(self):
+        """How many rows are here, and how many were, `msg_tools.status.Taken`."""
+        return Taken(len(self), self.power_ons, self.forgotten, self.last_stamp)
+
+    def add(self, run, stamp):
+        """Take rows; those that are not newer than those here are known already.
+
+        Parameters
+        ----------
+        run : PointingRun
+            With columns `star` and `run`.
+        stamp : int
+            Of the newest row, ns.
+
+        Raises
+        ------
+        ValueError
+            A column is missing, or the rows are of another mount.
+        """
+        self._check(run)
+        if stamp <= self.last_stamp:
+            return
+        self.last_stamp = stamp
+        for number, rows in by_run(with_marks(run)).items():
+            stamps = np.full(len(rows), stamp, np.int64)
+            if int(number) in self._blocks:
+                before, came = self._blocks[int(number)]
+                rows = PointingRun.concatenate([before, rows])
+                stamps = np.concatenate([came, stamps])
+            self._blocks[int(number)] = rows, stamps
+        if self.power_ons:
+            for number in self.power_on_numbers[:-self.power_ons]:
+                self.forgotten += len(self._blocks.pop(number)[0])
+
+    def add_table(self, run, stamp):
+        """Take the table of all rows so far, if there is more in it than here.
+
+        Parameters
+        ----------
+        run : PointingRun
+            All rows of the night, or of its last power-ons: what is here of earlier ones stays.
+        stamp : int
+            Of the newest row, ns.
+
+        Returns
+        -------
+        int
+            How many rows were not here.
+
+        Raises
+        ------
+        ValueError
+            As of `add`.
+        """
+        self._check(run)
+        count, new = self.missing(run)
+        if stamp < self.last_stamp or count <= 0:
+            return 0
+        if new is None:
+            new = self.last_of(run)
+            for number in by_run(new):
+                self._blocks.pop(int(number), None)
+        self.last_stamp = 0
+        self.add(new, stamp)
+        return count
+
+    def last_of(self, table):
+        """The rows of a table that would be kept: those of its last power-ons."""
+        numbers = np.unique(table['run'])[-self.power_ons:]  # 0: all
+        return table.select(np.isin(table['run'], numbers))
+
+    def missing(self, table):
+        """Rows of a table that are not here.
+
+        Parameters
+        ----------
+        table : PointingRun
+            All rows of some power-ons.
+
+        Returns
+        -------
+        count : int
+            How many are missing; 0 or less: none.
+        rows : PointingRun or None
+            They, where they come after those that are here; None where some in between are missing.
+        """
+        table = self.last_of(table)
+        here = [self._blocks[int(number)][0] for number in by_run(table)
+                if int(number) in self._blocks]
+        known = sum(map(len, here))
+        count = len(table) - known
+        if count <= 0 or any(not np.array_equal(np.concatenate([rows[name] for rows in here]),
+                                                table[name][:known])
+                             for name in REQUIRED if known):
+            return count, None
+        return count, table.select(slice(known, None))
+
+    def all(self, until=0):
+        """Rows so far, a PointingRun.
+
+        Parameters
+        ----------
+        until : int
+            Those alone that had come by that stamp (ns), if any had; 0: all.
+
+        Raises
+        ------
+        ValueError
+            There is none.
+        """
+        self._check_any()
+        blocks = [self._blocks[number] for number in self.power_on_numbers]
+        run = PointingRun.concatenate([rows for rows, _ in blocks])
+        come = np.concatenate([stamps for _, stamps in blocks]) <= until
+        return run.select(come) if until and come.any() else run
+
+    def _check_any(self):
+        if not self._blocks:
+            raise ValueError('no observation has come yet; observe first')
+
+    def _check(self, run):
+        for name in ('star', 'run'):
+            if name not in run:
+                raise ValueError(f'observation without column {name}')
+        check_mount(run.mount, {'the observations before': self.mount})

@@ -1,0 +1,85 @@
+"""Stars that the calibration of a night asks for, to discriminate between causes."""
+
+import json
+
+import numpy as np
+
+from pointing_model.apart import CANNOT, FORMAT, VERSION
+
+from .rows import stars_without_zeros
+
+#: that a star may be asked for later; whether there is so much time knows who observes
+HOURS = 8.0
+#: rows beyond which each star would be judged too slowly to be worth it
+MOST_ROWS = 2000
+
+
+class StarRequests:
+    """Judges the sets of causes of the last diagnosis with each star.
+
+    Attributes
+    ----------
+    document : dict or None
+        How causes stand, and which star is asked for: see `pointing_model.apart`.
+    """
+
+    def __init__(self):
+        self.document, self._news = None, ''
+        self._causes = self._stars = None
+        self._diagnosed = self._forgotten = 0
+
+    def news(self):
+        """`document` as JSON, once; '' where nothing is new."""
+        text, self._news = self._news, ''
+        return text
+
+    def begin(self, state, found, site, until=0):
+        """Take a diagnosis.
+
+        Parameters
+        ----------
+        state : CalibrationState
+            Whose night it is of.
+        found : NightDiagnosis
+        site : dict or None
+            As of `diagnose_night`.
+        until : int
+            As of `CalibrationState.find_effects`.
+        """
+        from .analysis.diagnosis.discrimination import Discrimination
+        self._diagnosed, self._forgotten = until or state.last_stamp, state.rows.forgotten
+        self._causes, self._stars = None, (found.chosen.zeros, site, found.chosen.follows)
+        verdict = found.document['verdict']
+        if verdict == 'ambiguous' and len(state.rows) <= MOST_ROWS:
+            try:
+                self._causes = Discrimination(found.diagnosis, HOURS)
+            except ValueError:
+                pass  # curves alone, or of changes: no set of causes
+            else:
+                self.update(state, until)
+                return
+        self._tell(self._diagnosed, {
+            'state': 'nothing open', 'says': f'the diagnosis leaves no causes to tell apart: '
+            f'{verdict}', 'request': None, 'sets': []})
+
+    def update(self, state, until=0):
+        """Judge the causes by all rows that have come, if they are still open."""
+        if self._causes is None:
+            return
+        try:
+            if state.rows.forgotten != self._forgotten:
+                raise ValueError('some that were diagnosed are of a power-on that is not kept any '
+                                 'more (kept_power_ons); diagnose again')
+            found = self._causes.judge(
+                stars_without_zeros(state.observations(until), *self._stars)).to_dict()
+        except (ValueError, np.linalg.LinAlgError) as err:
+            found = {'state': CANNOT, 'says': f'the stars cannot be judged: {err}',
+                     'request': None, 'sets': []}
+        if found['request'] is None:
+            self._causes = None
+        self._tell(until or state.last_stamp, found)
+
+    def _tell(self, stamp, found):
+        self.document = {'format': FORMAT, 'version': VERSION, 'last_stamp_ns': stamp,
+                         'diagnosed_ns': self._diagnosed, **found}
+        self._news = json.dumps(self.document)

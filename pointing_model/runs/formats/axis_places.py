@@ -1,0 +1,365 @@
+"""From the columns of a file to catalogue places and readings by the axes of the mount."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import is_beyond, sides, through_pole
+from pointing_model.runs.run import column_name
+
+from . import equinox
+from .checks import PAIRS
+from .declared import standard_pressure
+from .pier_side import through_the_pole
+from .solve_columns import are_images, refuse_hours
+
+_NEAR = 10.0 * DEG  # zeros of readings of an alt-azimuth mount are smaller, or one for all rows
+_MOST = 0.9  # of the rows are near their places, where some are beyond the zenith
+
+
+def observe_places(path, table, weather, origin, mount):
+    """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
+
+    Of a mount that is no alt-azimuth one they are azimuth and elevation too, until `to_axes`.
+    Where the file has a sidereal clock (``lst_told``, radians) that tells the moment, and ``time``
+    only the day.
+
+    Raises
+    ------
+    ValueError
+        No site, a time that is not UTC, weather out of range.
+    """
+    columns, meta = table.columns, table.meta
+    if 'ra_deg' not in columns:
+        return
+    told = meta.get('site') or {}
+    told_longitude = not isinstance(told, dict) or 'longitude' in told
+    site = _whole_site(path, told, meta.get('clock_tells'))
+    if not meta.get('time_is_utc', True):
+        raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
+                         '1970-01-01')
+    from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
+    from pointing_model.runs.plate_solves.given_places import Solved
+    from pointing_model.sky.places import icrs_to_observed, moment_of
+    declared, of_images = meta.pop('sky_frame', None), are_images(table)
+    frame, by_fit = declared or ICRS, 'equinox' in meta
+    ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
+    if 'lst_told' in columns:
+        columns['lst_h'] = columns.pop('lst_told') * (12.0 / np.pi)
+        known = np.isfinite(columns['lst_h'] + time)
+        time = np.where(known, 0.0, np.nan)
+        time[known] = moment_of(columns['lst_h'][known] * (np.pi / 12.0),
+                                columns['time'][known], site)
+        columns['time'] = time
+        _note_clock(meta, site if told_longitude else None)
+        if not told_longitude:  # the clock tells the day, and what comes after what
+            meta['time_is_utc'] = False
+    table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
+    ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
+    az, el = np.full((2, len(ra)), np.nan)
+    if ok.any():
+        try:
+            air = _air(columns, ok, site, weather, meta)
+            icrs = to_icrs(ra[ok], dec[ok], frame, time[ok])
+            refuse_hours(path, *icrs, time[ok], site)
+            az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
+            if not by_fit:
+                meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
+                                        declared is not None, site, air, of_images)
+            if by_fit and declared is None:
+                az[ok], el[ok] = equinox.which_fits(
+                    table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
+        except ValueError as error:
+            said = str(error)
+            raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
+    meta.pop('equinox', None)
+    columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
+    meta['from_horizon'] = True
+    if by_fit:
+        if declared is not None:
+            meta['notes'].append(f'places of the catalogue taken as {declared.text}, as it was '
+                                 'given')
+        return
+    angles = 'az, el' if mount.vertical else f'{" and ".join(mount.names.axes)} of the catalogue'
+    meta['notes'].append(f'{angles} are observed places of ra_deg, dec_deg ({frame.text}, no '
+                         'proper motion)'
+                         + ('' if declared else '; no comment "# frame: ..." says so'))
+
+
+def mount_ascension(path, table):
+    """Hour angles of the mount from its right ascension and the sidereal time.
+
+    Raises
+    ------
+    ValueError
+        No sidereal time, and no longitude or no UTC to make it of.
+    """
+    columns, meta = table.columns, table.meta
+    if 'ra_enc_deg' not in columns:
+        return
+    ascension = columns.pop('ra_enc_deg')
+    if 'az_enc' in columns:
+        meta['notes'].append(f'ra_enc_deg left out: {table.label("az_enc")} is taken')
+        return
+    if 'lst_h' in columns:
+        lst, said = columns['lst_h'] * (np.pi / 12.0), 'lst_h'
+    else:
+        if not meta.get('time_is_utc', True):
+            raise ValueError(f'{path}: ra_enc_deg needs time in UTC, or a column lst_h')
+        from pointing_model.sky.places import sidereal_time
+        site, time = _whole_site(path, meta.get('site') or {}, False), columns['time']
+        known = np.isfinite(time)
+        lst = np.full(len(time), np.nan)
+        lst[known] = sidereal_time(time[known], site)
+        said = f'the time at longitude {site.longitude / DEG:.6g} deg'
+        meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
+    columns['az_enc'] = wrap(lst - ascension)
+    meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as of date, and '
+                         f'the sidereal time by {said}')
+
+
+def _note_clock(meta, site):
+    """A note of how a sidereal clock became moments; `site` None: its longitude is not told."""
+    told = meta.pop('time_note', None)
+    if told is None:
+        return
+    meta['notes'].append(told + (
+        f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
+        ', at longitude 0, for none is given: the order of the rows and the time between them are '
+        'right, the hour of UTC is not, and places of the sky are off by up to 1 arcsec '
+        '(--longitude)'))
+
+
+def _whole_site(path, told, clock_tells):
+    """The site with everything that a place of the sky needs.
+
+    Raises
+    ------
+    ValueError
+        It is not told.
+    """
+    if not isinstance(told, dict):
+        return told
+    needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
+    missing = [name for name in needed if name not in told]
+    if missing:
+        raise ValueError(f'{path}: right ascensions need the site, and its '
+                         f'{" and ".join(missing)} is not told: comments '
+                         + ', '.join(f'"# {name}_deg: ..."' for name in missing)
+                         + f', or {" ".join(f"--{name} DEG" for name in missing)}')
+    from pointing_model.sky.places import Site
+    # with a sidereal clock the longitude only says which moment of the day it is
+    return Site(told['latitude'], told.get('longitude', 0.0), told.get('height', 0.0))
+
+
+def to_axes(path, table, mount):
+    """Catalogue places and readings as angles of the mount's axes, each row on its side.
+
+    A reading beyond the pole says on which side the mount was; else the column ``pier_side`` does
+    (`pier_side.through_the_pole`), and readings are then places of the sky. Without either nothing
+    is through the pole.
+
+    Raises
+    ------
+    ValueError
+        As of `pier_side.through_the_pole`.
+    """
+    columns, meta = table.columns, table.meta
+    beyond = np.zeros(len(table.lines), bool)
+    pairs = [pair for pair in PAIRS[1:] if set(pair) <= set(columns)]
+    side, by_side = columns.pop('pier_side', None), None
+    with np.errstate(invalid='ignore', over='ignore'):
+        read = is_beyond(columns[pairs[0][1]]) & (table.reasons == 0) if pairs else beyond
+        if side is not None and not read.any():
+            place = mount.axes_of if meta.get('from_horizon') else sides
+            by_side = through_the_pole(path, table, side, place(columns['az'], columns['el'])[0])
+        _keep_written(path, table, pairs, side if by_side is None else by_side, mount)
+        if read.any():
+            beyond = read
+        elif by_side is not None:
+            beyond = by_side
+            for az, el in pairs:
+                columns[az], columns[el] = through_pole(columns[az], columns[el], beyond)
+            for name in ('az_raw', 'el_raw'):
+                if name in columns:
+                    meta['notes'].append(f'{table.label(name)} left out: which side it is of is '
+                                         'not told')
+                    del columns[name]
+        turned = is_beyond(columns['el']) & (table.reasons == 0)
+        if turned.any() and not meta.get('from_horizon'):
+            meta['notes'].append(f'{table.label("el")} is beyond 90 in {int(turned.sum())} rows: '
+                                 'taken as that of the mount through the pole')
+            columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], turned)
+        if meta.pop('from_horizon', False):
+            columns['az'], columns['el'] = mount.axes_of(columns['az'], columns['el'], beyond)
+        else:
+            columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        sound = table.reasons == 0  # what else the others hold is to be seen as it was written
+        for az, el in pairs:
+            columns[az] = np.where(sound, wrap(columns[az]), columns[az])
+            columns[el] = np.where(sound, columns['el'] + wrap(columns[el] - columns['el']),
+                                   columns[el])
+        if pairs:
+            az = pairs[0][0]
+            columns['az'] = np.where(sound, columns[az] + wrap(columns['az'] - columns[az]),
+                                     columns['az'])
+    _turn_on_sky(columns, beyond)
+    if beyond.any():
+        meta['notes'].append(f'{int(beyond.sum())} of {len(beyond)} rows are through the pole, on '
+                             'the other side of the pier')
+
+
+def past_zenith(table):
+    """Rows of an alt-azimuth mount beyond its zenith (`rows_beyond_zenith`), as angles of its axes.
+
+    Places are then beyond the zenith too. ``table.written`` has what the file has.
+    """
+    columns, pairs = table.columns, [pair for pair in PAIRS[1:] if set(pair) <= set(table.columns)]
+    if not pairs:
+        return
+    written = {name: columns[name] for pair in (PAIRS[0], *pairs) for name in pair}
+    beyond, folded = rows_beyond_zenith([columns[name] for name in PAIRS[0]],
+                                        [columns[name] for name in pairs[0]], table.reasons == 0)
+    if not beyond.any():
+        return
+    with np.errstate(invalid='ignore'):
+        columns['az'], columns['el'] = through_pole(columns['az'], columns['el'], beyond)
+        for _, el in pairs:
+            columns[el] = np.where(beyond, unfolded(columns['el'], columns[el]), columns[el])
+    table.written = written
+    _turn_on_sky(columns, beyond)
+    table.meta['notes'].append(
+        f'{int(beyond.sum())} of {len(beyond)} rows are beyond the zenith: azimuth half a turn on, '
+        'elevation beyond 90 degrees' + (f', which is folded back in {int(folded.sum())}'
+                                         if folded.any() else ''))
+
+
+def rows_beyond_zenith(place, reads, sound):
+    """Which rows of an alt-azimuth mount are beyond its zenith.
+
+    There the azimuth reads half a turn on, and the elevation beyond 90 degrees; or the elevation
+    reads as if it were not beyond, and the azimuth alone says so.
+
+    Parameters
+    ----------
+    place, reads : pair of ndarray, shape (n,)
+        Azimuth and elevation on the sky and as the mount reads, radians.
+    sound : ndarray of bool, shape (n,)
+        Rows to look at.
+
+    Returns
+    -------
+    beyond, folded : ndarray of bool, shape (n,)
+        Folded: those beyond whose elevation does not say so. None is either where readings are not
+        near their places in most rows, on one side or the other: that is for a check of the
+        columns.
+    """
+    sound = sound & np.isfinite(sum((*place, *reads)))
+    place, reads = ([np.where(sound, v, 0.0) for v in pair] for pair in (place, reads))
+    away = wrap(reads[0] - place[0])
+    high = is_beyond(reads[1])
+    near = [np.abs(wrap(reads[1] - to)) < _NEAR for to in (place[1], np.pi - place[1])]
+    turn = wrap(away - _zero(away[sound & ~high]))
+    half = (np.cos(turn) < 0.0) & (np.abs(wrap(turn + np.pi)) * np.cos(place[1]) < _NEAR)
+    # nearer to the zenith an axis that leans swings the azimuth as far
+    folded = sound & ~high & half & near[0] & (place[1] < 0.5 * np.pi - _NEAR)
+    beyond = sound & high & half & near[1] | folded
+    straight = sound & ~beyond & near[0] & (np.abs(turn) * np.cos(place[1]) < _NEAR)
+    most = (beyond | straight).sum() >= _MOST * sound.sum()
+    return beyond & most, folded & most
+
+
+def unfolded(el, reading):
+    """Readings of an elevation beyond the zenith, folded back or not, near places `el` there."""
+    return el + wrap(np.where(is_beyond(reading), reading, np.pi - reading) - el)
+
+
+def _zero(away):
+    """Azimuth zero of readings of which some may be half a turn on."""
+    if not len(away):
+        return 0.0
+    zero = 0.5 * np.angle(np.exp(2j * away).sum())
+    return zero if np.cos(away - zero).mean() > 0.0 else zero + np.pi
+
+
+def _turn_on_sky(columns, beyond):
+    for name in ('miss_x', 'miss_y', 'x_arcsec', 'y_arcsec'):
+        if name in columns:  # on the sky; beyond the pole both axes grow the other way
+            columns[name] = np.where(beyond, -columns[name], columns[name])
+
+
+def _keep_written(path, table, pairs, side, mount):
+    """``table.written``: the angles of the axes before rows are placed beyond the pole.
+
+    `side`: the column of the side of the pier, or what was made of it. It is kept where readings
+    beyond the pole take its place too: in another unit than degrees none of them may be.
+    """
+    if not pairs:  # offsets on the sky: the readings are made of the places
+        return
+    columns = table.columns
+    place = columns['az'], columns['el']
+    if table.meta.get('from_horizon'):
+        place = mount.axes_of(*place)
+    table.written = {**dict(zip(PAIRS[0], place)),
+                     **{name: columns[name] for pair in pairs for name in pair}}
+    if side is None:
+        return
+    if side.dtype != bool:
+        try:
+            side = through_the_pole(path, replace(table, meta={'notes': []},
+                                                  reasons=table.reasons.copy()), side, place[0])
+        except ValueError:
+            return
+    table.written['beyond'] = side
+
+
+def _air(columns, rows, site, weather, meta):
+    """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
+    from pointing_model.sky.places import Weather
+    told = meta.get('weather')
+    if weather is None and told:
+        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **told})
+        said = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
+                'file says')
+    elif weather is None:
+        pressure = standard_pressure(site.height)
+        weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
+        said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
+    else:
+        said = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
+    own = {}
+    for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
+        values = columns.get(column, np.full(len(rows), np.nan))[rows]
+        own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
+        if np.isfinite(values).any():
+            said += f', in its place {column_name(column)} where the file has it'
+    meta['notes'].append(said)
+    return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
+
+
+def read_offsets(table):
+    """Encoder angles from offsets on the sky `x_arcsec`, `y_arcsec`, encoder - catalogue."""
+    columns = table.columns
+    if 'x_arcsec' not in columns:
+        return
+    x, y = columns.pop('x_arcsec'), columns.pop('y_arcsec')
+    reach = np.cos(columns['el'])
+    with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
+        table.exclude(np.abs(x) >= np.pi * reach,
+                      'x_arcsec is more than half a turn of azimuth, so near the zenith')
+        columns['az_enc'] = columns['az'] + np.where(table.reasons == 0, x / reach, 0.0)
+        columns['el_enc'] = columns['el'] + y
+    table.meta['raw_reading'] = False
+    table.meta['notes'].append('encoder angles are catalogue plus offset: what the encoders read '
+                               'is not in the file')
+
+
+def from_south(columns):
+    """Azimuth 0 south, 90 east to 0 north, 90 east: the sense of azimuth turns round."""
+    for name in ('az', 'az_enc', 'az_abs', 'az_raw'):
+        if name in columns:
+            columns[name] = np.pi - columns[name]
+    for name in ('az_rate', 'approach_az', 'miss_x'):
+        if name in columns:
+            columns[name] = -columns[name]

@@ -1,0 +1,182 @@
+"""Pointing runs in TPOINT format 4, its form of equatorial mounts, and the short forms."""
+
+import re
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.runs.run import REQUIRED
+
+from .equatorial import PLACES, read_exported, read_short
+from .run_table import NoObservations, Table, content, floats, is_number, same_width, usual_width
+
+_SHORT = 'EQUATORIAL, SHORT'  # no option of a file
+_OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
+_ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
+
+
+def looks_like_tpoint(lines):
+    """Whether there are option lines, or the short form's line ``A`` or ``E``."""
+    body = content(lines, '!')
+    if any(line.startswith(':') for _, line in body[:10]):
+        return True
+    return len(body) > 1 and body[1][1].strip().upper() in ('A', 'E')
+
+
+def read_tpoint(path, lines):
+    """Caption, options, run parameters, rows of observed and mount azimuth and elevation.
+
+    Of lines that begin with ``#`` those with numbers are observations that the observers have
+    rejected, the others comments.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    lines : list of str
+
+    Returns
+    -------
+    Table
+        ``meta['told_origin']`` is what a comment says of azimuth 0: 'N', 'S' or None.
+
+    Raises
+    ------
+    ValueError
+        Another format, no latitude, a cell that is no number.
+    """
+    comments = ' '.join(line for line in lines if line.lstrip().startswith('!'))
+    # the first mention counts: a comment may go on about what another program does
+    origin = re.search(r'\b(N|S|North|South)\s*=\s*0\b', comments, re.IGNORECASE)
+    meta = {'format': 'tpoint', 'notes': [],
+            'told_origin': origin.group(1)[0].upper() if origin else None}
+    body, commented = _body(lines, meta)
+    if not body:
+        raise ValueError(f'{path} holds only comments')
+    meta['caption'] = body.pop(0)[1]
+    body = [(number, line) for number, line in body if not line.startswith('#') or _rejected(line)]
+    date = re.search(r'\b(\d{4}-\d\d-\d\d)', meta['caption'], re.ASCII)
+    if date:
+        meta['date'] = date.group(1)
+    options = [line[1:].strip().upper() for _, line in body if line.startswith(':')]
+    body = [(number, line) for number, line in body if not line.startswith(':')]
+    if body and body[0][1].upper() in ('A', 'E'):
+        options.append('ALTAZ' if body.pop(0)[1].upper() == 'A' else _SHORT)
+    words = [word for option in options if option != _SHORT for word in option.split()]
+    _know(path, words, meta)
+    exported, short = any(word.startswith('EQUAT') for word in words), _SHORT in options
+    if not (exported or short or 'ALTAZ' in words):
+        raise ValueError(f'{path}: no option ": ALTAZ" or ": EQUAT" says which mount it is of')
+    if not body:
+        raise ValueError(f'{path} ends before the line with the latitude')
+    i = next((i for i, (_, line) in enumerate(body) if not line.startswith('#')), 0)
+    begin, parameters = body[i]
+    body = body[i + 1:]
+    _run_parameters(path, begin, parameters, meta)
+    if not body:
+        raise NoObservations(f'{path} has a header but no observations')
+    if short:
+        body = [(number, line) for number, line in body if not line.startswith('#')]
+        if not body:
+            raise NoObservations(f'{path} has a header but no observations')
+        return read_short(path, body, meta)
+    if exported or len(body[0][1].lstrip('# ').split()) >= PLACES:
+        return read_exported(path, body, meta, words, altaz=not exported)
+    rotator = any(option.startswith('ROT') for option in options)
+    width = usual_width(body)
+    body = [(number, line) for number, line in body
+            if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
+    if not body:
+        raise NoObservations(f'{path} has a header but no observations')
+    rejected = np.array([line.startswith('#') for _, line in body])
+    numbers, cells, reasons = _rows(path, [(n, line.lstrip('# ')) for n, line in body], width)
+    names = [*_ANGLES, *('rotator_deg' if rotator and i == 0 else f'auxiliary_{i + 1}'
+                         for i in range(len(cells[0]) - 4))]
+    columns = {key: floats(path, numbers, name, column, reasons)
+               for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
+    commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
+    table = Table(columns, numbers, meta, reasons, commented=commented)
+    table.exclude(rejected, 'rejected by the observers (#)')
+    return table
+
+
+def _know(path, words, meta):
+    """Refuse options of other mounts; a note of those that are not known."""
+    if 'GIMBAL' in words:
+        raise ValueError(f'{path}: option GIMBAL is not read: give a CSV with a line '
+                         '"# mount: free:AZ,EL[,ROLL]"')
+    if 'ALTAZ' in words and any(word.startswith('EQUAT') for word in words):
+        raise ValueError(f'{path}: options ALTAZ and EQUAT: a run is of one mount')
+    other = [word for word in words if word not in _OPTIONS and not is_number(word)
+             and not word.startswith(('EQUAT', 'ROT'))]
+    if other:
+        meta['notes'].append(f'option {", ".join(w[:20] for w in other)} is not known: nothing was '
+                             'made of it')
+
+
+def _rejected(line):
+    """Whether a line with a # holds an observation: numbers, as many as format 4 has."""
+    words = line.lstrip('# ').split()
+    return len(words) >= len(_ANGLES) and all(map(is_number, words))
+
+
+def _body(lines, meta):
+    """(line number, text) without comments up to END; comments that are all numbers."""
+    body, commented = [], []
+    for number, line in enumerate(lines, 1):
+        line, _, comment = line.partition('!')
+        line = line.strip()
+        if line.upper() == 'END':
+            left = len(content(lines[number:], '!'))
+            if left:
+                meta['notes'].append(f'{left} lines after END not read')
+            break
+        if line:
+            body.append((number, line))
+            continue
+        words = comment.partition('!')[0].split()  # a comment may have one of its own
+        if words and all(map(is_number, words)):
+            commented.append((number, words))
+    return body, commented
+
+
+def _rows(path, body, width):
+    numbers, reasons = np.array([number for number, _ in body]), np.zeros(len(body), dtype=object)
+    cells = [line.split() for _, line in body]
+    if not 4 <= width <= 8:
+        raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; only format 4 (observed '
+                         'azimuth and elevation, mount azimuth and elevation) is read')
+    same_width(path, numbers, cells, width, 'numbers', f'{width} in most rows', reasons)
+    return numbers, cells, reasons
+
+
+def _run_parameters(path, number, line, meta):
+    """Latitude (deg, or deg min sec), then date, temperature, pressure, height, humidity."""
+    where = f'{path}, row {number}'
+    words = line.split()
+    if not all(map(is_number, words)):
+        raise ValueError(f'{where}: {line[:60]!r} is not the line of run parameters, which begins '
+                         'with the latitude')
+    values = [float(word) for word in words]
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f'{where}: {line[:60]!r} has a run parameter that is not finite')
+    latitude = abs(values[0])
+    if len(values) >= 3:
+        if not (0.0 <= values[1] < 60.0 and 0.0 <= values[2] < 60.0):
+            raise ValueError(f'{where}: {line[:60]!r} begins with a latitude whose minutes or '
+                             'seconds are outside 0 to 60')
+        latitude += values[1] / 60.0 + values[2] / 3600.0
+    if latitude > 90.0:
+        raise ValueError(f'{where}: latitude {line[:60]!r} is beyond 90 degrees')
+    sign = -1.0 if words[0].startswith('-') else 1.0
+    meta['site'] = {'latitude': float(sign * latitude * DEG)}
+    if len(values) >= 6:
+        meta['date'] = '{:04.0f}-{:02.0f}-{:02.0f}'.format(*values[3:6])
+    if len(values) >= 8:
+        meta['weather'] = {'temperature_c': values[6], 'pressure_hpa': values[7]}
+    if len(values) >= 9:
+        meta['site']['height'] = values[8]
+    if len(values) >= 10:
+        meta['weather']['humidity'] = values[9]
+    if len(values) >= 11:
+        meta['weather']['wavelength_um'] = values[10]

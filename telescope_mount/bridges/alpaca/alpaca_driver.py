@@ -1,0 +1,76 @@
+"""A mount of an Alpaca server as the graph knows mounts."""
+
+import threading
+
+import numpy as np
+
+from ..indi.dead_man import ALPACA, DeadMan
+from ..indi.goto_mount import RETRY, GotoMount
+from ..indi.indi_telescope import Tick
+from ..indi.pointing import axes_at
+from .alpaca_telescope import AlpacaError, AlpacaTelescope
+
+
+class AlpacaDriver(GotoMount):
+    """`GotoMount` of an Alpaca server, which has to be asked for everything.
+
+    Parameters
+    ----------
+    host, port, number
+        As of `AlpacaTelescope`.
+    mount, site, tolerance, retry
+        As of `GotoMount`.
+    set_site : bool
+        Whether the driver is told the site.
+    period : float
+        Between two questions, s.
+    dead_man : bool
+        Whether a process of its own stops the mount where this one dies.
+    """
+
+    def __init__(self, host, port, mount, site, number=0, tolerance=1.5e-5, set_site=True,
+                 period=0.1, dead_man=True, retry=RETRY):
+        super().__init__(f'{host}:{port}', mount, site, tolerance, retry)
+        self._host, self._port, self._number = host, port, number
+        self._set_site, self._period, self._dead_man = set_site, period, dead_man
+        self._over = threading.Event()
+        self._poller = threading.Thread(target=self._poll, daemon=True)
+
+    def open(self):
+        """Begin to ask."""
+        self._poller.start()
+
+    def shut(self):
+        """End asking."""
+        self._over.set()
+        self._poller.join(6.0)
+
+    def find(self):
+        """The telescope, ready to be pointed."""
+        telescope = AlpacaTelescope(self._host, self._port, self._number)
+        apart = self.check(telescope)
+        if apart and not self._set_site:
+            raise AlpacaError(f'{telescope.device} stands elsewhere than the parameters of the '
+                              'site say')
+        telescope.prepare(self.site if apart else None)
+        if self.mount.two_sided and telescope.beyond is None:
+            raise AlpacaError(f'{telescope.device} does not tell its side of the pier: a German '
+                              'mount cannot be read without it')
+        if self._dead_man and self.stopper is None:
+            self.stopper = DeadMan(self._host, self._port, str(self._number), kind=ALPACA)
+        return telescope
+
+    def _poll(self):
+        while not self._over.wait(self._period):
+            telescope = self.telescope
+            if telescope is None:
+                continue
+            try:
+                stamp = telescope.poll()
+                place = telescope.place[0]
+            except (AlpacaError, TypeError):
+                self.lost()
+                continue
+            axes = axes_at(self.mount, *place, stamp * 1e-9, self.site,
+                           self.mount.two_sided and bool(telescope.beyond))
+            self.take(Tick(stamp, np.array(axes), place, not telescope.slewing))

@@ -1,0 +1,32 @@
+"""Where `alpaca_sky` gets the sky that is seen from: a simulator."""
+
+from ..indi.indi_sources import Source
+from .alpaca_telescope import AlpacaTelescope
+
+
+class AlpacaStars(Source):
+    """A simulator that tells where it truly looks, when it is asked.
+
+    Parameters
+    ----------
+    host, port, number
+        As of `alpaca_telescope.AlpacaTelescope`.
+    field : telescope_mount.bridges.indi.seen.StarField
+    rate : float
+        Exposures a second.
+    """
+
+    def __init__(self, host, port, number, field, rate=2.0):
+        super().__init__(field, f'{host}:{port}')
+        self._server, self._rate = (host, port, number), rate
+
+    def work(self):
+        """Ask, until nobody answers or nobody wants it."""
+        telescope = AlpacaTelescope(*self._server)
+        telescope.knows_where_it_looks()
+        self.why = ''
+        while self.on and not self._closed:
+            stamp, (*place, second) = telescope.true_place()
+            self.seen.append((stamp, self.field.miss(stamp, place, second)))
+            self._wake.wait(1.0 / self._rate)
+            self._wake.clear()

@@ -1,0 +1,80 @@
+"""A mount of an INDI server as the graph knows mounts."""
+
+import contextlib
+import time
+
+from .client import IndiClient, IndiError
+from .dead_man import DeadMan
+from .goto_mount import RETRY, GotoMount
+from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
+
+#: s in which a driver that was just connected, or told its site, tells its axes anew; one whose
+#: mount stands may tell nothing
+FRESH = 2.0
+
+
+class MountDriver(GotoMount):
+    """`GotoMount` of an INDI server.
+
+    Parameters
+    ----------
+    host, port : str, int
+    mount, site, tolerance, retry
+        As of `GotoMount`.
+    device, axes : str
+        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
+    set_site : bool
+        Whether the driver is told the site.
+    period_ms : int
+        Of its readings, where it can be told; 0: as it is.
+    dead_man : bool
+        Whether a process of its own stops the mount where this one dies.
+    fresh : float
+        So long, s, axes are waited for that are no relic of before.
+    """
+
+    def __init__(self, host, port, mount, site, device='', axes='', tolerance=1.5e-5,
+                 set_site=True, period_ms=0, dead_man=True, retry=RETRY, fresh=FRESH):
+        super().__init__(f'{host}:{port}', mount, site, tolerance, retry)
+        self._device, self._axes, self._set_site = device, axes, set_site
+        self._period_ms, self._dead_man, self._fresh_within = period_ms, dead_man, fresh
+        self._ticks = Ticks(self.take)
+        self.client = IndiClient(host, port, heard=self._ticks, connection=self._connection)
+
+    def open(self):
+        """Begin to connect; returns at once."""
+        self.client.start()
+
+    def shut(self):
+        """End the connection."""
+        self.client.close()
+
+    def _connection(self, up):
+        if up:
+            self.wake()
+        else:
+            self._ticks.telescope = None
+            self.lost()
+
+    def find(self):
+        """The telescope of the server, ready to be pointed."""
+        device = find_device(self.client, self._device)
+        telescope = IndiTelescope(self.client, device, self._axes, self.mount.vertical)
+        telescope.connect()
+        check_kind(telescope, self.mount.kind)
+        apart = self.check(telescope)
+        if apart and not self._set_site:
+            raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
+        if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
+            self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
+        # told again where it is the same: drivers that have it from a file may not act on it
+        telescope.prepare(self.site if self._set_site else None)
+        if telescope.has_axes:
+            told = time.time_ns()
+            with contextlib.suppress(IndiError):
+                self.client.wait(lambda: telescope.axes[1] > told, 'no reading',
+                                 self._fresh_within)
+        if self._dead_man and self.stopper is None:
+            self.stopper = DeadMan(self.client.host, self.client.port, device)
+        self._ticks.telescope = telescope
+        return telescope

@@ -1,0 +1,212 @@
+"""Where `indi_sky` gets the sky that is seen from: a simulator, or a camera's plate solves."""
+
+import tempfile
+import threading
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from pointing_model.mounts import is_beyond
+
+from .client import IndiClient, IndiError
+from .goto_mount import BridgeError
+from .indi_camera import IndiCamera
+from .indi_telescope import IndiTelescope, Ticks, find_device, knows_where_it_looks
+
+#: s between two tries to find what is looked through
+RETRY = 3.0
+
+
+class Source:
+    """Finds what it needs, in a thread of its own.
+
+    Parameters
+    ----------
+    field : StarField
+    where : str
+        Host and port, for people.
+
+    Attributes
+    ----------
+    on : bool
+        Whether exposures are wanted; a camera is left alone where not.
+    seen : deque of (int, ndarray)
+        Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
+    why : str
+        What is missing; '' while all is well.
+    note : str
+        What is odd, though exposures come.
+    """
+
+    def __init__(self, field, where):
+        self.field, self.where, self.seen, self.on = field, where, deque(maxlen=100), True
+        self.why, self.note = f'connecting to {where}', ''
+        self._wake, self._closed = threading.Event(), False
+
+    def start(self):
+        """Begin; returns at once."""
+        threading.Thread(target=self._find, daemon=True).start()
+
+    def close(self):
+        """End it."""
+        self._closed = True
+        self._wake.set()
+
+    def switch(self, on):
+        """Begin with exposures, or end with them."""
+        self.on = on
+        self.seen.clear()
+        self._wake.set()
+
+    def take_axes(self, second):
+        """Angle of the second axis, rad, for who does not hear it itself."""
+
+    def lose(self):
+        """The connection is lost."""
+
+    def work(self):
+        """Find what is needed, and with a camera: expose; BridgeError where that fails."""
+        raise NotImplementedError
+
+    def _find(self):
+        while not self._closed:
+            try:
+                self.work()
+            except (BridgeError, ValueError, OSError) as err:
+                self.why = str(err)
+            self._wake.wait(RETRY)
+            self._wake.clear()
+
+
+class IndiSource(Source):
+    """As `Source`, with a connection to an INDI server.
+
+    Parameters
+    ----------
+    host, port : str, int
+    field : StarField
+    **heard
+        As of `client.IndiClient`.
+    """
+
+    def __init__(self, host, port, field, **heard):
+        super().__init__(field, f'{host}:{port}')
+        self.client = IndiClient(host, port, connection=self._connection, **heard)
+
+    def start(self):
+        """Begin; returns at once."""
+        self.client.start()
+        super().start()
+
+    def close(self):
+        """End the connection."""
+        super().close()
+        self.client.close()
+
+    def _connection(self, up):
+        if not up:
+            self.lose()
+            self.why = f'the connection to {self.where} is lost'
+        self._wake.set()
+
+
+class TrueSky(IndiSource):
+    """A simulator that tells where it truly looks: an exposure at its ticks.
+
+    Parameters
+    ----------
+    host, port, field
+        As of `IndiSource`.
+    device, axes : str
+        As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
+    rate : float
+        Exposures a second at most.
+    """
+
+    def __init__(self, host, port, field, device='', axes='', rate=2.0):
+        self.ticks = Ticks(self._take)
+        super().__init__(host, port, field, heard=self.ticks)
+        self._device, self._axes, self._rate = device, axes, rate
+        self._tick, self._last = None, 0
+
+    def lose(self):
+        """Forget what was found."""
+        self.ticks.telescope, self._tick = None, None
+
+    def work(self):
+        """Find the telescope."""
+        if self.ticks.telescope is None:
+            telescope = IndiTelescope(self.client, find_device(self.client, self._device),
+                                      self._axes, self.field.mount.vertical)
+            telescope.connect()
+            knows_where_it_looks(telescope)
+            self.ticks.telescope, self.why = telescope, ''
+
+    def _take(self, tick):
+        """The place of a tick is known when the next one begins: unchanged, it is not sent."""
+        before, telescope = self._tick, self.ticks.telescope
+        self._tick = tick
+        if tick.place is not None or before is None or telescope is None or (
+                before.stamp - self._last < 1e9 / self._rate):
+            return
+        place = before.place if before.place is not None else telescope.place[0]
+        self._last = before.stamp
+        self.seen.append((before.stamp, self.field.miss(before.stamp, place, before.axes[1])))
+
+
+class SolvedSky(IndiSource):
+    """Plate solves of a camera: one exposure after the other.
+
+    Parameters
+    ----------
+    host, port, field
+        As of `IndiSource`.
+    camera : str
+        Its name on the server.
+    solver : pointing_model.runs.plate_solves.solvers.Solver
+    exposure : float
+        s.
+    """
+
+    def __init__(self, host, port, field, camera, solver, exposure):
+        super().__init__(host, port, field, blob=lambda *of: self.camera.take(*of))
+        self.camera = IndiCamera(self.client, camera)
+        self._solver, self._exposure = solver, exposure
+        self._second = None
+
+    def lose(self):
+        """No image comes."""
+        self.camera.lose()
+
+    def take_axes(self, second):
+        """Angle of the second axis, rad: whether the tube looks through the pole."""
+        self._second = float(second)
+
+    def work(self):
+        """Expose and solve, until something is missing or nobody wants it."""
+        from pointing_model.runs.plate_solves.solvers import NotSolved
+        self.camera.connect()
+        self.why = ''
+        while self.on and not self._closed:
+            image = self.camera.expose(self._exposure)
+            self.why, self.note = '', image.note
+            if self._second is None:
+                raise IndiError('the mount tells no axes, and with them the side of the pier')
+            try:
+                self.seen.append((image.middle, self._miss(image)))
+            except NotSolved as err:
+                self.note = f'an image was not solved: {err}'
+                self.seen.append((image.middle, np.full(2, np.nan)))
+
+    def _miss(self, image):
+        from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
+        with tempfile.TemporaryDirectory(prefix='indi_sky_') as folder:
+            path = Path(folder) / 'image.fits'
+            path.write_bytes(image.data)
+            found, _ = self._solver.solve(path)
+        time = image.middle * 1e-9
+        ra, dec = to_icrs(np.radians(found.ra_deg), np.radians(found.dec_deg),
+                          found.frame or ICRS, time)
+        return self.field.miss_of(time, self.field.looks_at(
+            time, float(ra), float(dec), bool(is_beyond(self._second))))

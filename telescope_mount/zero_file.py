@@ -1,0 +1,192 @@
+"""Measured zeros of power-ons from a CSV file, and what they follow.
+
+Columns (unknown cells empty; of others a note says that they are not used):
+
+- ``zero_az_arcsec``, ``zero_el_arcsec``: zero by Polaris, coordinate angles, from any one origin.
+- ``sigma_az_arcsec``, ``sigma_el_arcsec``: its error (optional).
+- ``time``: UTC, as seconds or ISO 8601 (optional: without it the order of the rows counts).
+- ``run``: number of the power-on (optional: the number of the row).
+- what may have moved it, one for both axes or ``_az`` and ``_el`` before the unit:
+  ``temperature_c``, ``supply_v``, ``since_h`` (hours since the power-on before), ``side`` (of the
+  mark: below and above, or +1 and -1).
+
+The file ``zeros.csv`` of `season_report.write_season` is one. A last row without zeros is tonight.
+"""
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+
+from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
+from calibration.report.row_wording import listed
+from msg_tools.units import ARCSEC
+from pointing_model.runs.formats.cells import Cells
+from pointing_model.runs.formats.run_table import content, floats, read_lines, seconds_or_iso
+
+_COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
+            'side': 'side{}'}
+_SIDES = {'below': 1.0, 'above': -1.0}
+_SHORT = ('_az', '_el')
+_LARGEST = 1e50  # of what was measured; squares and their sums stay finite
+_NEEDED = 'zero_az_arcsec and zero_el_arcsec'
+_WANTED = (f'give a header row with {_NEEDED} and what may have moved them (temperature_c, '
+           'supply_v, since_h, side), and a row for each power-on')
+
+
+def read_zeros(path):
+    """Read such a file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    season : Season
+        In order of time.
+    tonight : dict of str to ndarray, shape (2,), or None
+        The covariates of a last row that has no zero.
+    notes : list of str
+        Rows that are left out, columns that are not used.
+
+    Raises
+    ------
+    ValueError
+        An empty file, no such columns, one of which most cells are no numbers, nothing that the
+        zeros could follow.
+    OSError
+        It cannot be read.
+    """
+    path = Path(path)
+    try:
+        lines = read_lines(path)
+    except ValueError as error:
+        raise ValueError(f'{error}: {_WANTED}' if str(error).endswith('is empty') else
+                         str(error)) from None
+    if not content(lines):
+        raise ValueError(f'{path} is empty: {_WANTED}')
+    cells = Cells(path, lines)
+    for name in ('zero_az_arcsec', 'zero_el_arcsec'):
+        if name not in cells.header:
+            raise ValueError(f'{path} has no column {name}: zeros of power-ons are in {_NEEDED}')
+    if not len(cells):
+        raise ValueError(f'{path} has a header and no row: write a row for each power-on')
+    notes = _unknown_columns(path, cells.header)
+    zeros, sigmas = _pair(path, cells, 'zero{}_arcsec'), _pair(path, cells, 'sigma{}_arcsec')
+    covariates = {name: _pair(path, cells, pattern, _SIDES if name == 'side' else {})
+               for name, pattern in _COLUMNS.items()}
+    time, run = _time(path, cells), _column(path, cells, 'run')
+    for k, axis in enumerate(_SHORT):
+        cells.leave_out(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
+    _leave_out_copies(cells, np.column_stack([time * 1e3, zeros * 1e6]))
+    kept = cells.reasons == 0
+    notes += _left_out(path, cells.lines, cells.reasons)
+    if not kept.any():
+        raise ValueError('; '.join([f'{path}: no row can be used', *notes]))
+    if not any(np.isfinite(values[kept]).any() for values in covariates.values()):
+        raise ValueError('; '.join([
+            f'{path} tells nothing that the zeros could follow: give temperature_c '
+            '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
+    season = Season(
+        np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),
+        time, zeros * ARCSEC, sigmas * ARCSEC, covariates).select(kept)
+    lines = cells.lines[kept]
+    if np.isfinite(season.time).all():
+        order = np.argsort(season.time, kind='stable')
+        season, lines = season.select(order), lines[order]
+    tonight = None
+    if np.isnan(season.zeros[-1]).all():
+        tonight = {name: values[-1] for name, values in season.covariates.items()}
+        season, lines = season.select(slice(0, -1)), lines[:-1]
+    there = np.isfinite(season.zeros).sum(axis=1)
+    reasons = np.zeros(len(there), dtype=object)
+    reasons[there == 1] = f'one of {_NEEDED} is empty; a power-on counts with both'
+    reasons[there == 0] = 'no zero; only the last row may be without, it is tonight'
+    return season.select(there == 2), tonight, notes + _left_out(path, lines, reasons)
+
+
+def _left_out(path, lines, reasons):
+    """Notes of the rows that have a reason."""
+    return [f'{path}, line{"s" * (len(away) > 1)} {listed(away)} left out: {why}'
+            for why in dict.fromkeys(reasons[reasons != 0])
+            for away in [lines[reasons == why].tolist()]]
+
+
+def _leave_out_copies(cells, values):
+    """A power-on that is written twice, by its time and zeros, counts once."""
+    first = {}
+    for i in np.flatnonzero((cells.reasons == 0) & np.isfinite(values).all(axis=1)):
+        line = first.setdefault(tuple(np.rint(values[i])), cells.lines[i])
+        if line != cells.lines[i]:
+            cells.reasons[i] = f'the same as line {line}'
+
+
+def _pair(path, cells, pattern, words=None):
+    """Numbers of both axes, each of its own column or of that of both, shape (n, 2)."""
+    return np.array([_column(path, cells, name if name in cells.header else pattern.format(''),
+                             words) for name in map(pattern.format, _SHORT)]).T
+
+
+def _column(path, cells, name, words=None):
+    if name not in cells.header:
+        return np.full(len(cells), np.nan)
+    texts = [str((words or {}).get(cell.lower(), cell)) for cell in cells[name]]
+    values = floats(path, cells.lines, name, texts, cells.reasons)
+    cells.leave_out(np.isinf(values), f'{name} is infinite')
+    cells.leave_out(np.abs(values) > _LARGEST, f'{name} is beyond {_LARGEST:g}')
+    return values
+
+
+def _time(path, cells):
+    if 'time' not in cells.header:
+        return np.full(len(cells), np.nan)
+    return seconds_or_iso(path, cells.lines, 'time', cells['time'], cells.reasons)
+
+
+def _unknown_columns(path, names):
+    """Notes of columns that mean nothing here: a covariate that is misspelt would be missed."""
+    known = ['time', 'run', *(pattern.format(axis) for pattern in (
+        'zero{}_arcsec', 'sigma{}_arcsec', *_COLUMNS.values()) for axis in ('', *_SHORT))]
+    notes, others = [], []
+    for name in (name for name in names if name not in known):
+        near = difflib.get_close_matches(name.lower(), known, 1, 0.75)
+        if near:
+            notes.append(f'{path}: column {name} is not used: did you mean {near[0]}?')
+        else:
+            others.append(name)
+    if others:
+        notes.append(f'{path}: columns not used, nothing that a zero may follow is called so: '
+                     + ', '.join(others))
+    return notes
+
+
+def zero_file_causes(path):
+    """What the zeros in a file follow, and tonight's.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+        JSON-ready, as of `season_report.judge_season`: ``causes``, ``tonight``; and ``notes``, as
+        of `read_zeros`.
+
+    Raises
+    ------
+    ValueError
+        As of `read_zeros`; too few power-ons; no covariate varied.
+    OSError
+    """
+    season, tonight, notes = read_zeros(path)
+    found = zero_causes(season, tonight)
+    if found['p'] is None:
+        raise ValueError('; '.join([f'{path}: {found["text"]}', *notes]))
+    expected = found['tonight']
+    return {'causes': found, 'notes': notes, 'tonight': expected and {axis: {
+        'expected_arcsec': expected[axis]['zero_arcsec'],
+        'sigma_arcsec': expected[axis]['sigma_arcsec'], 'measured_arcsec': None,
+        'measured_sigma_arcsec': None, 'by': expected[axis]['by'],
+        'missing': expected[axis]['missing']} for axis in AXES}}

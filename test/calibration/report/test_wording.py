@@ -1,0 +1,47 @@
+"""No sentence for people is made where rows are judged: a `Finding` has its words in the report."""
+
+import ast
+
+from places import ROOT
+
+from calibration.report.wording import KINDS
+
+#: sentences still made in `calibration.estimation` and `calibration.analysis`; never more
+SENTENCES = 122
+JUDGED = [path for part in ('estimation', 'analysis')
+          for path in sorted((ROOT / 'calibration' / part).rglob('*.py'))]
+_LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
+
+
+def sentences(tree):
+    """Texts with a space and more than 25 characters that are no docstring and are not raised."""
+    skipped, joined = set(), []
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Raise, ast.Assert)) or isinstance(node, ast.Call) and getattr(
+                node.func, 'attr', '') in _LOGGED:
+            skipped.update(map(id, ast.walk(node)))
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            skipped.add(id(node.value))
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            skipped.update(map(id, ast.walk(node)))
+            joined.append(''.join(part.value if isinstance(part, ast.Constant) else '{}'
+                                  for part in node.values))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            joined.append(node.value)
+    return [text for text in joined if ' ' in text and len(text) > 25]
+
+
+def test_no_more_sentences_are_made_where_rows_are_judged():
+    found = {path.relative_to(ROOT): sentences(ast.parse(path.read_text())) for path in JUDGED}
+    assert sum(map(len, found.values())) <= SENTENCES, found
+
+
+def test_each_kind_of_finding_has_one_sentence_and_each_sentence_a_finding():
+    nodes = [node for path in JUDGED for node in ast.walk(ast.parse(path.read_text()))]
+    kinds = {node.args[0].value for node in nodes if isinstance(node, ast.Call) and getattr(
+        node.func, 'id', '') == 'Finding' and isinstance(node.args[0], ast.Constant)}
+    texts = {node.value for node in nodes if isinstance(node, ast.Constant)}
+    assert kinds <= set(KINDS) <= texts
