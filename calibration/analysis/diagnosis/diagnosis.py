@@ -227,7 +227,7 @@ def _fits(run, choice, left, mixed):
     fitted, choice.fit = _fit_of(run, choice.chosen, left, mixed)
     if left is not None and not choice.chosen:
         return fitted, fitted
-    return run.exact_fit([], run.problem.plain.fit([], final=True).noise), fitted
+    return run.exact_fit([], run.problem.plain.fit([], final=True)), fitted
 
 
 def _models(run, choice, fits, mixed):
@@ -244,18 +244,18 @@ def _fit_of(run, chosen, left, mixed):
     """The exact fit of a choice, and the weighted fit by which it is made."""
     plain = run.problem.plain.fit(chosen, final=True)
     if left is None:
-        return run.exact_fit(chosen, plain.noise), plain
+        return run.exact_fit(chosen, plain), plain
     fit = run.problem.fit(chosen, final=True)
-    return (run.exact_fit(chosen, fit.noise) if mixed else
-            run.exact_fit(chosen, plain.noise, fit.noise)), fit
+    return (run.exact_fit(chosen, fit) if mixed else
+            run.exact_fit(chosen, plain, fit.noise)), fit
 
 
 def _without_memory(run, choice, fitted):
     """A note where the same terms leave less if rows are taken to have no memory."""
     keep = choice.fit.weights > 0.0
     plain = run.problem.plain.fit(choice.chosen, final=True)
-    alone = run.exact_fit(choice.chosen, plain.noise).residual
-    alone, here = radial_arcsec(alone, keep), radial_arcsec(fitted.residual, keep)
+    alone = run.exact_fit(choice.chosen, plain)
+    alone, here = (radial_arcsec(of.residual.reshape(2, -1), keep) for of in (alone, fitted))
     return [Finding('terms beside correlated noise', before=alone, after=here)
             ] if here > _MORE * alone else []
 

@@ -222,7 +222,7 @@ def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes)
     ----------
     run : RunProblem
     choice : ModelChoice
-    fits : tuple of ExactFit
+    fits : tuple of Estimate
         Without and with the effects.
     models : tuple of (PointingModel, dict)
         The same as models, and the terms of each run.
@@ -231,7 +231,7 @@ def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes)
     """
     obs, weights = run.obs, choice.fit.weights
     keep = weights > 0.0
-    before, after = (fit.residual for fit in fits)
+    before, after = (fit.residual.reshape(2, -1) for fit in fits)
     (base_model, _), (model, run_terms) = models
     excluded = [obs.excluding(i, OUTLIER) for i in np.flatnonzero(~keep)]
     free = max(2 * np.count_nonzero(keep) - len(choice.fit.basis), 1)

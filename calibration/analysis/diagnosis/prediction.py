@@ -92,7 +92,7 @@ def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLD
     problem.dictionary = effect_bank(effects, obs.context, sizes=False)
     chosen = _forward(problem)
     plain = problem.plain
-    fits = [run.exact_fit(some, plain.fit(some, final=True).noise) for some in ([], chosen)]
+    fits = [run.exact_fit(some, plain.fit(some, final=True)) for some in ([], chosen)]
     if ways is None:
         ways = 1 if len(obs) > _MANY else _FEW_WAYS
     before, after, counts = [], [], []
@@ -103,8 +103,8 @@ def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLD
         after.append(rms_arcsec(*left[1]))
         counts += found
     base_model, model = (run.model(fit, choice)[0] for fit, choice in zip(fits, ([], chosen)))
-    return PredictiveModel(model, base_model, rms_arcsec(*fits[1].residual), before, after, counts,
-                      len(obs))
+    return PredictiveModel(model, base_model, rms_arcsec(*fits[1].residual.reshape(2, -1)), before,
+                           after, counts, len(obs))
 
 
 def nested(problem, folds):

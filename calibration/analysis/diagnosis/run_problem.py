@@ -1,11 +1,10 @@
 """A run in the form of the search, and the exact fit and the model that come out of it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from calibration.estimation.candidates import CandidateBank
 from calibration.estimation.correlated_noise import CorrelatedNoise, WhiteNoise
+from calibration.estimation.estimate import Estimate
 from calibration.estimation.robust import bisquare, sigma_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
@@ -144,10 +143,10 @@ class RunProblem:
                 'rows': [(self.obs.lines[r], m) for r, m in zip(rows, multiples)]}))
         return out
 
-    def exact_fit(self, chosen, noise, true_noise=None):
-        """`exact_fit` of a choice to these rows, an `ExactFit`."""
+    def exact_fit(self, chosen, fit, true_noise=None):
+        """`exact_fit` of a choice to these rows as a `WeightedFit` weighs them, an `Estimate`."""
         return exact_fit(self.obs, self.base, self.problem.design(chosen), self.start,
-                         self.problem.b, noise, true_noise)
+                         self.problem.b, fit.weights, fit.scale, fit.noise, true_noise)
 
     def whole_fit(self, fitted, chosen, memory=(), mixed=True):
         """`exact_fit` of all rows of which these are a part.
@@ -156,7 +155,7 @@ class RunProblem:
 
         Parameters
         ----------
-        fitted : ExactFit
+        fitted : Estimate
             Of the part.
         chosen : list of CandidateGroup
         memory : tuple of AxisNoise
@@ -166,14 +165,16 @@ class RunProblem:
 
         Returns
         -------
-        ExactFit
+        Estimate
         """
         whole, n = self.obs.whole, len(self.obs.whole)
         design = self.base.columns(whole.context, whole.label).added(
             [c.effect(self.problem).columns(whole.context).reshape(-1, 2 * n) for c in chosen])
-        left, _ = after_rotation(whole, fitted.start)
+        start = self._rotation(fitted)
+        left, _ = after_rotation(whole, start)
         k = len(design.common)
-        p, own = fitted.p[:k].copy(), fitted.p[k:].reshape(-1, max(len(self.base.own), 1))
+        p, own = np.split(fitted.coefficients.copy(), [k])
+        own = own.reshape(-1, max(len(self.base.own), 1))
         p[_geometric(whole, self.base)] = 0.0  # in the rotations
         given = np.ones(2 * n) if whole.inverse_sigma is None else whole.inverse_sigma
         standard = (design.left_by(p, own, left) * given).reshape(2, n)
@@ -185,8 +186,14 @@ class RunProblem:
         if memory:
             sequence = sequence_of(whole.context, whole.label)
             noises += [CorrelatedNoise.beside(white, scale, sequence, memory)]
-        return exact_fit(whole, self.base, design, fitted.start, left,
+        return exact_fit(whole, self.base, design, start, left, weights, scale,
                          *(noises[-1:] if mixed else noises))
+
+    def _rotation(self, fitted):
+        """Terms of the exact rotations that a fit ends with."""
+        values = dict(zip(self.base.common, fitted.coefficients))
+        return {**self.start, **{name: values[name] for name in self.base.common
+                                 if name in self.obs.context.mount.names.terms}}
 
     def model(self, fitted, chosen, obs=None):
         """What a fit of these rows, or of others, gives as a model.
@@ -199,18 +206,18 @@ class RunProblem:
             Run -> terms that it fitted for itself, arcsec.
         """
         obs, base = obs or self.obs, self.base
-        p = fitted.p
-        values = dict(zip(fitted.common, p))
-        k, count = len(fitted.common), base.harmonic_count
+        p, common, start = fitted.coefficients, base.common, self.start
+        values = dict(zip(common, p))
+        k, count = len(common), base.harmonic_count
         harmonics = None
         if count:
             full = np.zeros((2, COUNT))
             full[:, :count] = p[k:k + 2 * count].reshape(2, count)
             covariance = np.zeros((2 * COUNT, 2 * COUNT))
             index = np.concatenate((np.arange(count), COUNT + np.arange(count)))
-            covariance[np.ix_(index, index)] = fitted.inverse[k:k + 2 * count, k:k + 2 * count]
+            covariance[np.ix_(index, index)] = fitted.covariance[k:k + 2 * count, k:k + 2 * count]
             harmonics = Harmonics(base.interpretation, full[0], full[1], covariance)
-        sigma = np.sqrt(np.maximum(np.diag(fitted.inverse), 0.0))
+        sigma = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
         at, found = k + 2 * count, []
         for e in (c.effect(self.problem) for c in chosen):
             part = slice(at, at + len(e.coefficient_names))
@@ -220,31 +227,20 @@ class RunProblem:
         run_terms = {int(r): dict(zip(own, p[at + i * len(own):at + (i + 1) * len(own)]))
                      for i, r in enumerate(np.unique(obs.label))} if own else {}
         for t in base.own:
-            values[t] = fitted.start.get(t, 0.0) + float(np.median(
+            values[t] = start.get(t, 0.0) + float(np.median(
                 [r[t] for r in run_terms.values()]))
         covariance = np.zeros((len(values), len(values)))
-        covariance[:k, :k] = fitted.inverse[:k, :k]
+        covariance[:k, :k] = fitted.covariance[:k, :k]
         facts = {'method': 'diagnosis', 'source': obs.run.meta.get('source'),
                  'rows': len(obs), 'encoder': obs.encoder}
         if base.own:
             facts['own_terms'] = list(base.own)
             facts['own_terms_are'] = 'the median of the runs'
-        texts = {str(obs.runs[r]): {t: (v + fitted.start.get(t, 0.0)) / ARCSEC
+        texts = {str(obs.runs[r]): {t: (v + start.get(t, 0.0)) / ARCSEC
                                     for t, v in terms.items()} for r, terms in run_terms.items()}
-        return PointingModel({t: values[t] for t in [*fitted.common, *base.own]}, covariance,
+        return PointingModel({t: values[t] for t in [*common, *base.own]}, covariance,
                              harmonics, facts, 'rotation', found, obs.run.mount,
                              sides=rows_by_side(obs.run.mount, obs.run['el'])), texts
-
-
-@dataclass
-class ExactFit:
-    """Coefficients, first the common ones, then those of each run; covariance of the common."""
-
-    p: np.ndarray
-    inverse: np.ndarray
-    start: dict
-    residual: np.ndarray
-    common: list
 
 
 def _geometric(obs, base):
@@ -252,8 +248,8 @@ def _geometric(obs, base):
     return [i for i, t in enumerate(base.common) if t in obs.context.mount.names.terms]
 
 
-def exact_fit(obs, base, design, start, left, noise, true_noise=None):
-    """Exact rotations with the effects: coefficients, covariance, residual, by iteration.
+def exact_fit(obs, base, design, start, left, weights, scatter, noise, true_noise=None):
+    """Exact rotations with the effects, by iteration.
 
     Parameters
     ----------
@@ -265,14 +261,20 @@ def exact_fit(obs, base, design, start, left, noise, true_noise=None):
         Terms of the rotations to begin with.
     left : ndarray, shape (2n,)
         What these leave.
+    weights : ndarray, shape (n,)
+        Of the rows.
+    scatter : ndarray, shape (2,)
+        Of the axes.
     noise : WhiteNoise or CorrelatedNoise
-        By which rows are weighted.
+        With these weights and that scatter.
     true_noise : WhiteNoise or CorrelatedNoise, optional
         By which the covariance is, where it is another.
 
     Returns
     -------
-    ExactFit
+    Estimate
+        First of the common coefficients, then of those of each run; the covariance is that of the
+        common ones.
     """
     common, geometric = base.common, _geometric(obs, base)
     solve, start = design.solver(noise), dict(start)
@@ -288,4 +290,5 @@ def exact_fit(obs, base, design, start, left, noise, true_noise=None):
         left, _ = after_rotation(obs, start)
     p[geometric] = [start[common[i]] for i in geometric]
     inverse = solve.inverse if true_noise is None else solve.inverse_under(true_noise)
-    return ExactFit(np.append(p, own), inverse, start, residual.reshape(2, -1), list(common))
+    return Estimate(np.append(p, own), inverse, np.full(len(p), np.inf), tuple(scatter), residual,
+                    weights, len(design), robust=True)
