@@ -20,6 +20,7 @@ import frames_speed
 import load
 import numpy as np
 import places_speed
+from earlier_commit import BESIDE, LEAST, earlier_tree, run_options
 from race import Row, race
 
 from msg_tools.units import ARCSEC
@@ -170,9 +171,12 @@ def logs(full):
 # --- nights ---------------------------------------------------------------------------------------
 
 
-def _processor_time(*command):
+def _processor_time(command, tree):
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, '-m', 'telescope_mount', command, '--out',
+                        f'{folder}/night'], check=True, stdout=subprocess.DEVNULL,
+                       stderr=subprocess.DEVNULL, **run_options(tree))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
             time.perf_counter() - begin)
@@ -180,21 +184,16 @@ def _processor_time(*command):
 
 def nights(full):
     """Whole nights from the command line: processor time of all processes, and wall time."""
-    rows = []
-    for what, command, cpu, wall in (
-            ('a night of 30 stars', 'night', 7.0, 4.0),
-            *([('11 nights', 'experiment', 18.0, None)] if full else [])):
-        best = [np.inf, np.inf]
-        for _ in range(3 if full else 2):
-            with tempfile.TemporaryDirectory() as folder:
-                took = _processor_time(sys.executable, '-m', 'telescope_mount', command, '--out',
-                                       f'{folder}/night')
-            best = np.minimum(best, took)
-        rows.append(Row('graph', what, 'processor time', float(best[0]), f'limit {cpu:g} s', cpu,
-                        1.0))
-        if wall:
-            rows.append(Row('graph', what, 'wall time', float(best[1]), f'limit {wall:g} s', wall,
-                            1.0, 'on two free cores'))
+    here, rows = Path(__file__).parent.parent, []
+    with earlier_tree() as before:
+        for what, command in (('a night of 30 stars', 'night'),
+                              *([('11 nights', 'experiment')] if full else [])):
+            best = np.full((2, 2), np.inf)
+            for _ in range(3):
+                for one, tree in enumerate((here, before)):
+                    best[one] = np.minimum(best[one], _processor_time(command, tree))
+            rows += [Row('graph', what, size, ours, BESIDE, theirs, LEAST)
+                     for size, ours, theirs in zip(('processor time', 'wall time'), *best.tolist())]
     return rows
 
 

@@ -28,13 +28,11 @@ import tempfile
 import time
 from pathlib import Path
 
+from earlier_commit import BESIDE, LEAST, earlier_tree, run_options
 from race import Row
 
+HERE = Path(__file__).parent.parent
 RATES = (10, 100, 300, 1000)
-#: s, of readings at 2 x 1 kHz without real-time scheduling
-LATENCY = 3e-3
-#: s, of a message to the log
-RECORDED = 1 / 25_000
 DRIVERS = ('incremental_encoder', 'absolute_encoder')
 #: s that the graph runs before it is measured
 SETTLED = 2.0
@@ -311,42 +309,48 @@ def recorded(seconds, rate, sources):
 # --- all -----------------------------------------------------------------------------------------
 
 
-def _child(*args):
+def _child(*args, tree=HERE):
     """A measurement in a process of its own, as a user would start it; a dict."""
+    options = run_options(tree)
+    options['env']['LOAD_BEGUN'] = repr(time.time())
     done = subprocess.run(
-        [sys.executable, __file__, '--child', *map(str, args)], stdout=subprocess.PIPE, text=True,
-        env={**os.environ, 'LOAD_BEGUN': repr(time.time())}, check=True, timeout=600)
+        [sys.executable, tree / 'benchmarks/load.py', '--child', *map(str, args)],
+        stdout=subprocess.PIPE, text=True, check=True, timeout=600, **options)
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def measure(rates=(100, 1000), seconds=3.0, starts=1, flooded=5.0, message_rate=26_000, sources=2):
+def measure(rates=(100, 1000), seconds=3.0, starts=1, flooded=5.0, message_rate=26_000, sources=2,
+            tree=HERE):
     """Everything, as dicts: of the rates, of the starts, of the flood (None without one)."""
-    return ([_child('rate', rate, seconds) for rate in rates],
-            [_child('start') for _ in range(starts)],
-            _child('record', flooded, message_rate, sources) if flooded else None)
+    return ([_child('rate', rate, seconds, tree=tree) for rate in rates],
+            [_child('start', tree=tree) for _ in range(starts)],
+            _child('record', flooded, message_rate, sources, tree=tree) if flooded else None)
 
 
-def rows_of(at_rates, starts, flooded):
-    """Lines of the common table."""
+def rows_of(at_rates, starts, flooded, earlier, flooded_earlier):
+    """Lines of the common table, beside the rates and the flood of an earlier commit."""
     out = [Row('load', 'readings, p99 from stamp to arrival', f'2 x {r["rate"]} Hz', r['p99'],
-               f'limit {1e3 * LATENCY:g} ms', LATENCY, 1.0 if r['rate'] == 1000 else None,
-               f'{r["lost"]} lost, load {r["load"]:.1f}') for r in at_rates]
+               BESIDE, before['p99'], LEAST if r['rate'] == 1000 else None,
+               f'{r["lost"]} lost, load {r["load"]:.1f}') for r, before in zip(at_rates, earlier)]
     if starts:
         best = min(starts, key=lambda s: s['matched'])
         out.append(Row('load', 'start-up', f'{best["nodes"]} nodes', best['matched'],
                        'limit: imports alone', best['imports']))
     if flooded:
-        # of what was lost nothing was recorded in time
+        # what was lost was not recorded
         out.append(Row('load', 'recording, a message', f'{flooded["wanted"]:g} a second',
-                       1.0 / flooded['rate'] if flooded['rate'] else float('inf'),
-                       f'limit {1e6 * RECORDED:g} us', RECORDED, 1.0,
-                       f'{flooded["sent"] - flooded["have"]} lost, load {flooded["load"]:.1f}'))
+                       1.0 / max(flooded['rate'], 1.0), BESIDE, 1.0 / flooded_earlier['rate'],
+                       LEAST, f'{flooded["sent"] - flooded["have"]} lost, '
+                       f'load {flooded["load"]:.1f}'))
     return out
 
 
 def rows(full=False):
     """Rows of the common table."""
-    return rows_of(*measure(**(FULL if full else {})))
+    options = FULL if full else {}
+    with earlier_tree() as tree:
+        earlier, _, flooded = measure(**{**options, 'starts': 0}, tree=tree)
+        return rows_of(*measure(**options), earlier, flooded)
 
 
 FULL = {'rates': RATES, 'seconds': 30.0, 'starts': 5, 'flooded': 30.0}

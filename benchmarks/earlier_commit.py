@@ -1,0 +1,34 @@
+"""The project as of an earlier commit, to be run beside today's in the same minutes."""
+
+import os
+import subprocess
+import tarfile
+import tempfile
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+#: what nights, recording and delays are measured against
+COMMIT = '2a7b06e6'
+BESIDE = f'commit {COMMIT}'
+#: times as fast as that, at least
+LEAST = 1.0 / 1.3
+
+
+@contextmanager
+def earlier_tree(commit=COMMIT):
+    """Folder with the files of a commit, of the repository that this file is in.
+
+    Programs run there by `run_options` take its packages, and what is installed of others.
+    """
+    packed = subprocess.run(['git', 'archive', commit], check=True, capture_output=True,
+                            cwd=Path(__file__).parent.parent).stdout
+    with tempfile.TemporaryDirectory() as folder:
+        with tarfile.open(fileobj=BytesIO(packed)) as files:
+            files.extractall(folder, filter='data')
+        yield Path(folder)
+
+
+def run_options(tree):
+    """For `subprocess.run`: folder and environment in which the packages of a tree come first."""
+    return {'cwd': tree, 'env': {**os.environ, 'PYTHONPATH': str(tree)}}
