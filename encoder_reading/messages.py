@@ -123,11 +123,11 @@ class AngleOutput:
             if frame != self._frame:
                 self._rates.forget()
                 self._frame = frame
-            self._angles.publish(convert.joints(
+            self._angles.publish(convert.joint_state(
                 stamp, angle, self._rates(stamp, angle), quality, frame, self._names))
         if self._sigma.get_subscription_count() > 0:
             for stamp, sigma in zip(stamps, readings.sigma.tolist()):
-                self._sigma.publish(convert.joints(stamp, sigma, names=self._names))
+                self._sigma.publish(convert.joint_state(stamp, sigma, names=self._names))
 
     def problems(self):
         """For the node's diagnostics: another reader in the graph, images that were not read."""

@@ -80,7 +80,7 @@ class IncrementalEncoders(MountedDevice):
                           for axis, encoder in enumerate(self._encoders)], axis=1)
         for stamp, angle, rate in zip(
                 stamps[told].tolist(), reading[told].tolist(), rates.tolist()):
-            self._pub.publish(convert.joints(
+            self._pub.publish(convert.joint_state(
                 stamp, angle, rate, frame=self._power_on.frame, names=self.names))
 
     def _note_power_on(self, stamp):

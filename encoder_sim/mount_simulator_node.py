@@ -251,7 +251,7 @@ class MountSimulator(ManagedNode):
         stamps = self._start + np.rint(times * 1e9).astype(np.int64)
         for stamp, *values in zip(stamps.tolist(), angles.tolist(), rates.tolist(),
                                   sides.tolist()):
-            self._truth_pub.publish(convert.joints(stamp, *values, names=self._names))
+            self._truth_pub.publish(convert.joint_state(stamp, *values, names=self._names))
         return stamps
 
     def _set_clock(self, now):

@@ -5,9 +5,7 @@ from itertools import count
 
 import numpy as np
 
-from .cdr import header
 from .convert import MOUNT_FRAME, to_stamp
-from .quick_clouds import Cloud
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 # x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
@@ -39,13 +37,6 @@ def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
     message.header.stamp = to_stamp(ns)
     message.header.frame_id = frame
     return message
-
-
-def quick_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
-    """As `table_to_cloud`, quicker to make and to send: a `Cloud`, for a node's `publisher`."""
-    rows = _rows(columns, points)
-    return Cloud(header(ns, frame), _fields(tuple(columns), points is not None), len(rows),
-                 8 * rows.shape[1], rows.tobytes())
 
 
 def _rows(columns, points):

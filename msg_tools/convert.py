@@ -4,10 +4,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from .cdr import header
-from .quick_joints import Joints
-from .quick_tracks import JointTrack
-
 AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
 JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'))
@@ -47,12 +43,6 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
     message.header.stamp = to_stamp(ns)
     message.header.frame_id = frame
     return message
-
-
-def joints(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame='',
-           names=AXES):
-    """As `joint_state`, quicker to make and to send: a `Joints`, for a node's `publisher`."""
-    return Joints(header(ns, frame), tuple(names), position, velocity, effort)
 
 
 def joints_of(names):
@@ -112,7 +102,7 @@ def vector(ns, x, y, frame):
     return message
 
 
-def trajectory(ns, times, positions, velocities, names=AXES):
+def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
     """A JointTrajectory of both axes.
 
     Parameters
@@ -125,11 +115,14 @@ def trajectory(ns, times, positions, velocities, names=AXES):
         First and second axis, rad and rad/s.
     names : sequence of str
         Of the axes, one of `JOINTS`.
+    frame : str
+        ``frame_id`` of the message.
     """
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp = to_stamp(ns)
+    message.header.frame_id = frame
     for t, position, velocity in zip(times, positions, velocities):
         nanoseconds = round(t * 1e9)
         message.points.append(JointTrajectoryPoint(
@@ -161,28 +154,19 @@ def read_trajectory(message):
     points = message.points
     if not len(points):
         raise ValueError('trajectory without points')
-    if isinstance(message, JointTrack):
-        positions, velocities = points['positions'][:, order], points['velocities'][:, order]
-        times = points['sec'] + 1e-9 * points['nanosec']
-    else:
-        times, positions, velocities = _of_points(points, len(names), order)
+    for point in points:
+        if len(point.positions) != len(names) or len(point.velocities) not in (0, len(names)):
+            raise ValueError(f'a trajectory point needs {len(names)} positions, and as many '
+                             'velocities or none')
+    times = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    positions = np.array([[p.positions[i] for i in order] for p in points])
+    velocities = np.array([[p.velocities[i] for i in order] if p.velocities else [0.0, 0.0]
+                           for p in points])
     if not (np.isfinite(positions).all() and np.isfinite(velocities).all()):
         raise ValueError('trajectory with a value that is not finite')
     if (times[1:] <= times[:-1]).any():
         raise ValueError('trajectory times must increase')
     return from_stamp(message.header.stamp), times, positions, velocities
-
-
-def _of_points(points, count, order):
-    """Times, positions and velocities of JointTrajectoryPoint, of the joints `order`."""
-    for point in points:
-        if len(point.positions) != count or len(point.velocities) not in (0, count):
-            raise ValueError(f'a trajectory point needs {count} positions, and as many '
-                             'velocities or none')
-    return (np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points]),
-            np.array([[p.positions[i] for i in order] for p in points]),
-            np.array([[p.velocities[i] for i in order] if p.velocities else [0.0, 0.0]
-                      for p in points]))
 
 
 def temperature(ns, celsius, frame='ambient'):

@@ -9,6 +9,7 @@ import uuid
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 from rclpy.time_source import TimeSource
 from std_srvs.srv import Trigger
 
@@ -17,9 +18,6 @@ from .executor import AFTER, ANSWERS, published
 from .gaps import SequenceGaps
 from .parameter_events import ParameterNode
 from .params import BadInput, Param
-from .quick_clouds import POINT_CLOUD, CloudWriter
-from .quick_joints import JOINT_STATE, JointReader, JointWriter
-from .quick_tracks import TRAJECTORY, TrackReader, TrackWriter
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports, is_count
 from .service_retry import Answers
 from .topics import CLOCK, DIAGNOSTICS
@@ -34,11 +32,20 @@ NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 #: what a message that cannot be used raises: of JSON an infinite number, or a thousand brackets,
 #: are no ValueError
 UNUSABLE = ValueError, ArithmeticError, RecursionError
-#: by the type of a topic, what is quicker than rclpy
-READERS = {JOINT_STATE: JointReader, TRAJECTORY: TrackReader}
-WRITERS = {JOINT_STATE: JointWriter, TRAJECTORY: TrackWriter, POINT_CLOUD: CloudWriter}
 #: s between two looks whether a node is alone in its place
 RIVALS = 0.25
+
+
+def message_of(data, kind):
+    """The message of class `kind` that bytes are; ValueError says why they are none.
+
+    rclpy, asked for messages, skips such bytes without a word.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as err:
+        reason = [*str(err).splitlines(), type(err).__name__][0]
+        raise ValueError(f'no {kind.__name__}: {reason}') from None
 
 
 class Counter:
@@ -125,11 +132,7 @@ class MountNode(ParameterNode):
         return self._full_names[key]
 
     def publisher(self, topic):
-        """A publisher on `topic`, counted, with QoS overrides by parameter.
-
-        It takes the messages of rclpy or their bytes, and those of `quick_joints`,
-        `quick_tracks` and `quick_clouds`.
-        """
+        """A publisher on `topic`, counted, with QoS overrides by parameter."""
         # rclpy writes overrides into the profile that it is given; topics share theirs
         pub = self.create_publisher(
             topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
@@ -138,11 +141,11 @@ class MountNode(ParameterNode):
         self._publishers_of[topic_name] = (pub, counter)
         if not topic.many:
             self._sole.append(topic_name)
-        publish, write = pub.publish, WRITERS[topic.type]().write if topic.type in WRITERS else None
+        publish = pub.publish
 
         def counted(message):
             counter.count += 1
-            publish(message if write is None or isinstance(message, bytes) else write(message))
+            publish(message)
             published(topic_name)
 
         pub.publish = counted
@@ -151,18 +154,16 @@ class MountNode(ParameterNode):
     def subscribe(self, topic, callback, after=None):
         """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
 
-        `callback(message)` raises ValueError for a bad message. A JointState is a
-        `quick_joints.Joints`, with the same names in it, and a JointTrajectory may be a
-        `quick_tracks.JointTrack`. `after()` is called when the messages that were ready have been
-        taken: what costs as much for many as for one waits for it.
+        `callback(message)` raises ValueError for a bad message. `after()` is called when the
+        messages that were ready have been taken: what costs as much for many as for one waits for
+        it.
         """
         counter = Counter(topic.latched)
-        read = READERS[topic.type]().read if topic.type in READERS else None
 
-        def guarded(message, info):
+        def guarded(data, info):
             counter.received(info)
             try:
-                callback(read(message) if read else message)
+                callback(message_of(data, topic.message))
             except UNUSABLE as err:
                 self.reject(topic.name, str(err))
 
@@ -173,7 +174,7 @@ class MountNode(ParameterNode):
                 self.reject(topic.name, str(err))
 
         sub = self.create_subscription(
-            topic.message, topic.name, guarded, copy.copy(topic.qos), raw=read is not None,
+            topic.message, topic.name, guarded, copy.copy(topic.qos), raw=True,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
         if after is not None:

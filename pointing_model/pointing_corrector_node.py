@@ -10,7 +10,6 @@ from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.node_process import run_node
 from msg_tools.power_on import start_of
-from msg_tools.quick_tracks import joint_track
 from msg_tools.units import ARCSEC, wrap
 
 from .active_calibration import time_driver, tracked_sigma, wander_sigma
@@ -95,7 +94,7 @@ class PointingCorrector(MountNode):
         # the azimuth goes on from point to point, whatever turn the target is written in
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
-            joint_track(stamp, times, demand, turn / (2.0 * STEP), names))
+            convert.trajectory(stamp, times, demand, turn / (2.0 * STEP), names))
         model = self._in_force.model
         self._open = model is not None and bool(model.is_open(sky[:, 0], sky[:, 1]).any())
         self._sigma_pub.publish(convert.vector(

@@ -4,7 +4,7 @@ Its ``frame_id`` says of which mount the angles are: ``mount_enu`` of an alt-azi
 ``mount_enu/german@34.3`` with the latitude (deg) of another.
 """
 
-from msg_tools.cloud_tables import cloud_to_table, quick_cloud, table_to_cloud
+from msg_tools.cloud_tables import cloud_to_table, table_to_cloud
 from msg_tools.convert import MOUNT_FRAME
 from msg_tools.units import DEG
 
@@ -47,16 +47,8 @@ def run_to_cloud(run, ns):
     ns : int
         Stamp.
     """
-    return table_to_cloud(*_table_of(run, ns))
-
-
-def run_to_quick_cloud(run, ns):
-    """As `run_to_cloud`, quicker to make and to send: for a node's `publisher`."""
-    return quick_cloud(*_table_of(run, ns))
-
-
-def _table_of(run, ns):
-    return run.columns, ns, run.mount.direction(run['az'], run['el']), frame_of(run.mount)
+    return table_to_cloud(run.columns, ns, run.mount.direction(run['az'], run['el']),
+                          frame_of(run.mount))
 
 
 def cloud_to_run(message):

@@ -12,7 +12,6 @@ from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import ACTIVATION, AUTOSTART, ManagedNode
 from msg_tools.node_process import run_node
-from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.places import Site
@@ -224,7 +223,7 @@ class MountGuard(ManagedNode):
     def _send(self, track):
         message = self._request
         if not self._keeper.is_request(track) or message is None:
-            message = joint_track(*track, self._names)
+            message = convert.trajectory(*track, self._names)
         message.header.frame_id = ''
         self._command_pub.publish(message)
 

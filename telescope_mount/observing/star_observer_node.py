@@ -18,14 +18,13 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.node_process import run_node
-from msg_tools.quick_tracks import joint_track
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
 from pointing_model.active_topics import in_force_of
 from pointing_model.apart import Asked
 from pointing_model.row_retention import KEPT_POWER_ONS
-from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud, run_to_quick_cloud
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
 
 from .allowed_sky import AllowedSky
@@ -328,7 +327,7 @@ class StarObserver(MountNode):
 
     def send_command(self, track):
         """On `request`."""
-        self._request = joint_track(*track, self._mount.names.keys,
+        self._request = convert.trajectory(*track, self._mount.names.keys,
                                     self.get_fully_qualified_name())
         self._request_pub.publish(self._request)
 
@@ -362,7 +361,7 @@ class StarObserver(MountNode):
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""
-        self._observation_pub.publish(run_to_quick_cloud(run, stamp))
+        self._observation_pub.publish(run_to_cloud(run, stamp))
         x, y = run.offsets()
         self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
 
