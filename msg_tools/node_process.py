@@ -181,10 +181,6 @@ def main():
     sys.exit(run_nodes([node_of(module) for module in sys.argv[1].split(',')]))
 
 
-if __name__ == '__main__':
-    main()
-
-
 #: glibc's mallopt: from how many bytes on a block is a map of its own
 _MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 
@@ -209,3 +205,7 @@ def large_apart():
 def give_back():
     """After work that took much: else the heap keeps its pages for more of it. About 1 ms."""
     _of_libc('malloc_trim')(0)
+
+
+if __name__ == '__main__':
+    main()

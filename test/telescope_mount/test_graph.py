@@ -174,6 +174,13 @@ def test_every_node_is_there_and_has_a_main():
         assert callable(importlib.import_module(module).main), module
 
 
+def test_a_program_is_called_where_all_of_it_is_defined():
+    for path in sources(*PACKAGES):
+        body = ast.parse(path.read_text()).body
+        assert not any(isinstance(node, ast.If) and '__main__' in ast.dump(node.test)
+                       for node in body[:-1]), path
+
+
 def test_there_is_no_node_besides_them():
     found = {'.'.join(path.relative_to(ROOT).with_suffix('').parts)
              for path in sources(*PACKAGES) if path.stem.endswith('_node')}
