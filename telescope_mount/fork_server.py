@@ -1,6 +1,9 @@
 """A process that has imported what all nodes need, and forks one node after the other.
 
-Eight interpreters that each import numpy, rclpy and the messages take longer than a short night.
+Eight interpreters that each import numpy, rclpy and the messages take longer than a short night:
+one of 30 stars takes 1.3 times the processor time and 0.8 s more without this (4.5 for 3.4 s). It
+can go when an interpreter with rclpy begins in 0.1 s.
+
 Requests come on the connection whose file descriptor is its argument, a dict each: module,
 arguments, name, environment, file for the output, and all modules to import. It answers
 ``{'started': pid}``, later ``{'ended': pid, 'code': code}``. A command that has not used ROS yet

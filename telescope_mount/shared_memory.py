@@ -4,7 +4,8 @@ Fast DDS gives each participant a segment, ``fastrtps_`` and 16 digits, with a l
 (``_el``), and each port of a domain a queue, ``fastrtps_port`` and its number, with a lock file and
 a semaphore. A process that is killed leaves its own there, 0.5 MB and some ports of 0.05 MB, and
 nobody takes them away: names of segments are drawn, and those of ports are used again. Ports from
-7000 on are of no domain, and stay to be used again.
+7000 on are of no domain, and stay to be used again. That killed nights leave nothing behind is
+promised (`benchmarks/stops.py`); this file can go when Fast DDS sweeps what is nobody's itself.
 
 That a file is nobody's any more only the kernel knows for sure, also where a container has it:
 it gives the write lease of a file (fcntl(2), F_SETLEASE) only while nobody else has it open or
