@@ -25,8 +25,8 @@ SOME = 300
 AIRLESS = Weather(pressure_hpa=0.0)
 BOUND = 0.001  # arcsec
 #: what is timed -> times as fast as the full computation, at least
-LEAST = {'one star at many epochs of a new day, each': 50.0,
-         'first place of a night': 1.2,
+LEAST = {'one star at many epochs of a new day, each': 20.0,
+         'first place of a night': 0.7,
          'each further place of the night': 8.0}
 
 

@@ -16,15 +16,13 @@ tears. Beyond the tables the values are extrapolated and the uncertainty says so
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
-from operator import mul
 
 import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .iers_tables import C04_FIRST, extent, learn_leap_seconds, rows_around, rows_of, tai_utc
+from .iers_tables import C04_FIRST, extent, learn_leap_seconds, rows_of, tai_utc
 
 MJD_1970 = 40587.0
 DAY = 86400.0
@@ -41,7 +39,6 @@ TIDES_POLE = 2e-4 * ARCSEC
 
 FIRST, LAST = -2208988800.0, 4133980800.0  # 1900-01-01, 2101-01-01: where ERFA's Earth is good
 _MJD_1960 = 36934.0
-_EVEN = 63072000.0  # 1972-01-01, since when TAI-UTC changes by whole seconds only
 
 #: what `EarthOrientation.source` can say, from the best to the worst
 SOURCES = ('IERS final', 'IERS rapid', 'IERS prediction', 'extrapolated', 'before the IERS table')
@@ -180,56 +177,6 @@ def earth_orientation(time):
     if np.ndim(time) == 0:
         return EarthOrientation(*(float(v) for v in out[:, 0]), str(names[0]))
     return EarthOrientation(*out.reshape(5, *np.shape(time)), names.reshape(np.shape(time)))
-
-
-def clock_and_pole(time, apart):
-    """What turns the Earth about one moment, as ERFA takes it; fast, and without uncertainty.
-
-    Parameters
-    ----------
-    time : float
-        UTC, seconds since 1970-01-01, from 1900 to 2100.
-    apart : float
-        Seconds between two times with `time` in their middle, all on the same day.
-
-    Returns
-    -------
-    day : float
-        Julian date of its 0h.
-    tt : float
-        Terrestrial time at `time`, days from there.
-    ut1, xp, yp : ndarray, shape (2,)
-        UT1, days from there, and the pole (rad), at both times: those of `earth_orientation`.
-
-    Raises
-    ------
-    ValueError
-        As `earth_orientation`.
-    """
-    day = time // DAY
-    second = time - day * DAY
-    julian = erfa.DJM0 + MJD_1970 + day
-    rows = rows_around(int(day + MJD_1970)) if _EVEN <= time <= LAST else None
-    if rows is None:
-        there = day * DAY + second + np.array([-0.5 * apart, 0.5 * apart])
-        orientation = earth_orientation(there)
-        return (julian, terrestrial(time)[1],
-                erfa.ufunc.utcut1(*split_utc(there), orientation.dut1)[1],
-                orientation.xp, orientation.yp)
-    tai_utc = rows[1][0]
-    _, *columns = zip(*rows)
-    ut1_tai, xp, yp = [[sum(map(mul, weights, column)) for weights in _weights(second, apart)]
-                       for column in columns]
-    begin = second + tai_utc
-    return (julian, (begin + erfa.TTMTAI) / DAY,
-            [(begin + ut1_tai[0] - 0.5 * apart) / DAY, (begin + ut1_tai[1] + 0.5 * apart) / DAY],
-            xp, yp)
-
-
-@lru_cache(maxsize=64)
-def _weights(second, apart):
-    """Of four rows, for each of two times `apart` about a second of the day."""
-    return [_lagrange(1.0 + (second + half) / DAY) for half in (-0.5 * apart, 0.5 * apart)]
 
 
 def extrapolate(mjd, rows):

@@ -4,7 +4,6 @@ The package astropy-iers-data carries the tables. Both have one line a day of co
 line of a day is found by seeking; nothing else of them is read.
 """
 
-from bisect import bisect_right
 from functools import lru_cache
 from mmap import ACCESS_READ, mmap
 
@@ -58,59 +57,6 @@ def extent():
             file.seek(middle * _A_LINE)
             low, high = (middle, high) if file.read(78)[58:68].strip() else (low, middle)
     return header, int(C04_FIRST) + lines - 1, float(_A_FIRST + low)
-
-
-def rows_around(mjd):
-    """What the tables say at 0h of the day before an MJD, of it, and of the two after; fast.
-
-    Parameters
-    ----------
-    mjd : int
-
-    Returns
-    -------
-    tuple of four tuples, or None where the tables begin and end
-        TAI-UTC (s), UT1-TAI (s), xp and yp (rad).
-
-    Raises
-    ------
-    ValueError
-        A table is damaged.
-    """
-    if not C04_FIRST < mjd <= extent()[2] - 2:
-        return None
-    return _row(mjd - 1), _row(mjd), _row(mjd + 1), _row(mjd + 2)
-
-
-@lru_cache(maxsize=1600)  # the next night asks for three of these four days again
-def _row(day):
-    """TAI-UTC at 0h, UT1-TAI (s), xp and yp (rad) of a day."""
-    header, end, _ = extent()
-    since, seconds = _whole_seconds()
-    path, columns, width, begin = (
-        (astropy_iers_data.IERS_B_FILE, _C04_COLUMNS[:4], _C04_LINE,
-         header + (day - int(C04_FIRST)) * _C04_LINE) if day <= end else
-        (astropy_iers_data.IERS_A_FILE, _A_COLUMNS[:4], _A_LINE, (day - _A_FIRST) * _A_LINE))
-    line = _mapped(path)[begin : begin + width]
-    try:
-        of_day, dut1, xp, yp = [float(line[a - 1 : b]) for a, b in columns]
-    except ValueError as error:
-        raise _damaged(error) from None
-    if of_day != day:
-        raise _misplaced(day, day)
-    at_0h = seconds[bisect_right(since, day) - 1] if day >= since[0] else float(
-        tai_utc(float(day), 0.0))
-    return at_0h, dut1 - at_0h, xp * ARCSEC, yp * ARCSEC
-
-
-@lru_cache(maxsize=1)
-def _whole_seconds():
-    """MJD from which each whole TAI-UTC holds, and it, s."""
-    learn_leap_seconds()
-    table = erfa.leap_seconds.get()
-    table = table[table['year'] >= 1972]
-    _, mjd = erfa.ufunc.cal2jd(table['year'], table['month'], 1)[:2]
-    return mjd.tolist(), table['tai_utc'].tolist()
 
 
 @lru_cache(maxsize=2)

@@ -1,8 +1,8 @@
 """Where a star is seen: observed azimuth and elevation by ERFA.
 
-IAU 2006/2000A precession-nutation (to 0.0005": `nutation`), light deflection by the Sun, annual and
-diurnal aberration, parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything
-that depends on the time alone is kept for two hours (`sky_frame`), then each star costs less than a
+IAU 2006/2000A precession-nutation, light deflection by the Sun, annual and diurnal aberration,
+parallax, Earth rotation with UT1-UTC and polar motion, refraction. Everything that depends on the
+time alone is kept for two hours (`frame`), then each star costs less than a
 microsecond (``atciq``, ``atioq``). The celestial pole offsets, below 0.001", are left out.
 """
 

@@ -159,26 +159,6 @@ def test_reads_only_the_rows_around_the_time(monkeypatch):
     assert sum(read) == 4
 
 
-def test_clock_and_pole_are_those_of_the_orientation():
-    last = _mjd(float(_bulletin_a()[-1][7:15]))
-    with open(astropy_iers_data.IERS_B_FILE) as file:
-        end_of_c04 = _mjd(float(file.readlines()[-1][16:26]))
-    days = [_posix(1950), _posix(1962), _posix(1966, 6), _posix(1971, 12, 31), _posix(1972),
-            _posix(2016, 12, 31), _posix(2017), _posix(2060, 7)]
-    days += [table + k * DAY for table in (_posix(1962), end_of_c04, last) for k in range(-3, 4)]
-    days += (np.random.default_rng(4).integers(0, 18_000, 50) * DAY + _posix(1975)).tolist()
-    for time in np.array(days) + 3 * 3600.0:
-        day, tt, ut1, xp, yp = earth.clock_and_pole(float(time), 1800.0)
-        both = time + np.array([-900.0, 900.0])
-        orientation = earth_orientation(both)
-        utc = split_utc(both)
-        assert day == utc[0][0]
-        assert tt == pytest.approx(earth.terrestrial(time)[1], abs=1e-14)
-        assert ut1 == pytest.approx(erfa.ufunc.utcut1(*utc, orientation.dut1)[1], abs=1e-14)
-        assert xp == pytest.approx(orientation.xp, abs=1e-15)
-        assert yp == pytest.approx(orientation.yp, abs=1e-15)
-
-
 def test_shapes_and_statement():
     one, many = earth_orientation(1.7e9), earth_orientation(np.full((2, 3), 1.7e9))
     assert isinstance(one.dut1, float) and isinstance(one.source, str)
@@ -213,8 +193,6 @@ def test_damaged_table(damage, tmp_path, monkeypatch):
     try:
         with pytest.raises(ValueError, match='reinstall astropy-iers-data'):
             earth_orientation(_mjd(37670.5))
-        with pytest.raises(ValueError, match='reinstall astropy-iers-data'):
-            iers_tables.rows_around(37670)
     finally:
         iers_tables.extent.cache_clear()
         iers_tables.rows_of.cache_clear()

@@ -12,7 +12,7 @@ from pointing_model.sky.star_catalogue import load_catalogue
 
 AIRLESS = Weather(pressure_hpa=0.0)
 STAR = load_catalogue(hip=[71683])  # near, and fast
-NUTATION = 5e-4 * ARCSEC  # that of `nutation` in 1900-2100, and 3e-5" of the rest
+CUBIC = 2e-5 * ARCSEC  # what the cubic through four times of a cell leaves
 
 
 def _posix(year):
@@ -36,7 +36,7 @@ def test_a_day_is_as_the_full_computation(begin, site):
     az, el = observed_place(STAR, time, site, AIRLESS)
     full = fully(time, site)
     off = np.hypot(wrap(az - full[0]) * np.cos(el), el - full[1])
-    assert off.max() < NUTATION
+    assert off.max() < CUBIC
 
 
 def test_any_date_and_the_whole_sky():
@@ -55,28 +55,14 @@ def test_any_date_and_the_whole_sky():
     (az, distance), (full_az, full_distance) = (
         places(np.array([frame(np.array(t), site) for t in time])), places(whole))
     off = np.hypot(wrap(az - full_az) * np.sin(distance), distance - full_distance)
-    # beside the Sun its light's bending hangs on where on the Earth one stands
-    toward = erfa.ufunc.s2c(ra[:, 0], dec[:, 0])
-    from_sun = np.arccos(np.clip(-toward @ whole['eh'].T, -1.0, 1.0))
-    assert off[from_sun > 10 * DEG].max() < 3.5e-4 * ARCSEC
-    assert off[from_sun > 3 * DEG].max() < 1e-3 * ARCSEC
-
-
-@pytest.mark.parametrize('begin', [1.77e9, -1e9, 4e9])
-def test_the_pole_goes_as_in_the_full_computation(begin):
-    """What the nutation lacks is the same all the two hours."""
-    cells = (begin // GRID + np.arange(200)) * GRID
-    ends = np.concatenate([cells + 1.0, cells + GRID - 1.0])
-    off = (np.array([frame(np.array(time), DEFAULT_SITE) for time in ends])['bpn']
-           - full_frame(ends, DEFAULT_SITE)['bpn'])
-    assert np.abs(off[:200] - off[200:]).max() < 1.2e-4 * ARCSEC
+    assert off.max() < CUBIC
 
 
 def test_hardly_a_step_between_cells():
     for begin in np.arange(1.2e9, 1.8e9, 3.7e7) // GRID * GRID:
         before, after = (frame(np.array(begin + s), DEFAULT_SITE) for s in (-1e-6, 1e-6))
         for name in ('v', 'bpn', 'eral', 'xpl', 'ypl'):
-            assert np.abs(wrap(after[name] - before[name])).max() < 1e-4 * ARCSEC, name
+            assert np.abs(wrap(after[name] - before[name])).max() < 2.0 * CUBIC, name
 
 
 def test_the_same_alone_in_any_order_and_in_threads():
