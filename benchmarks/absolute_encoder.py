@@ -46,8 +46,7 @@ from encoder_frames import (  # noqa: E402
 )
 
 from encoder_reading.axis_reader import read_frames  # noqa: E402
-from encoder_reading.disc import WINDOW  # noqa: E402
-from encoder_reading.optics import INVERSION  # noqa: E402
+from encoder_reading.disc import INVERSION, WINDOW  # noqa: E402
 from encoder_reading.paper_reader import PaperReader, sine_start  # noqa: E402
 from encoder_reading.template_reader import TemplateReader  # noqa: E402
 from encoder_sim.absolute import AbsoluteEncoder  # noqa: E402

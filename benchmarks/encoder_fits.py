@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from encoder_frames import DISCS, SHADING, SHIFTED, TURN, Source, rms, row
 
-from encoder_reading.disc import WINDOW
-from encoder_reading.optics import INVERSION
+from encoder_reading.disc import INVERSION, WINDOW
 from encoder_reading.paper_reader import PaperReader, sine_start
 from encoder_reading.template_reader import TemplateReader
 from encoder_sim.indexing_table import SCALES

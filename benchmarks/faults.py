@@ -32,7 +32,7 @@ from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.active_calibration import InForce
-from pointing_model.zero_message import joints_to_zero
+from pointing_model.calibration_messages import joints_to_zero
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
 from telescope_mount.observing.plan import parse_plan

@@ -14,7 +14,7 @@ from passes import passes
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
-from calibration.analysis.satellite_check import PAPER
+from calibration.analysis.external_check import PAPER
 from calibration.report.tables import new_table
 from msg_tools.units import DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements

@@ -18,7 +18,7 @@ from satellite_candidates import (
     track_effects,
 )
 
-from calibration.analysis.satellite_check import PAPER
+from calibration.analysis.external_check import PAPER
 from msg_tools.units import DEG
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.satellite import satellite_place

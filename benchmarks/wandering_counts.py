@@ -33,8 +33,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.sky.target import StarTarget
+from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
 from pointing_model.zero import Zeros
 from pointing_model.zero_drift import Following
 from telescope_mount.observing.order import seconds_a_star

@@ -18,13 +18,12 @@ from msg_tools.node import MountNode
 from msg_tools.node_process import give_back, run_node
 from msg_tools.status import Progress, handover_rows
 from msg_tools.units import ARCSEC
+from pointing_model.calibration_messages import text_to_pair, zero_to_joints
 from pointing_model.effects import declared_graduation
-from pointing_model.in_force_message import text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
-from pointing_model.zero_message import zero_to_joints
 
 from .analysis.encoders.cross_check import UNJUDGED, axis_homings
 from .analysis.external_check import ways

@@ -4,7 +4,7 @@ from msg_tools.node import Param
 from msg_tools.units import DEG
 from pointing_model.effects import declared_graduation
 from pointing_model.harmonics import DEGREE
-from pointing_model.row_retention import KEPT_POWER_ONS
+from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.sky.skyline import parse_horizon
 
 from .analysis.fit import RCOND_HARMONICS

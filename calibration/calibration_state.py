@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.row_retention import kept_words
+from pointing_model.runs.run import kept_words
 from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following

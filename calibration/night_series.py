@@ -11,14 +11,13 @@ import numpy as np
 from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
-from pointing_model.row_retention import kept_words
-from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run import PointingRun, kept_words
 from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, is_marked, zero_in_force
 
+from .analysis.external_check import tracking_errors
 from .analysis.fit import fit_harmonics
 from .analysis.harmonic_fit import choice_of
-from .analysis.satellite_check import tracking_errors
 from .analysis.tracking import BATCH, TRACK
 from .analysis.zero.power_on_zeros import zero_from_exposures
 from .analysis.zero.zero_causes import zero_causes

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from pointing_model.apart import CANNOT, FORMAT, VERSION
+from pointing_model.calibration_messages import CANNOT, CAUSES_FORMAT, CAUSES_VERSION
 
 from .rows import stars_without_zeros
 
@@ -20,7 +20,7 @@ class StarRequests:
     Attributes
     ----------
     document : dict or None
-        How causes stand, and which star is asked for: see `pointing_model.apart`.
+        How causes stand, and which star is asked for: see `pointing_model.calibration_messages`.
     """
 
     def __init__(self):
@@ -80,6 +80,6 @@ class StarRequests:
         self._tell(until or state.last_stamp, found)
 
     def _tell(self, stamp, found):
-        self.document = {'format': FORMAT, 'version': VERSION, 'last_stamp_ns': stamp,
+        self.document = {'format': CAUSES_FORMAT, 'version': CAUSES_VERSION, 'last_stamp_ns': stamp,
                          'diagnosed_ns': self._diagnosed, **found}
         self._news = json.dumps(self.document)

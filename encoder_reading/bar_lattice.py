@@ -3,7 +3,7 @@
 import numpy as np
 
 from .bar_template import fixed_point
-from .optics import pixel_places
+from .disc import pixel_places
 
 _TURN = 2.0 * np.pi
 _WIDTH, _STEP = 5.0, 2.5  # of the windows, bar periods

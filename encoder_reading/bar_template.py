@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .optics import blurred_bar, half_widths
+from .disc import blurred_bar, half_widths
 
 _TURN = 2.0 * np.pi
 _UNLIKE = 0.1  # of the contrast, by which a bar may differ from both kinds

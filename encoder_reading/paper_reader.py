@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .disc import WINDOW
+from .disc import INVERSION, WINDOW
 from .frame_readings import EXACT, REJECTED, FrameReadings, checked_frames
-from .optics import INVERSION
 
 THRESHOLD = 150.0
 WIDTH_THRESHOLD = 3000.0

@@ -9,7 +9,7 @@ from msg_tools.node import Param
 from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.sky.sky_params import SKY_PARAMS, sky_of
-from pointing_model.sky.target import satellite_target
+from pointing_model.sky.star_catalogue import satellite_target
 
 from .device_params import DEVICE_PARAMS, MountedDevice
 from .mount_geometry import FORWARD, MountGeometry, bent

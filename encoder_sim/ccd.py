@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from encoder_reading.optics import INVERSION, along_track, blurred_bar, half_widths
+from encoder_reading.disc import INVERSION, along_track, blurred_bar, half_widths
 
 from . import keyed_noise
 from .defocus import Defocus

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from encoder_reading.optics import INVERSION
+from encoder_reading.disc import INVERSION
 from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader
 from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap

@@ -9,11 +9,11 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
+from .calibration_messages import check_model, check_zero
 from .context import Context
 from .model import PointingModel
 from .model_document import identity, walks_of
 from .mounts import ALTAZ, told
-from .plausible import check_model, check_zero
 from .terms import design
 from .zero import NO_ZERO, zeros_in_force
 from .zero_drift import AXES, Following

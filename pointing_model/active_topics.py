@@ -7,8 +7,8 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
 
 from .active_calibration import InForce
+from .calibration_messages import joints_to_zero
 from .model import PointingModel
-from .zero_message import joints_to_zero
 
 MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON or YAML)',
                    fixed=True)

@@ -14,8 +14,8 @@ from msg_tools.units import ARCSEC, wrap
 
 from .active_calibration import time_driver, tracked_sigma, wander_sigma
 from .active_topics import MODEL_FILE, in_force_of
+from .calibration_messages import pair_to_text
 from .context import Context
-from .in_force_message import pair_to_text
 from .zero_drift import Difference, Following
 
 PARAMS = (MODEL_FILE,)

@@ -16,9 +16,8 @@ from msg_tools.readiness import unmatched
 from msg_tools.status import Progress, Taken
 from msg_tools.steps import Steps, call
 
-from .row_retention import first_of_last
 from .runs.formats import read_run
-from .runs.run import COLUMNS, PointingRun
+from .runs.run import COLUMNS, PointingRun, first_of_last
 from .runs.run_messages import run_to_cloud
 
 #: rows published between two looks at what else there is to do

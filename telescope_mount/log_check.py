@@ -23,9 +23,9 @@ from msg_tools.bag.parameters import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
+from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel
 from pointing_model.runs.run_messages import cloud_to_run
-from pointing_model.zero_message import joints_to_zero
 from telescope_mount.observing.clocks import offset_of
 
 from .log_check_rows import RAW, Pairing, at_time, began_anew

@@ -169,10 +169,10 @@ def run_of_log(path):
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.units import wrap
+    from pointing_model.calibration_messages import joints_to_zero
     from pointing_model.runs.run import PointingRun
     from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
-    from pointing_model.zero_message import joints_to_zero
 
     bag = _log(path)
     if bag.has_truth:

@@ -14,12 +14,11 @@ from msg_tools.power_on import read_frame
 from msg_tools.readiness import is_count
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.in_force_message import text_to_pair
+from pointing_model.calibration_messages import joints_to_zero, text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
-from pointing_model.zero_message import joints_to_zero
 
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,

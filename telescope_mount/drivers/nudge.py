@@ -4,8 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
-from pointing_model.sky.star_catalogue import load_catalogue
-from pointing_model.sky.target import StarTarget
+from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 
 from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at, has_neighbour

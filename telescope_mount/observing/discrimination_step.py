@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.sky.target import StarTarget
+from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget
 
 from .axis_demand import AxesAtRest
 from .star_choice import axes_at, nearest_star

@@ -12,8 +12,12 @@ import numpy as np
 from msg_tools.status import Progress, Taken
 from msg_tools.steps import CallRefused, call
 from msg_tools.units import DEG
-from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.sky.target import StarTarget, satellite_target
+from pointing_model.sky.star_catalogue import (
+    POLARIS_HIP,
+    StarTarget,
+    load_catalogue,
+    satellite_target,
+)
 from pointing_model.zero import MARK
 
 from . import clocks

@@ -5,8 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
-from pointing_model.row_retention import first_of_last
-from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run import PointingRun, first_of_last
 from pointing_model.zero import MARK
 
 #: of each row, to go on with a night

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from msg_tools.units import wrap
-from pointing_model.interpolation import interpolate
+from pointing_model.zero_drift import interpolate
 
 from .zero_jumps import demand_of
 

@@ -22,8 +22,8 @@ from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
 from pointing_model.active_topics import in_force_of
-from pointing_model.apart import Asked
-from pointing_model.row_retention import KEPT_POWER_ONS
+from pointing_model.calibration_messages import Asked
+from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
 

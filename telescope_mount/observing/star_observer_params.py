@@ -2,9 +2,9 @@
 
 from msg_tools.node import Param
 from pointing_model.active_topics import MODEL_FILE
-from pointing_model.row_retention import KEPT_POWER_ONS
+from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
-from pointing_model.sky.target import satellite_target
+from pointing_model.sky.star_catalogue import satellite_target
 
 from .plan import night_plan, parse_plan
 

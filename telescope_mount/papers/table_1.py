@@ -4,7 +4,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from calibration.analysis.satellite_check import gps_statistics
+from calibration.analysis.external_check import gps_statistics
 from calibration.report.tables import new_table
 from pointing_model.rms import rms
 

@@ -16,7 +16,7 @@ from satellite_candidates import (
 )
 from satellite_search import _Search, _tracks, candidate_report, report_rows
 
-from calibration.analysis.satellite_check import PAPER
+from calibration.analysis.external_check import PAPER
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.sky.elements import GPS_26690, parse_elements

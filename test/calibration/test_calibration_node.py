@@ -17,14 +17,13 @@ from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status import Progress, handover
 from msg_tools.units import ARCSEC
-from pointing_model.in_force_message import pair_to_text
+from pointing_model.calibration_messages import joints_to_zero, pair_to_text
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.zero import RunZero
-from pointing_model.zero_message import joints_to_zero
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 

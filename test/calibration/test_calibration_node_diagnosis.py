@@ -14,12 +14,12 @@ from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
 from msg_tools import topics
 from msg_tools.units import ARCSEC
+from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.zero_message import joints_to_zero
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 

@@ -4,8 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from encoder_reading.disc import BAR_ANGLE, BARS, Disc
-from encoder_reading.optics import pixel_places
+from encoder_reading.disc import BAR_ANGLE, BARS, Disc, pixel_places
 from encoder_sim.ccd import LinearCCD, pixel_noise
 from encoder_sim.scenario_encoders import Absolute
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from encoder_reading.disc import blurred_bar
 from encoder_reading.frame_readings import REJECTED
-from encoder_reading.optics import blurred_bar
 from encoder_sim.absolute import AbsoluteEncoder
 from encoder_sim.ccd import LinearCCD
 from encoder_sim.defocus import Defocus

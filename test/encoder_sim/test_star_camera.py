@@ -10,8 +10,7 @@ from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
-from pointing_model.sky.star_catalogue import load_catalogue
-from pointing_model.sky.target import satellite_target
+from pointing_model.sky.star_catalogue import load_catalogue, satellite_target
 
 NIGHT = 1_768_482_000  # 2026-01-15 13:00 UTC
 STAMP = NIGHT * 10**9

@@ -6,9 +6,9 @@ import pytest
 from msg_tools.power_on import PowerOn
 from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import InForce, wander_sigma
+from pointing_model.calibration_messages import pair_to_text, text_to_pair
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
-from pointing_model.in_force_message import pair_to_text, text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.zero import NO_ZERO, RunZero

@@ -8,6 +8,7 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.calibration_messages import zero_to_joints
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
@@ -16,7 +17,6 @@ from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
-from pointing_model.zero_message import zero_to_joints
 
 START = 1_768_482_000_000_000_000
 MODEL = PointingModel(
@@ -239,9 +239,9 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
 
 
 def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
+    from pointing_model.calibration_messages import zero_to_joints
     from pointing_model.zero import RunZero
     from pointing_model.zero_drift import KEY, AxisFollowing, Following
-    from pointing_model.zero_message import zero_to_joints
     follows = Following({'el': AxisFollowing(
         np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})
     zero = RunZero(*ZERO, np.diag(ZERO_SIGMA**2), 1)

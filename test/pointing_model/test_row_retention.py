@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointing_model.row_retention import first_of_last, kept_words
+from pointing_model.runs.run import first_of_last, kept_words
 
 
 @pytest.mark.parametrize(('runs', 'count', 'first'), [

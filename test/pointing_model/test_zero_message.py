@@ -6,8 +6,8 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools.convert import joint_state
+from pointing_model.calibration_messages import joints_to_zero, zero_to_joints
 from pointing_model.zero import RunZero
-from pointing_model.zero_message import joints_to_zero, zero_to_joints
 
 
 def test_there_and_back_to_the_bit():

@@ -462,7 +462,7 @@ def test_the_checker_lets_pass(source):
 def test_the_simulator_may_use_the_sky_and_nothing_else_of_the_model():
     found = names_used(nodes_of(
         'from pointing_model import sky, terms\n'
-        'from pointing_model.sky.target import Star\nfrom pointing_model import x'))
+        'from pointing_model.sky.star_catalogue import Star\nfrom pointing_model import x'))
     assert {name for _, name in forbidden('encoder_sim', found)} == {
         'pointing_model.terms', 'pointing_model'}
 
@@ -475,7 +475,7 @@ def test_algorithms_know_no_ros():
     # what turns messages and parameters into arrays, and back
     glue = {ROOT / f'{name}.py' for name in (
         'encoder_sim/device_params', 'encoder_reading/messages', 'pointing_model/sky/sky_params',
-        'pointing_model/runs/run_messages', 'pointing_model/zero_message',
+        'pointing_model/runs/run_messages', 'pointing_model/calibration_messages',
         'pointing_model/active_topics', 'calibration/calibration_params')}
     for path in sources('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration'):
         if path not in nodes | glue:

@@ -15,7 +15,7 @@ from calibration.estimation.linear_model import DISTINCT, overlap, weighted_fit
 from calibration.estimation.memory_test import MemoryMask
 from calibration.estimation.select import SET_WIDTH
 from calibration.estimation.selection_problem import SelectionProblem
-from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
+from pointing_model.calibration_messages import ASKS, CANNOT, ONE_CAUSE
 from pointing_model.effects import smooths
 from pointing_model.effects.base import readable
 

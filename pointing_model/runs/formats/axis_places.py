@@ -39,8 +39,7 @@ def observe_places(path, table, weather, origin, mount):
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
-    from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
-    from pointing_model.runs.plate_solves.given_places import Solved
+    from pointing_model.runs.plate_solves.frames import ICRS, Solved, to_icrs
     from pointing_model.sky.places import icrs_to_observed, moment_of
     declared, of_images = meta.pop('sky_frame', None), are_images(table)
     frame, by_fit = declared or ICRS, 'equinox' in meta

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .contradictions import WCS, NotThere, readings, refuse_twice, without
 from .frames import Frame, parse_frame
+from .mapping import WCS, NotThere, readings, refuse_twice, without
 
 _SEXAGESIMAL = re.compile(r'([+-]?)(\d+)[: ](\d+)[: ](\d+(?:\.\d*)?)')
 _DAY = 86400.0

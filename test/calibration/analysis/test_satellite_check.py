@@ -5,11 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.satellite_check import (
-    gps_statistics,
-    tracking_errors,
-    tracking_statistics,
-)
+from calibration.analysis.external_check import gps_statistics, tracking_errors, tracking_statistics
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun

@@ -3,8 +3,12 @@ import pytest
 
 from pointing_model.sky.elements import GPS_26690
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
-from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.sky.target import StarTarget, satellite_target
+from pointing_model.sky.star_catalogue import (
+    POLARIS_HIP,
+    StarTarget,
+    load_catalogue,
+    satellite_target,
+)
 
 NIGHT = 1_379_854_800.0  # 2013-09-22 13:00 UTC
 

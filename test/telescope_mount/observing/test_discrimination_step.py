@@ -8,7 +8,14 @@ import pytest
 from bench import START, Bench
 
 from msg_tools.units import DEG, wrap
-from pointing_model.apart import ASKS, CANNOT, FORMAT, ONE_CAUSE, VERSION, Asked
+from pointing_model.calibration_messages import (
+    ASKS,
+    CANNOT,
+    CAUSES_FORMAT,
+    CAUSES_VERSION,
+    ONE_CAUSE,
+    Asked,
+)
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.observing.star_choice import nearest_star
@@ -17,7 +24,8 @@ from telescope_mount.observing.star_choice import nearest_star
 def document(stamp, state=ASKS, **request):
     """As the calibration publishes it."""
     return json.dumps({
-        'format': FORMAT, 'version': VERSION, 'last_stamp_ns': stamp, 'diagnosed_ns': START,
+        'format': CAUSES_FORMAT, 'version': CAUSES_VERSION, 'last_stamp_ns': stamp,
+        'diagnosed_ns': START,
         'state': state, 'says': f'it is {state}', 'sets': [], 'request': {
             'az_deg': 90.0, 'el_deg': 45.0, 'approach_az': 0, 'approach_el': 0, 'before': None,
             'after_hours': None, 'magnitude': None, 'why': 'to tell one from the other',

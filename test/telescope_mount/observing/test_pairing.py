@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.interpolation import interpolate
+from pointing_model.zero_drift import interpolate
 from telescope_mount.observing.pairing import Exposures, Readings, centred
 
 NS = 1_768_482_000_000_000_000

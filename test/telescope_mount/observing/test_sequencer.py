@@ -7,7 +7,7 @@ from bench import EXPOSURE, SECOND, START, Bench, offset
 
 from msg_tools.status import Taken
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.row_retention import first_of_last
+from pointing_model.runs.run import first_of_last
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
 

@@ -14,8 +14,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site
-from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.sky.target import satellite_target
+from pointing_model.sky.star_catalogue import POLARIS_HIP, satellite_target
 from telescope_mount.observing.star_observer_node import StarObserver
 
 # --- signs --------------------------------------------------------------------------------------

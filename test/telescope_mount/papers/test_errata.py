@@ -22,8 +22,8 @@ from papers import (
 )
 from places import ROOT
 
+from calibration.analysis.external_check import PAPER
 from calibration.analysis.fit import fit_harmonics
-from calibration.analysis.satellite_check import PAPER
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
 from encoder_sim.encoder_scale import disc_angle
 from encoder_sim.indexing_table import SCALES

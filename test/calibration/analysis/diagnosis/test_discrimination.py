@@ -12,7 +12,7 @@ from calibration.analysis.diagnosis.discriminating_star import TOLD, Points
 from calibration.analysis.diagnosis.discrimination import Discrimination
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
-from pointing_model.apart import ASKS, CANNOT, ONE_CAUSE
+from pointing_model.calibration_messages import ASKS, CANNOT, ONE_CAUSE
 from pointing_model.effects import effect
 from pointing_model.runs.run import PointingRun
 

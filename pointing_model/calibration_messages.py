@@ -1,0 +1,283 @@
+"""What a calibration publishes, as messages and back: the active pair, a zero, causes.
+
+The pair of a model and the zero that goes with it is one JSON text on ``in_force``: who reads
+``zero`` alone knows half of where the mount points. No mount has the sizes beyond which a model or
+a zero is refused here; they are no expectation of a good one. A zero of an incremental encoder may
+be any angle of a turn, and so may the index terms, which are the same thing.
+
+A zero alone is a JointState on ``zero``. Its ``frame_id`` says what the zero is worth anything
+with: ``power_on_2``, the number of the power-on; ``@1768482000.500``, when that began;
+``/3f2a90c1d5e7``, the model; ``+stars``, that it was got by other stars than Polaris.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.convert import AXES, joint_state, read_joints
+from msg_tools.units import ARCSEC, DEG
+
+from .model import PointingModel
+from .model_document import NO_MODEL, identity
+from .zero import BY_POLARIS, BY_STARS, RunZero
+
+FORMAT = 'telescope_mount/in_force'
+VERSION = 1
+
+
+def pair_to_text(model_text, stamp, zero):
+    """The document.
+
+    Parameters
+    ----------
+    model_text : str
+        Of `PointingModel.to_json`; '' for none.
+    stamp : int
+        Of the newest observation that the zero rests on, ns.
+    zero : RunZero
+
+    Returns
+    -------
+    str
+        JSON: ``model`` (the document of a pointing model, or null) and ``zero`` with
+        ``stamp_ns``, ``run``, ``encoder_start`` (UTC s), ``model`` (its name), ``az_rad``,
+        ``el_rad``, ``sigma_rad`` (null where unknown), and ``by`` where it is not by Polaris.
+    """
+    known = bool(np.isfinite(zero.sigma).all())
+    return json.dumps({
+        'format': FORMAT, 'version': VERSION,
+        'model': json.loads(model_text) if model_text else None,
+        'zero': {'stamp_ns': stamp, 'run': None if zero.run is None else int(zero.run),
+                 'encoder_start': zero.started, 'model': zero.model, 'az_rad': float(zero.az),
+                 'el_rad': float(zero.el),
+                 'sigma_rad': zero.sigma.tolist() if known else None,
+                 **({} if zero.by in (None, BY_POLARIS) else {'by': zero.by})}})
+
+
+def text_to_pair(text):
+    """The way back from `pair_to_text`.
+
+    Returns
+    -------
+    model_text : str
+        '' for none.
+    stamp : int
+    zero : RunZero
+
+    Raises
+    ------
+    ValueError
+        It is no such document, its halves do not go together, or no mount has them.
+    """
+    try:
+        document = json.loads(text)
+        if document['format'] != FORMAT or document['version'] != VERSION:
+            raise ValueError(f'not {FORMAT} of version {VERSION}')
+        model, told = document['model'], document['zero']
+        sigma = told['sigma_rad']
+        zero = RunZero(
+            float(told['az_rad']), float(told['el_rad']),
+            None if sigma is None else np.diag(np.square(np.array(sigma, float))),
+            told['run'], told['encoder_start'], told['model'], told.get('by'))
+        stamp = int(told['stamp_ns'])
+        model_text = json.dumps(model, indent=1) if model else ''
+        if model_text:
+            check_model(PointingModel.from_json(model_text))
+        check_zero(zero)
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f'not a pair in force: {error}') from None
+    if (zero.model or NO_MODEL) != identity(model_text):
+        raise ValueError(f'a zero of model {zero.model} beside model {identity(model_text)}')
+    return model_text, stamp, zero
+
+
+#: index terms of the axes: zeros by another name
+_INDEX = ('IA', 'IE', 'IH', 'ID')
+#: a turn; a right angle, beyond which an axis, a tube or a camera stands for another; rad
+_TURN, _RIGHT = 360.0 * DEG, 90.0 * DEG
+#: by how much rounding may make a covariance larger than its variances allow, of them
+_ROUNDING = 1e-3
+
+
+def check_model(model):
+    """Refuse a model of no mount.
+
+    Parameters
+    ----------
+    model : PointingModel
+
+    Raises
+    ------
+    ValueError
+        A term beyond a right angle (an index term, a coefficient of the harmonics or of an
+        effect: beyond a turn), or a covariance that is none or gives a sigma beyond a turn. One
+        line that names it.
+    """
+    for name, value in model.terms.items():
+        most = _TURN if name in _INDEX else _RIGHT
+        if not abs(value) <= most:
+            raise ValueError(f'a model with {name} = {value / ARCSEC:.4g} arcsec, which no mount '
+                             f'has (at most {most / DEG:.0f} deg)')
+    _check_covariance('a model', model.covariance, list(model.terms))
+    series = model.harmonics
+    if series is not None:
+        _check_largest('harmonics', np.concatenate([np.ravel(series.coef_x),
+                                                    np.ravel(series.coef_y)]))
+        if not np.isfinite(series.covariance).all():
+            raise ValueError('a model with harmonics whose covariance is not finite')
+    for fitted in model.effects:
+        _check_largest(fitted.effect.name, np.ravel(fitted.coefficients))
+
+
+def check_zero(zero):
+    """Refuse a zero of no encoder.
+
+    Parameters
+    ----------
+    zero : RunZero
+
+    Raises
+    ------
+    ValueError
+        An angle or a sigma is beyond a turn, or is no number. One line that says which.
+    """
+    for axis, value in zip(('first', 'second'), zero.angles):
+        if not abs(value) <= _TURN:
+            raise ValueError(f'a zero of {value:.4g} rad on the {axis} axis: no angle of an axis '
+                             '(at most one turn)')
+    if zero.covariance is not None:
+        _check_covariance('a zero', np.asarray(zero.covariance), ['the first axis',
+                                                                  'the second axis'])
+
+
+def _check_largest(what, values):
+    if not (np.abs(values) <= _TURN).all():
+        raise ValueError(f'a model with {what} of up to {np.abs(values).max() / ARCSEC:.4g} '
+                         'arcsec, which no mount has')
+
+
+def _check_covariance(what, covariance, names):
+    if len(covariance) == 0:
+        return
+    variance = np.diag(covariance)
+    bad = np.flatnonzero(~(np.abs(variance) <= _TURN**2))
+    if len(bad):
+        sigma = np.sqrt(np.abs(variance[bad[0]])) / ARCSEC
+        raise ValueError(f'{what} with a sigma of {sigma:.4g} arcsec of {names[bad[0]]}: more '
+                         'than a turn')
+    room = _ROUNDING * variance.max()
+    most = np.sqrt(np.outer(np.maximum(variance, 0.0), np.maximum(variance, 0.0)))
+    if variance.min() < -room or not (np.abs(covariance) <= most + room).all():
+        raise ValueError(f'{what} with a covariance that is none: it is larger than its own '
+                         'variances allow')
+
+
+_PREFIX = 'power_on_'
+_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?'
+                    rf'(?:\+(?P<by>{BY_STARS}))?')
+
+
+def zero_to_joints(zero, ns, names=AXES):
+    """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
+
+    Parameters
+    ----------
+    zero : RunZero
+    ns : int
+        Stamp of the newest observation that it rests on.
+    names : sequence of str
+        Of the axes (`msg_tools.convert.JOINTS`).
+    """
+    frame = ''
+    if zero.run is not None:
+        frame = f'{_PREFIX}{int(zero.run)}'
+        frame += '' if zero.started is None else f'@{zero.started:.3f}'
+        frame += '' if zero.model is None else f'/{zero.model}'
+        frame += '' if zero.by in (None, BY_POLARIS) else f'+{BY_STARS}'
+    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame, names=names)
+
+
+def joints_to_zero(message, run=None):
+    """The way back from `zero_to_joints`.
+
+    Parameters
+    ----------
+    message : sensor_msgs.msg.JointState
+    run : int or float, optional
+        Number of the run where the message does not tell it (older logs do not): that of the
+        last observation before it.
+
+    Returns
+    -------
+    ns : int
+        Stamp.
+    zero : RunZero
+        Without a covariance where the message gives no sigma; without ``started`` and ``model``
+        where it does not tell them.
+
+    Raises
+    ------
+    ValueError
+        An axis is missing or not a number.
+    """
+    ns, angles, _, sigma = read_joints(message)
+    if not np.isfinite(angles).all():
+        raise ValueError('zero is not a number')
+    with np.errstate(over='ignore'):  # who uses it asks whether it can be
+        covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
+    frame = message.header.frame_id
+    if not frame.startswith(_PREFIX):
+        return ns, RunZero(*angles, covariance, run)
+    told = _FRAME.fullmatch(frame)
+    if told is None:
+        raise ValueError(f'zero of {frame!r}: no number of a power-on')
+    started = told['started']
+    return ns, RunZero(*angles, covariance, int(told['run']),
+                       None if started is None else float(started), told['model'], told['by'])
+
+
+CAUSES_FORMAT = 'telescope_mount/apart'
+CAUSES_VERSION = 1
+#: states: a star is wanted; each set is one cause; a set is not
+ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be told from here'
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How causes stand, and the star that is wanted.
+
+    Attributes
+    ----------
+    stamp : int
+        Of the newest row that it is said of, ns.
+    state, says : str
+    request : dict or None
+        As of `calibration.analysis.diagnosis.discrimination.Judgement`.
+    """
+
+    stamp: int
+    state: str
+    says: str
+    request: dict | None
+
+    @classmethod
+    def read(cls, text):
+        """From the document on `apart`.
+
+        Raises
+        ------
+        ValueError
+            It is none, or damaged.
+        """
+        try:
+            told = json.loads(text)
+            if told['format'] != CAUSES_FORMAT or told['version'] != CAUSES_VERSION:
+                raise ValueError(f'{told["format"]!r} {told["version"]!r}')
+            request = told['request']
+            for name in ('az_deg', 'el_deg') if request else ():
+                float(request[name])
+            return cls(int(told['last_stamp_ns']), str(told['state']), str(told['says']), request)
+        except (ValueError, KeyError, TypeError) as err:
+            raise ValueError(f'no document of causes to tell apart: {err}') from None
