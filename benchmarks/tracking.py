@@ -20,6 +20,7 @@ import numpy as np
 import tracking_nights
 from tracking_nights import BASE, NAMES, PLACES, K, Night, Truth, sky
 
+from calibration.analysis.tracking.innovations import OVER
 from calibration.analysis.tracking.motion_causes import ABSOLUTE, INCREMENTAL, TUBE
 from calibration.analysis.tracking.tracker import Tracker
 from msg_tools.units import ARCSEC
@@ -77,8 +78,8 @@ def gather(nights, expect=True):
         if not expect:
             expected = np.full(night.count, np.nan)
         rows.append(np.array([nis, night.el, night.hours, expected, square])[:, good])
-        verdicts.append({'over' if 'over' in h.confidence else 'under'
-                         for h in heard if h.confidence})
+        verdicts.append({'over' if h.consistency['verdict']['verdict'] == OVER else 'under'
+                         for h in heard if h.consistency})
     return np.concatenate(rows, axis=1), {k: np.mean(v) for k, v in errors.items()}, verdicts
 
 
@@ -115,7 +116,7 @@ def say_errors(count, noise):
 
 def jumped(night, rng, who=None):
     """A night that jumps by 7 to 14 sigma of the predicted difference: star, axis, and what is
-    called: (star, sentence).
+    called: (star, what jumped).
 
     `who` is one of `WHO` where both encoders are read.
     """
@@ -123,7 +124,7 @@ def jumped(night, rng, who=None):
     # two good stars: else it is not the second that could tell
     night.is_wrong[at:at + 2] = False
     night.offsets[at:at + 2] = [clean(night, k, rng) for k in (at, at + 1)]
-    tracker = Tracker(night.model(), 0, witnesses=['difference'] if who else ())
+    tracker = Tracker(night.model(), 0, sensors=['difference'] if who else ())
     size, called = 0.0, []
     star, shown = WHO[who] if who else (1.0, 0.0)
     for k in range(night.count):
@@ -137,11 +138,11 @@ def jumped(night, rng, who=None):
             difference = (-night.path[k, -1, one] + rng.normal() * 0.3 * ARCSEC
                           + shown * size * (one == axis))
             called += [(k, s) for s in tracker.difference(
-                night.stamps[k], one, difference, 0.3 * ARCSEC).called]
+                night.stamps[k], one, difference, 0.3 * ARCSEC).events]
         off = night.offsets[k] + star * size * night.columns[k][:, axis]
         called += [(k, s) for s in tracker.star(
-            night.stamps[k], night.az[k], night.el[k], *off, night.truth.noise).called]
-    return at, axis, [one for one in called if 'jumped' in one[1]]
+            night.stamps[k], night.az[k], night.el[k], *off, night.truth.noise).events]
+    return at, axis, [(k, found.causes[0]) for k, found in called if found.kind == 'jump']
 
 
 WHO = {INCREMENTAL: (1.0, -1.0), ABSOLUTE: (0.0, 1.0), TUBE: (1.0, 0.0)}
@@ -178,9 +179,9 @@ def say_jumps(count, quiet_nights, noise):
         false = called = wrongs = 0
         for _ in range(quiet_nights):
             one = night()
-            said = [s for heard in follow(one)[1] for s in heard.called]
-            false += sum('jumped' in s for s in said)
-            called += sum('wrong' in s for s in said)
+            said = [s for heard in follow(one)[1] for s in heard.events]
+            false += sum(found.kind == 'jump' for found in said)
+            called += sum(found.kind == 'wrong star' for found in said)
             wrongs += int(one.is_wrong.sum())
         print(f'  false jumps in {quiet_nights} quiet nights: {false}, '
               f'{false / quiet_nights:.4f} a night (<= 0.03); {wrongs} wrong stars, '
@@ -220,7 +221,7 @@ def say_other(count, noise):
         for _ in range(count):
             night = Night(Truth(5 * ARCSEC, noise=noise * ARCSEC), rng)
             terms, heard, _, tracker = follow(night, noise=factor * noise * ARCSEC)
-            called += any('confident' in h.confidence for h in heard)
+            called += any(h.consistency is not None for h in heard)
             known = night.errors(night.others()['c'])[0].mean()
             error.append(night.errors(terms)[0].mean() / known)
             last += [h.nis / 2.0 for h in heard[-16:]]

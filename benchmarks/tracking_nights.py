@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from calibration.analysis.tracking.hypotheses import Hypotheses, TermJump
+from calibration.estimation.gaussian_sum import GaussianSum, PossibleJump
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.terms import design
@@ -170,8 +170,9 @@ class Night:
         t = self.truth
         weight = np.linalg.inv(self.evening_covariance)
         right = weight @ self.evening
-        oracle = Hypotheses(self.evening, self.evening_covariance, [np.diag(t.walk**2)], wrong=1e-9)
-        far = TermJump('', np.eye(K)[self.jump_axis], 100.0 * ARCSEC, 0.0)
+        oracle = GaussianSum(self.evening, self.evening_covariance, [np.diag(t.walk**2)],
+                             outliers=1e-9)
+        far = PossibleJump('', np.eye(K)[self.jump_axis], 100.0 * ARCSEC, 0.0)
         out = {key: np.tile(self.evening, (self.count, 1)) for key in 'abcd'}
         for k in range(self.count):
             h, y = self.columns[k], self.linear(k)

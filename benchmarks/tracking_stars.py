@@ -21,19 +21,19 @@ from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
 
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.tracking.history import Past, rates_of_nights
-from calibration.analysis.tracking.measurements import Seen
-from calibration.analysis.tracking.smoother import hindsight
+from calibration.analysis.tracking.innovations import Measurement
+from calibration.analysis.tracking.smoother import smooth
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import (
     AS_IT_WAS,
+    HYPOTHESES,
     LEAN,
     REFIT,
-    STORIES,
     ZEROS,
     begin,
     choose,
-    judged,
     menus,
+    prediction_errors,
 )
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
@@ -132,7 +132,7 @@ def say_begin(count):
     scatter = np.array([30.0, 30.0, 4.0, 3.0, 8.0, 8.0, 4.0, 2.0]) * ARCSEC
     everywhere, pool = columns(*sky(rng, 80)), columns(*sky(rng, 300))
     table = {}
-    for story in STORIES:
+    for story in HYPOTHESES:
         for _ in range(count):
             last = rng.normal(size=K) * scatter
             h = columns(*sky(rng, 40)).reshape(-1, K)
@@ -156,12 +156,12 @@ def say_begin(count):
             plain = np.zeros(K)
             plain[[0, 1, 2, 4, 5, 6]] = fresh
             bare = np.sqrt(np.mean(np.sum((everywhere @ (plain - true)) ** 2, axis=1)))
-            table.setdefault(story, []).append((found.story, error, bare))
+            table.setdefault(story, []).append((found.likeliest, error, bare))
     print(f'\nfive chosen stars, noise 1", {count} of each: taken for '
-          + ', '.join(f'"{s}"' for s in STORIES) + '; radial error over the sky, of a fresh fit')
+          + ', '.join(f'"{s}"' for s in HYPOTHESES) + '; radial error over the sky, of a fresh fit')
     for story, rows in table.items():
         counts = Counter(name for name, _, _ in rows)
-        print(f'  {story:22} ' + ' '.join(f'{100 * counts[s] / count:5.1f} %' for s in STORIES)
+        print(f'  {story:22} ' + ' '.join(f'{100 * counts[s] / count:5.1f} %' for s in HYPOTHESES)
               + '   {:.2f}"  {:.2f}"'.format(*(np.sqrt(np.mean(np.square(
                   [r[i] for r in rows]))) / ARCSEC for i in (1, 2))))
     assert AS_IT_WAS in table
@@ -179,8 +179,8 @@ def as_run(night):
 
 def seen_of(night):
     """The stars of a night as they stand in a log."""
-    return [Seen('star', int(stamp), (a, e, *off, night.truth.noise)) for stamp, a, e, off in zip(
-        night.stamps, night.az, night.el, night.offsets)]
+    return [Measurement('star', int(stamp), (a, e, *off, night.truth.noise))
+            for stamp, a, e, off in zip(night.stamps, night.az, night.el, night.offsets)]
 
 
 def say_hindsight(count):
@@ -191,18 +191,18 @@ def say_hindsight(count):
             night = Night(Truth(rate * ARCSEC, wrong=0.02, jump=(
                 rng.uniform(1, 7) if i % 3 == 0 else None)), rng)
             seen, tracker, live = seen_of(night), Tracker(night.model(), 0), []
-            back = hindsight(tracker, seen)
+            back = smooth(tracker, seen)
             for one in seen:
-                tracker.take(one)
+                tracker.update(one)
                 live.append(list(tracker.terms()[0].values()))
             true = BASE + night.path[:, -1]
             rows.append((np.mean([radial(t)[0] for t in back.terms - true]),
                          np.mean([radial(t)[0] for t in np.array(live) - true]),
                          ((back.terms - true) / back.sigma)[:, :2] ** 2))
-        smooth, live = (np.mean([row[i] for row in rows]) for i in range(2))
+        smoothed, live = (np.mean([row[i] for row in rows]) for i in range(2))
         size = np.median([row[2] for row in rows])
         print(f'\nin hindsight, {rate}"/h^.5, {count} nights: mean radial error at the stars '
-              f'{smooth / ARCSEC:.2f}", live {live / ARCSEC:.2f}"; median of zeros '
+              f'{smoothed / ARCSEC:.2f}", live {live / ARCSEC:.2f}"; median of zeros '
               f'in sigmas, squared, {size:.2f} (0.45)')
 
 
@@ -220,7 +220,7 @@ def say_rates(count):
                 terms.append(np.array(list(tracker.terms()[0].values())) - BASE)
                 expected.append(np.mean([np.mean(tracker.expected(*PLACES, s).radial ** 2)
                                          for s in (150.0, 300.0, 450.0, 600.0)]))
-                nis.append(tracker.take(one).nis / 2.0)
+                nis.append(tracker.update(one).nis / 2.0)
                 hours.append(k // (night.count // 3))
             square.append(night.errors(np.array(terms))[1])
         nis, expected, square, hours = map(np.ravel, (nis, expected, square, hours))
@@ -320,7 +320,8 @@ def say_arc(folder):
     for name, names in menus(ALTAZ).items():
         everywhere = np.stack(design(names, az, el), axis=1)
         for memory in (np.inf, 10.0):
-            left[name, memory] = judged(runs, names, everywhere, memory=memory, first=first)
+            left[name, memory] = prediction_errors(
+                runs, names, everywhere, memory=memory, first=first)
             size[name, memory] = np.array([np.log(np.sqrt(np.nanmean(off**2)))
                                            for off in left[name, memory]])
     ratios, which = [], Counter()

@@ -101,12 +101,15 @@ class Calibration(MountNode):
 
     def _publish_tracked(self):
         """The model after a star, and what it said."""
+        from .report.track_wording import last_update
+        from .report.wording import worded
         state = self._state.tonight
         model, zero = state.tracking.pair(state)
         self._send_model(model)
         self._send_zero(zero)
-        self._tracking_pub.publish(String(data=json.dumps(state.tracking.document())))
-        self._say(state.tracking.sentence())
+        night = state.tracking.night
+        self._tracking_pub.publish(String(data=json.dumps(worded(night.document()))))
+        self._say(last_update(night))
 
     def _take_up_rows(self):
         zeros = self._state.zeros
@@ -380,15 +383,17 @@ class Calibration(MountNode):
 
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
+        from .report.track_wording import problems
         tracking = self._state.tonight.tracking
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
                  *([UNJUDGED] if self._unjudged() else []),
                  *([self._refused] if self._refused else []),
-                 *(tracking.problems() if tracking else [])]
+                 *(problems(tracking) if tracking else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):
         """What has come."""
+        from .report.track_wording import details
         state, zeros = self._state.tonight, self._state.zeros
         asked = state.requests.document
         return [('observations', str(self._state.taken.kept)),
@@ -397,7 +402,7 @@ class Calibration(MountNode):
                 ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
                 ('diagnosis', self._finding or 'none yet'),
                 *([('causes told apart', asked['says'])] if asked else []),
-                *(state.tracking.details() if state.tracking else [])]
+                *(details(state.tracking) if state.tracking else [])]
 
 
 def main(args=None):

@@ -10,6 +10,7 @@ from msg_tools.units import ARCSEC
 from .drawing import Panel, svg
 from .page_parts import cards, figure, legend, pair, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
+from .wording import worded
 
 _WIDTH = 940
 
@@ -46,13 +47,13 @@ def render(tracked, more=''):
     -------
     str
     """
-    summary = tracked.summary()
+    summary = worded(tracked.summary())
     missed = summary['missed_rms_arcsec']
     begin = datetime.fromtimestamp(tracked.time[0], timezone.utc)
     events = [(datetime.fromtimestamp(event['stamp'] * 1e-9, timezone.utc).strftime('%H:%M:%S'),
-               event['star'], event['what']) for event in tracked.hindsight.events]
+               event['star'], event['what']) for event in tracked.smoothed.events]
     hours = (tracked.time - tracked.time[0]) / 3600.0
-    seen = (tracked.hindsight.stamps * 1e-9 - tracked.time[0]) / 3600.0
+    seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
         '<h1>A mount that was followed</h1>',
         f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
@@ -74,7 +75,7 @@ def render(tracked, more=''):
         section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)
                 if events else ''),
         section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
-                                        for i in range(len(tracked.hindsight.names))),
+                                        for i in range(len(tracked.smoothed.names))),
                 note='By all stars, before and after; ± 2 σ, arcsec.'), more]
     return whole('A mount that was followed', body, 'Tracking of a telescope mount')
 
@@ -135,7 +136,7 @@ def innovations_figure(squares):
 
 
 def _term(tracked, hours, i):
-    back = tracked.hindsight
+    back = tracked.smoothed
     value, wide = back.terms[:, i] / ARCSEC, 2.0 * back.sigma[:, i] / ARCSEC
     low, high = float((value - wide).min()), float((value + wide).max())
     pad = 0.06 * max(high - low, 0.5)

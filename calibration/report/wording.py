@@ -1,16 +1,29 @@
 """The sentence of each `Finding`: one for a kind, in the module of what it is about."""
 
-from . import diagnosis_wording, fit_wording, row_wording
+from calibration.analysis.finding import Finding
+
+from . import diagnosis_wording, fit_wording, row_wording, track_wording
 
 KINDS = {
     'held out': lambda found: f'held out: {wording(found["of"])}',
     **fit_wording.KINDS, **row_wording.KINDS, **diagnosis_wording.KINDS,
+    **track_wording.KINDS,
 }
 
 
 def wording(found):
     """The sentence of a Finding; a note of who read the file is one already."""
     return found if isinstance(found, str) else KINDS[found.kind](found)
+
+
+def worded(document):
+    """A document for JSON, with sentences in the place of findings."""
+    if isinstance(document, Finding):
+        return wording(document)
+    if isinstance(document, dict):
+        return {key: worded(value) for key, value in document.items()}
+    return [worded(value) for value in document] if isinstance(document, (list, tuple)) else (
+        document)
 
 
 def paragraph(findings):

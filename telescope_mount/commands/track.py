@@ -31,7 +31,7 @@ def run(args):
     from calibration.analysis.tracking.run_track import track_run
     from calibration.report.tables import new_table
     from calibration.report.track_page import tracking_lines, write_page
-    from calibration.report.wording import wording
+    from calibration.report.wording import worded
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
@@ -41,8 +41,7 @@ def run(args):
     model = args.model and PointingModel.load(args.model)
     with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
-    summary, console = tracked.summary(), new_console()
-    summary['notes'] = list(map(wording, summary['notes']))
+    summary, console = worded(tracked.summary()), new_console()
     missed = summary['missed_rms_arcsec']
     table = new_table(f'{len(tracked.rows)} stars before they were seen, radial, arcsec', '',
                       'RMS', 'middle')

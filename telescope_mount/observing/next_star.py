@@ -3,7 +3,7 @@
 What a star will tell does not depend on what it shows: the covariance after it follows from where
 it stands (Fedorov 1972, Theory of optimal experiments). A star is judged by how much the mean
 square pointing error over the places that matter falls, for each second of slew and exposure.
-Where it is open what has happened, a star may be asked for that tells the stories apart.
+Where it is open what has happened, a star may be asked for that discriminates the hypotheses.
 """
 
 from dataclasses import dataclass
@@ -158,10 +158,10 @@ class Telling:
 
 
 def telling_star(tracker, az, el, here, *, sigma, exposure_s=10.0, slew=None, allowed=None):
-    """The star that tells the stories of the last stars apart, for its time.
+    """The star that discriminates what may have happened to the last stars, for its time.
 
     What a star is expected to tell is bounded from below by the Bhattacharyya distances between
-    what it shows by each story (Kolchinsky and Tracey 2017, Entropy 19, 361).
+    what it shows by each history (Kolchinsky and Tracey 2017, Entropy 19, 361).
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def telling_star(tracker, az, el, here, *, sigma, exposure_s=10.0, slew=None, al
         No candidate that is allowed.
     """
     rows, seconds, noise = _candidates(tracker, az, el, here, sigma, exposure_s, slew, allowed)
-    weights, means, covariances = tracker.bank.of_stories()
+    weights, means, covariances = tracker.filter.by_history()
     columns = tracker.columns(np.asarray(az, float)[rows], np.asarray(el, float)[rows])
     shown = np.einsum('aij,sj->sai', columns, means)
     spread = np.einsum('aij,sjk,alk->sail', columns, covariances, columns)

@@ -8,8 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 
-from ..tracking.first_stars import PAST, RATES, past_document, rates_document
-from ..tracking.history import past_of_runs, rates_of_nights
+from ..tracking.history import PAST, RATES, past_of_runs, rates_of_nights
 from .season_causes import ALPHA, candidates, choose_causes
 from .season_filter import (
     NightlyTerms,
@@ -80,8 +79,8 @@ class SeasonJudged:
         if all(night.run is not None for night in self.season.nights):
             past, rates = past_and_rates(self.season, self.mean)
             noise = past.noise / ARCSEC
-            told = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past_document(past),
-                    **({RATES: rates_document(rates)} if rates else {})}
+            told = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past.document(),
+                    **({RATES: rates.document()} if rates else {})}
         return PointingModel(
             dict(zip(self.season.names, self.mean.tolist())), self.covariance,
             mount=self.season.mount, provenance={

@@ -1,4 +1,7 @@
-"""What earlier runs say of tonight's terms, and earlier nights of how fast they wander."""
+"""What earlier runs say of tonight's terms, and earlier nights of how fast they wander.
+
+A model of `telescope-mount season` has both in its provenance (`PAST`, `RATES`).
+"""
 
 from dataclasses import dataclass, replace
 
@@ -10,6 +13,8 @@ from pointing_model.terms import design
 from .motion_causes import TrackingSettings
 from .tracker import Tracker
 
+#: keys of a model's provenance
+PAST, RATES = 'past', 'rates'
 #: degrees of freedom of the noise of stars: wrong ones must not count
 _FREEDOM = 4.0
 #: scale of that distribution which is likeliest for Gaussian pairs, in their sigmas
@@ -18,6 +23,9 @@ _SCALE = 0.852
 _LEAST, _AS_RUNS = 0.3 * ARCSEC, 2.0
 #: how the terms may be before any run is known, 1 sigma, rad
 _BEFORE = 3000.0 * ARCSEC
+
+
+_ARRAYS = {'mean': 1, 'covariance': 2, 'last': 1, 'last_covariance': 2}  # dimensions
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,37 @@ class Past:
     noise: float
     last: np.ndarray
     last_covariance: np.ndarray
+
+    def document(self):
+        """JSON-ready; rad and rad^2."""
+        return {'names': list(self.names), 'noise': self.noise,
+                **{name: getattr(self, name).tolist() for name in _ARRAYS}}
+
+    @classmethod
+    def of_model(cls, model):
+        """What a model tells of the nights before; None where it tells nothing.
+
+        Raises
+        ------
+        ValueError
+            It is damaged, or of other terms than the model.
+        """
+        kept = model.provenance.get(PAST)
+        if kept is None:
+            return None
+        try:
+            arrays = {name: np.array(kept[name], dtype=float) for name in _ARRAYS}
+            out = cls(tuple(kept['names']), noise=float(kept['noise']), **arrays)
+        except (KeyError, TypeError, ValueError) as err:
+            raise ValueError(f'what the model tells of earlier nights is damaged: {err!r:.80}; '
+                             'make it again (telescope-mount season)') from None
+        k = len(model.terms)
+        if out.names != tuple(model.terms) or not out.noise > 0.0 or any(
+                arrays[name].shape != (k,) * dimensions or not np.isfinite(arrays[name]).all()
+                for name, dimensions in _ARRAYS.items()):
+            raise ValueError('what the model tells of earlier nights is of other terms, or no '
+                             'number: make it again (telescope-mount season)')
+        return out
 
 
 def past_of_runs(runs, names, *, memory=np.inf, rounds=12):
@@ -143,6 +182,39 @@ class Rates:
         """The hypothesis that explains most nights."""
         return self.facts[int(np.argmax(self.weights))]
 
+    def document(self):
+        """JSON-ready: each walk of zeros and lean, and how likely it is."""
+        return [{'zero_arcsec': fact['zero'] / ARCSEC, 'lean_arcsec': fact['tilt'] / ARCSEC,
+                 'chance': float(weight)} for fact, weight in zip(self.facts, self.weights)]
+
+
+def rate_weights_of(document, facts):
+    """How likely each hypothesis of a tracker is, by `Rates.document`.
+
+    Parameters
+    ----------
+    document : list of dict or None
+    facts : list of dict
+        As `Tracker.facts`; those that differ only by what wanders share a chance.
+
+    Returns
+    -------
+    ndarray, shape (r,), or None
+        None where nothing is known, or of other walks than these.
+    """
+    if document is None:
+        return None
+    try:
+        known = [(float(row['zero_arcsec']) * ARCSEC, float(row['lean_arcsec']) * ARCSEC,
+                  float(row['chance'])) for row in document]
+    except (KeyError, TypeError, ValueError) as err:
+        raise ValueError(f'what the model tells of rates is damaged: {err!r:.80}; make it again '
+                         '(telescope-mount season)') from None
+    out = np.array([sum(chance for zero, lean, chance in known
+                        if np.allclose((zero, lean), (fact['zero'], fact['tilt']), 1e-6))
+                    for fact in facts])
+    return out / out.sum() if np.all(out > 0.0) else None
+
 
 def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=50):
     """How often a night is of each rate, by maximum likelihood.
@@ -176,7 +248,7 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     for model, run in nights:
         tracker = tracked(model, run, settings=settings, noise=noise)
         chances.append(tracker.rate_weights * len(tracker.facts))
-        facts, likelihood = tracker.facts, likelihood + tracker.bank.evidence
+        facts, likelihood = tracker.facts, likelihood + tracker.filter.evidence
     chances = np.array(chances)
     before = np.full(len(facts), 1.0 / len(facts))
     weights = before

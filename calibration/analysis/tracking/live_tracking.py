@@ -4,8 +4,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model_document import identity
 from pointing_model.zero import RunZero
 
-from .filter_confidence import HONEST
-from .first_stars import PAST, RATES
+from .history import PAST, RATES
 from .tracked_night import KEY, TrackedNight, difference_of, lean_of
 
 #: a model of a file that does not tell when it held is of another night, ns
@@ -70,8 +69,8 @@ class LiveTracking:
             if reference is None:
                 return False
             first = int(rows['time'][0] * 1e9)
-            told = reference.provenance.get('last_stamp_ns')
-            held = told if isinstance(told, int) else first
+            held = reference.provenance.get('last_stamp_ns')
+            held = held if isinstance(held, int) else first
             # one that tells of nights is of this one: how far nights differ is in it
             held = first - _BEFORE if PAST in reference.provenance else min(held, first - _A_DAY)
             self.night = TrackedNight(reference, RunZero(0.0, 0.0), held)
@@ -81,42 +80,3 @@ class LiveTracking:
         """The model by now, and the zero that goes with it."""
         model = self.night.model(state.last_stamp)
         return model, self.night.bound_zero(identity(model.to_json()))
-
-    def document(self):
-        """Of the night, JSON-ready."""
-        return self.night.document()
-
-    def problems(self):
-        """What is wrong with what the filter says of itself, sentences."""
-        if self.night is None:
-            return ['tracking begins with a model: fit, or give model_file']
-        told = self.night.document()
-        return [] if told['confidence'] == HONEST else [
-            f'tracking: the filter was {told["confidence_sentence"]}, and is widened or narrowed '
-            'for it']
-
-    def details(self):
-        """Of the node's diagnostics."""
-        if self.night is None:
-            return [('tracking', 'not begun')]
-        told = self.night.document()
-        expected = told['expected_arcsec']
-        begun = told.get('opening')
-        return [('tracking', f'{told["stars"]} stars'),
-                *([('since the nights before', max(begun['chances'], key=begun['chances'].get))]
-                  if begun else []),
-                ('expected error now, in 1 h [arcsec]',
-                 f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
-                ('innovations', told['confidence_sentence'])]
-
-    def sentence(self):
-        """What the last star said, for people."""
-        night = self.night
-        told = night.document()
-        out = [f'{night.stars} stars tracked; expected '
-               f'{told["expected_arcsec"]["now"]:.2f} arcsec now, '
-               f'{told["expected_arcsec"]["1 h"]:.2f} in an hour without a star']
-        for heard in night.heard:
-            out += [*([heard.why] if heard.why else []), *heard.called,
-                    *([heard.confidence] if heard.confidence else [])]
-        return '; '.join(out)

@@ -1,9 +1,9 @@
-"""What may move in a mount through a night, how fast, how often, and who sees it.
+"""What may move in a mount through a night, how fast, how often, and which sensor shows it.
 
-The state of the filter is what the terms are beyond the model of the evening, and for each witness
-what it would show. A cause is a direction in that state: an incremental encoder that loses counts
-moves the zero of its axis and the difference of the two encoders, a tube that creeps the zero
-alone, an absolute encoder the difference alone. So the witnesses tell who it was.
+The state of the filter is what the terms are beyond the model of the evening, and for each further
+sensor what it would show. A cause is a direction in that state: an incremental encoder that loses
+counts moves the zero of its axis and the difference of the two encoders, a tube that creeps the
+zero alone, an absolute encoder the difference alone. So the sensors tell which it was.
 
 Where the figures come from
 ---------------------------
@@ -28,23 +28,23 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .hypotheses import TermJump
+from ...estimation.gaussian_sum import PossibleJump
 
 #: rad in the root of an hour, hypotheses for the zeros of both axes and the lean of the first
 ZEROS = tuple(ARCSEC * v for v in (0.5, 0.8, 1.3, 2.2, 3.6, 5.9, 9.7, 16.0))
 TILTS = tuple(ARCSEC * v for v in (0.2, 0.8, 2.5))
-#: of all other terms; of a witness, and of who is not the one that wanders
+#: of all other terms; of a sensor, and of what is not the one that wanders
 OTHERS, QUIET = 0.05 * ARCSEC, 0.3 * ARCSEC
 #: (1 sigma, rad; times an hour) of the jumps of an axis
 JUMPS = ((40.0 * ARCSEC, 0.02), (300.0 * ARCSEC, 0.005))
 #: the same of a pier, where an inclinometer sees it
 PIER_JUMPS = ((30.0 * ARCSEC, 0.005),)
 
-#: who can move, for people
+#: what can move
 INCREMENTAL, ABSOLUTE, TUBE = 'incremental encoder', 'absolute encoder', 'tube or sky'
 PIER = 'pier'
-#: witnesses that a tracker can be given
-WITNESSES = ('difference', 'inclinometer')
+#: further sensors that a tracker can be given
+SENSORS = ('difference', 'inclinometer')
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class TrackingSettings:
     night_zero, night_lean : float
         From night to night, 1 sigma, rad.
     most, depth : int
-        Stories kept, stars they are told apart by.
+        Histories kept, stars by which they are distinguished.
 
     Raises
     ------
@@ -105,20 +105,20 @@ class TrackingSettings:
             raise ValueError(f'tracking: {self.wrong} of the stars wrong; take 0 to 0.5')
 
 
-def states_of(names, witnesses):
-    """What the filter knows: terms, then what witnesses show.
+def states_of(names, sensors):
+    """The state of the filter: terms, then what sensors show.
 
     Parameters
     ----------
     names : sequence of str
         Terms.
-    witnesses : sequence of str
-        Of `WITNESSES`.
+    sensors : sequence of str
+        Of `SENSORS`.
     """
     out = list(names)
-    if 'difference' in witnesses:
+    if 'difference' in sensors:
         out += ['difference_1', 'difference_2']
-    if 'inclinometer' in witnesses:
+    if 'inclinometer' in sensors:
         out += ['lean_north', 'lean_west']
     return tuple(out)
 
@@ -145,74 +145,117 @@ def lean_of_base(mount):
     return out
 
 
-def hypotheses(names, mount, witnesses, settings):
-    """How the states wander, by each hypothesis.
+def rate_hypotheses(names, mount, sensors, settings):
+    """How fast the state wanders, by each hypothesis.
 
     Parameters
     ----------
     names : sequence of str
         Terms.
     mount : Mount
-    witnesses : sequence of str
+    sensors : sequence of str
     settings : TrackingSettings
 
     Returns
     -------
-    walks : ndarray, shape (r, n, n)
+    rates : ndarray, shape (r, n, n)
         What an hour adds to the covariance, rad^2.
     facts : list of dict
         Of each ``zero`` and ``tilt`` (rad in the root of an hour) and ``who`` wanders.
     """
-    states = states_of(names, witnesses)
+    states = states_of(names, sensors)
     index, lean = mount.names.index, [mount.names.named(n) for n in ('AN', 'AW')]
     still = {name: settings.walks.get(name, OTHERS) for name in names
              if name not in index and name not in lean}
     base = np.diag([still.get(name, 0.0) ** 2 for name in states])
     who = {TUBE: _shapes(states, [{name: 1.0} for name in index])}
-    if 'difference' in witnesses:
+    if 'difference' in sensors:
         who[INCREMENTAL] = _shapes(states, [
             {name: 1.0, f'difference_{i}': -1.0} for i, name in enumerate(index, 1)])
         base += QUIET**2 * _square(_shapes(states, [{'difference_1': 1.0},
                                                     {'difference_2': 1.0}]))
     tilts = [{name: 1.0} for name in lean if name in states]
-    if 'inclinometer' in witnesses:
+    if 'inclinometer' in sensors:
         tilts = [{**shape, shown: 1.0} for shape, shown in zip(
             lean_of_base(mount), ('lean_north', 'lean_west'))]
         base += QUIET**2 * _square(_shapes(states, [{'lean_north': 1.0}, {'lean_west': 1.0}]))
         base += OTHERS**2 * _square(_shapes(states, [{name: 1.0} for name in lean]))
     tilted = _square(_shapes(states, tilts))
-    walks, facts = [], []
+    rates, facts = [], []
     for zero in settings.zeros:
         for name, shapes in who.items():
             for tilt in settings.tilts if tilts else settings.tilts[:1]:
                 quiet = sum((QUIET**2 * _square(other) for key, other in who.items()
                              if key != name), np.zeros_like(base))
-                walks.append(base + zero**2 * _square(shapes) + quiet + tilt**2 * tilted)
+                rates.append(base + zero**2 * _square(shapes) + quiet + tilt**2 * tilted)
                 facts.append({'zero': zero, 'tilt': tilt, 'who': name if len(who) > 1 else ''})
-    return np.array(walks), facts
+    return np.array(rates), facts
 
 
-def jumps_of(names, mount, witnesses, settings):
-    """What may jump, a `TermJump` of each size: of each axis, and of who could be told apart."""
-    states = states_of(names, witnesses)
+def jumps_of(names, mount, sensors, settings):
+    """A `PossibleJump` of each size: of each axis, and of each cause that sensors distinguish."""
+    states = states_of(names, sensors)
     out = []
     for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
         shown = f'difference_{i}'
         shapes = {axis: {term: 1.0}}
-        if 'difference' in witnesses:
+        if 'difference' in sensors:
             shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
                       f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
         for name, shape in shapes.items():
-            out += [TermJump(name, _shapes(states, [shape])[0], sigma, often)
+            out += [PossibleJump(name, _shapes(states, [shape])[0], sigma, often)
                     for sigma, often in settings.jumps]
-    if 'inclinometer' in witnesses:
+    if 'inclinometer' in sensors:
         for way, shape, shown in zip(('north', 'west'), lean_of_base(mount),
                                      ('lean_north', 'lean_west')):
             full = _shapes(states, [{**shape, shown: 1.0}])[0]
-            out += [TermJump(f'{PIER}, north or south' if way == 'north'
+            out += [PossibleJump(f'{PIER}, north or south' if way == 'north'
                              else f'{PIER}, east or west',
                          full, sigma, often) for sigma, often in PIER_JUMPS]
     return out
+
+
+def night_to_night(states, mount, settings):
+    """What may have changed since another night.
+
+    Parameters
+    ----------
+    states : sequence of str
+        Of `states_of`.
+    mount : Mount
+    settings : TrackingSettings
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        rad^2.
+    """
+    sizes = dict.fromkeys(mount.names.index, settings.night_zero)
+    sizes |= {mount.names.named(name): settings.night_lean for name in ('AN', 'AW')}
+    sizes |= {name: settings.night_zero for name in states if name.startswith('difference')}
+    sizes |= {name: settings.night_lean for name in states if name.startswith('lean')}
+    return np.diag([sizes.get(name, 0.0) ** 2 for name in states])
+
+
+def power_on_change(states, mount, axes, sigma):
+    """What an incremental encoder that is switched on does to what is known.
+
+    Parameters
+    ----------
+    states, mount
+        As of `night_to_night`.
+    axes : sequence of int
+    sigma : float
+        By how much its zero is another one, rad.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        rad^2.
+    """
+    return sigma**2 * sum((_square(_shapes(states, [
+        {mount.names.index[axis]: 1.0, f'difference_{axis + 1}': -1.0}])) for axis in axes),
+        np.zeros((len(states), len(states))))
 
 
 def _shapes(states, shapes):

@@ -12,9 +12,9 @@ from pointing_model.zero import RunZero
 
 from ..diagnosis import check_columns
 from ..fit import fit_terms
-from .filter_start import model_of_fit
-from .smoother import Hindsight
+from .smoother import SmoothedNight
 from .tracked_night import TrackedNight, difference_of, lean_of
+from .tracker import model_of_fit
 
 #: stars of a run to which the model of the evening is fitted, at least
 FEWEST = 12
@@ -37,12 +37,12 @@ class TrackedRun:
         evening, by the tracked one; rad.
     sigma : ndarray, shape (t, 2)
         1 sigma that the tracked one expected, with the noise of the star, rad.
-    hindsight : Hindsight
+    smoothed : SmoothedNight
     document : dict
-        As of `night.TrackedNight.document`.
+        As of `TrackedNight.document`.
     fitted : int
         Rows to which the model of the evening was fitted; 0: it was given.
-    notes : list of str
+    notes : list of str or Finding
         What was read and how, what its columns may be mistaken for.
     """
 
@@ -52,13 +52,13 @@ class TrackedRun:
     evening: np.ndarray
     live: np.ndarray
     sigma: np.ndarray
-    hindsight: Hindsight
+    smoothed: SmoothedNight
     document: dict
     fitted: int
     notes: list
 
     def summary(self):
-        """JSON-ready; angles in arcsec, radial RMS of the stars before they were seen."""
+        """For JSON, with findings; arcsec, radial RMS of the stars before they were seen."""
         notes = [*self.notes, *self.document['notes']]
         return {**self.document, 'notes': notes, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
             'model of the evening': rms(*self.evening.T) / ARCSEC,
@@ -66,7 +66,7 @@ class TrackedRun:
             'expected': float(np.sqrt(np.mean(np.sum(self.sigma**2, axis=1)))) / ARCSEC,
             'tracked, middle': float(np.median(np.hypot(*self.live.T))) / ARCSEC,
             'model of the evening, middle': float(np.median(np.hypot(*self.evening.T))) / ARCSEC},
-            'hindsight': self.hindsight.document()}
+            'hindsight': self.smoothed.document()}
 
 
 def track_run(run, model=None, first=None, names=None, progress=None):
@@ -124,22 +124,22 @@ def track_run(run, model=None, first=None, names=None, progress=None):
         one = run.select([i])
         if progress:
             progress('following the mount', i, len(run))
-        for heard in night.take(one):
-            if heard.what == 'star' and heard.taken:
+        for update in night.take(one):
+            if update.what == 'star' and update.taken:
                 rows.append(int(order[i]))
                 time.append(float(one['time'][0]))
-                live.append(heard.innovation)
-                sigma.append(np.sqrt(np.diag(heard.covariance)))
+                live.append(update.innovation)
+                sigma.append(np.sqrt(np.diag(update.covariance)))
                 context = Context.of_run(one) if model.effects else None
                 base = model.offsets(one['az'], one['el'], context)
                 evening.append([float(o[0] - b[0]) for o, b in zip(one.offsets(), base)])
     if len(rows) < 3:
         raise ValueError(f'{len(rows)} stars to follow; three at least')
     if progress:
-        progress('in hindsight', len(run), len(run))
+        progress('smoothing', len(run), len(run))
     return TrackedRun(
         night.model(int(np.rint(run['time'][-1] * 1e9))), np.array(rows), np.array(time),
-        np.array(evening), np.array(live), np.array(sigma), night.hindsight(), night.document(),
+        np.array(evening), np.array(live), np.array(sigma), night.smoothed(), night.document(),
         fitted, notes)
 
 

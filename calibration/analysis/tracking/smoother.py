@@ -1,7 +1,7 @@
-"""The night as it was, in hindsight: terms against time from all that was seen before and after.
+"""The terms of a night against time, from all that was measured before and after.
 
-A fixed-interval smoother (Rauch, Tung and Striebel 1965) along the story that the whole night
-makes likely, for each hypothesis of the rates, in the mean of them.
+A smoother along the history that the whole night makes likely, for each hypothesis of the rates, in
+the mean of them.
 """
 
 from dataclasses import dataclass
@@ -10,17 +10,23 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .filter_start import night_to_night, switched_on
-from .hypotheses import passed
-from .tracker import WRONG, Tracker
+from ...estimation.dynamics import Jump, Together
+from ...estimation.gaussian_sum import OUTLIER, mixture
+from ...estimation.kalman import Rows, forward, smoothed
+from .motion_causes import night_to_night, power_on_change
+from .tracker import HOUR, WRONG, Tracker
 
-_HOUR = 3.6e12  # ns
-#: what a witness shows before its first reading, 1 sigma, rad
+#: what a sensor shows before its first reading, 1 sigma, rad
 _ANYTHING = 3600.0 * ARCSEC
+#: hypotheses of the rates that the night has ruled out cost time and change nothing
+_LEAST = 1e-4
+_POWER_ON = ((0, 1), 60.0 * ARCSEC)
+_SHOWN = {'difference': lambda axis, value: ([f'difference_{axis + 1}'], [value]),
+          'inclinometer': lambda north, west: (['lean_north', 'lean_west'], [north, west])}
 
 
 @dataclass(frozen=True)
-class Hindsight:
+class SmoothedNight:
     """Terms of a night, star by star.
 
     Attributes
@@ -48,149 +54,125 @@ class Hindsight:
                           for name, value, sigma in zip(self.names, self.terms.T, self.sigma.T)}}
 
 
-def hindsight(tracker, night):
+def smooth(tracker, night):
     """Terms of a night by all of it.
 
     Parameters
     ----------
     tracker : Tracker
         As it was when the night began; it is not changed.
-    night : sequence of Seen
+    night : sequence of Measurement
         In order. What the tracker refuses is left out.
 
     Returns
     -------
-    Hindsight
+    SmoothedNight
     """
     live = Tracker.of_state(tracker.state())
-    steps, decided, stamp = [], {}, live.stamp
-    for seen in night:
-        number, noise = live.stars, live.confidence.noise
-        if not live.take(seen).taken:
+    rows, jumps, decided = [], [], {}
+    for measurement in night:
+        number, since, noise = live.stars, live.stamp, live.consistency.noise
+        if not live.update(measurement).taken:
             continue
-        step = _Step((seen.stamp - stamp) / _HOUR, number, seen.what == 'star', seen.stamp)
-        step.look(live, seen, tracker.plain, noise)
-        steps.append(step)
-        stamp = seen.stamp
+        hours = (measurement.stamp - tracker.stamp) / HOUR
+        if (measurement.stamp - since) / HOUR >= live.settings.gap_h:
+            jumps.append(Jump(hours, night_to_night(live.states, live.mount, live.settings)))
+        if measurement.what == 'power_on':
+            values = measurement.values
+            jumps.append(Jump(hours, power_on_change(
+                live.states, live.mount, *values, *_POWER_ON[len(values):])))
+        else:
+            rows.append(_Row(number, measurement.what == 'star', measurement.stamp, hours,
+                             *_linear(live, measurement, tracker.plain, noise)))
         first = max(number - live.settings.depth + 1, 0)
-        decided |= {k: (live.chances(k), live.bank.chance(k)) for k in range(first, number + 1)}
-    events = _happened(live, steps, decided)
-    means, covariances = _smoothed(tracker, live, steps)
-    stars = [i for i, step in enumerate(steps) if step.is_star]
+        decided |= {k: (live.chances(k), live.filter.chance(k)) for k in range(first, number + 1)}
+    events = _events(live, rows, jumps, decided)
+    means, covariances = _path(tracker, live, rows, jumps)
+    stars = [i for i, row in enumerate(rows) if row.is_star]
     k = len(live.plain.terms)
-    base = np.array(list(tracker.plain.terms.values()))
-    return Hindsight(
-        np.array([steps[i].stamp for i in stars], dtype=np.int64), tuple(live.plain.terms),
-        base + means[stars][:, :k],
+    return SmoothedNight(
+        np.array([rows[i].stamp for i in stars], dtype=np.int64), tuple(live.plain.terms),
+        _values(tracker.plain) + means[stars][:, :k],
         np.sqrt(np.diagonal(covariances[stars], axis1=1, axis2=2)[:, :k]), events)
 
 
 @dataclass
-class _Step:
-    """An observation, linear in the terms beyond those of the evening."""
+class _Row:
+    """A measurement, linear in the states beyond the terms of the evening."""
 
-    hours: float
-    number: int
+    number: int  # of the star that it is, or comes before
     is_star: bool
     stamp: int
-    columns: np.ndarray = None
-    value: np.ndarray = None
-    variance: np.ndarray = None
-    wide: np.ndarray = 0.0  # what is added to the covariance just before
-
-    def look(self, live, seen, evening, noise):
-        """Take the numbers, in first order about where the live one has the terms by now."""
-        plain = live.plain
-        if self.hours >= live.settings.gap_h:
-            self.wide = night_to_night(live.states, live.mount, live.settings)
-        n = len(live.states)
-        self.columns, self.value, self.variance = np.zeros((0, n)), np.zeros(0), np.zeros(0)
-        if seen.what == 'star':
-            az, el, x, y, sigma = seen.values[:5]
-            context = seen.values[6] if len(seen.values) > 6 else None
-            self.columns = live.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
-            moved = np.zeros(n)
-            moved[:len(plain.terms)] = (np.array(list(plain.terms.values()))
-                                        - list(evening.terms.values()))
-            self.value = (np.array([x, y]) - plain.offsets(az, el, context)
-                          + self.columns @ moved)
-            self.variance = np.square(np.broadcast_to(sigma, (2,)) * noise)
-        elif seen.what == 'power_on':
-            self.wide = self.wide + switched_on(live.states, live.mount,
-                                                *(*seen.values, *_POWER_ON[len(seen.values):]))
-        else:
-            names, values = _SHOWN[seen.what](*seen.values[:-1])
-            self.columns = np.eye(n)[[live.states.index(name) for name in names]]
-            self.value = np.array([v - live.reference[name] for name, v in zip(names, values)])
-            self.variance = np.full(len(names), seen.values[-1] ** 2)
+    hours: float  # since the night began
+    columns: np.ndarray
+    value: np.ndarray
+    variance: np.ndarray
 
 
-_POWER_ON = ((0, 1), 60.0 * ARCSEC)
-_SHOWN = {'difference': lambda axis, value: ([f'difference_{axis + 1}'], [value]),
-          'inclinometer': lambda north, west: (['lean_north', 'lean_west'], [north, west])}
+def _linear(live, measurement, evening, noise):
+    """Columns, values and variances, in first order about where the live one has the terms."""
+    if measurement.what == 'star':
+        az, el, x, y, sigma = measurement.values[:5]
+        context = measurement.values[6] if len(measurement.values) > 6 else None
+        columns = live.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
+        moved = np.zeros(len(live.states))
+        moved[:len(evening.terms)] = _values(live.plain) - _values(evening)
+        value = np.array([x, y]) - live.plain.offsets(az, el, context) + columns @ moved
+        return columns, value, np.square(np.broadcast_to(sigma, (2,)) * noise)
+    names, values = _SHOWN[measurement.what](*measurement.values[:-1])
+    return (np.eye(len(live.states))[[live.states.index(name) for name in names]],
+            np.array([v - live.reference[name] for name, v in zip(names, values)]),
+            np.full(len(names), measurement.values[-1] ** 2))
 
 
-def _happened(live, steps, decided):
-    """Events of the night; steps are told of them."""
+def _values(model):
+    return np.array(list(model.terms.values()))
+
+
+def _events(live, rows, jumps, decided):
+    """Events of the night; jumps are added, and wrong stars show nothing any more."""
     events = []
     for number in sorted(decided):
         chances, chance = decided[number]
         what = max(chances, key=chances.get)
-        here = [step for step in steps if step.number == number]
+        here = [row for row in rows if row.number == number]
         if what == 'nothing' or chances[what] < 0.5 or not here:
             continue
         if what == WRONG:
-            star = next((step for step in here if step.is_star), None)
+            star = next((row for row in here if row.is_star), None)
             if star is None:
                 continue
             star.columns, star.value, star.variance = star.columns[:0], star.value[:0], []
         else:  # before the first that could see it
-            for jump, share in zip(live.bank.jumps, chance):
-                if jump.name == what:
-                    here[0].wide = here[0].wide + (
-                        share / chances[what] * jump.sigma**2 * np.outer(jump.shape, jump.shape))
+            jumps += [Jump(here[0].hours, share / chances[what] * jump.covariance)
+                      for jump, share in zip(live.filter.jumps, chance[:OUTLIER])
+                      if jump.name == what]
         events.append({'star': number, 'stamp': here[-1].stamp, 'what': what,
                        'chance': chances[what]})
     return events
 
 
-def _smoothed(tracker, live, steps):
-    """Means, shape (t, n), and covariances, shape (t, n, n), at each step."""
-    bank, n = live.bank, len(live.states)
-    weights = bank.rate_weights()
-    # hypotheses that the night has ruled out cost time and change nothing
-    kept = np.flatnonzero(weights > 1e-4)
-    weights, walks = weights[kept] / weights[kept].sum(), bank.walks[kept]
-    home, first = tracker.bank.estimate()
-    first = first.copy()
-    for place in range(len(live.plain.terms), n):
-        first[place, place] += _ANYTHING**2
-    m, p = np.tile(home, (len(kept), 1)), np.tile(first, (len(kept), 1, 1))
-    decay = live.decay if live.decay.any() else None
-    before, after = [], []
-    for step in steps:
-        stays, added = passed(walks, decay, step.hours)
-        stays = np.ones(n) if stays is None else stays
-        m = tracker.bank.home + stays * (m - tracker.bank.home)
-        p = p * np.outer(stays, stays) + added + step.wide
-        before.append((m, p, stays))
-        for column, value, variance in zip(step.columns, step.value, step.variance):
-            gain = p @ column
-            scaled = gain / (gain @ column + variance)[:, None]
-            m = m + scaled * (value - m @ column)[:, None]
-            p = p - scaled[:, :, None] * gain[:, None, :]
-        after.append((m, p))
-    out = [after[-1]] if after else []
-    for (m, p), (m_next, p_next, stays) in zip(after[-2::-1], before[:0:-1]):
-        back = np.linalg.solve(p_next, stays[:, None] * p).swapaxes(1, 2)
-        later = out[-1]
-        out.append((m + (back @ (later[0] - m_next)[..., None])[..., 0],
-                    p + back @ (later[1] - p_next) @ back.swapaxes(1, 2)))
-    out.reverse()
-    if not out:
+def _path(tracker, live, rows, jumps):
+    """Means, shape (t, n), and covariances, shape (t, n, n), of the states at each row."""
+    n, weights = len(live.states), live.rate_weights
+    if not rows:
         return np.zeros((0, n)), np.zeros((0, n, n))
-    means = np.array([m for m, _ in out])
-    mean = np.einsum('r,trn->tn', weights, means)
-    off = means - mean[:, None]
-    return mean, (np.einsum('r,trij->tij', weights, np.array([p for _, p in out]))
-                  + np.einsum('r,tri,trj->tij', weights, off, off))
+    kept = np.flatnonzero(weights > _LEAST)
+    home = tracker.filter.home
+    mean, first = tracker.filter.estimate()
+    sensors = np.arange(n) >= len(live.plain.terms)
+    every = slice(0, n)
+    dynamics = Together(n, [
+        (every, live.filter.dynamics(live.filter.rates[kept])),
+        *((every, jump) for jump in jumps)])
+    passed = forward(Rows(
+        [row.hours for row in rows], [row.columns for row in rows],
+        [row.value - row.columns @ home for row in rows],
+        [np.diag(row.variance) for row in rows],
+        [np.zeros((len(row.value), 0)) for row in rows]),
+        dynamics, (mean - home, first + np.diag(sensors * _ANYTHING**2)),
+        begin=np.nextafter(0.0, -1.0))  # what jumps as the night begins is seen
+    means, covariances = map(np.array, zip(*smoothed(passed)))
+    mean, covariance = mixture(weights[kept] / weights[kept].sum(),
+                               np.moveaxis(means[..., 0], 1, 0), np.moveaxis(covariances, 1, 0))
+    return home + mean, covariance

@@ -20,14 +20,15 @@ from pointing_model.zero import RunZero
 from ...distrust import distrusted
 from ...rows import is_kept_out
 from ..camera_faults import SAME_ROWS
-from .first_stars import PAST, RATES, Opening, past_of, weights_of
-from .measurements import Seen
-from .smoother import hindsight
+from .history import PAST, RATES, Past, rate_weights_of
+from .innovations import Measurement
+from .smoother import smooth
 from .tracker import Tracker
+from .warm_start import WarmStart
 
 #: noise of a star where the model does not tell what it left, rad
 NOISE = 1.5 * ARCSEC
-#: events and innovations that are told of: the last ones
+#: events and innovations that are kept: the last ones
 MOST_EVENTS, MOST_NIS = 50, 500
 #: 95 % of chi squared with two degrees of freedom
 _BEYOND = -2.0 * np.log(0.05)
@@ -41,7 +42,7 @@ class TrackedNight:
     Parameters
     ----------
     model : PointingModel
-        To begin with. One that tells of the nights before (`opening`) stands for them: the first
+        To begin with. One that has the nights before (`history`) stands for them: the first
         stars decide what has happened since.
     zero : RunZero
         That goes with it; of another power-on it is widened.
@@ -51,19 +52,19 @@ class TrackedNight:
         1 sigma of a star along x and y, rad; by default what the model left of its own rows.
     difference, lean : dict, optional
         Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
-        `lean_of`; None: it is no witness.
+        `lean_of`; None: it is no sensor.
     rates : list of dict, optional
-        How fast such nights wander, as of `opening.rates_document`; by default what the model
+        How fast such nights wander, as of `history.Rates.document`; by default what the model
         tells of it.
 
     Attributes
     ----------
     zero : RunZero
         Taken off all readings. It stays: the index terms follow.
-    heard : list of heard.Heard
+    updates : list of TrackerUpdate
         Of the rows that were taken last.
-    seen : list of heard.Seen or None
-        What the tracker was told since `keep`.
+    measurements : list of Measurement or None
+        What the tracker took since `keep`.
     """
 
     def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None, rates=None):
@@ -79,24 +80,24 @@ class TrackedNight:
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self._events, self._nis = [], []  # what was called; of stars before which nothing happened
-        self.heard, self.seen, self._at_first = [], None, None
+        self.updates, self.measurements, self._at_first = [], None, None
         self._rates = rates
-        self._witnesses = [name for name, told in (
-            ('difference', difference), ('inclinometer', lean)) if told]
+        self._sensors = [name for name, known in (
+            ('difference', difference), ('inclinometer', lean)) if known]
         self._tracker = self._tracker_of(self._evening, self._began)
-        past = past_of(self._evening)
-        self._opening = None if past is None else Opening(self._evening, past)
-        self._opened = None  # how likely each story of the opening was
+        past = Past.of_model(self._evening)
+        self._warm_start = None if past is None else WarmStart(self._evening, past)
+        self._started = None  # how likely each hypothesis of the warm start was
         for axis, apart in enumerate(difference['apart'] if difference else ()):
             self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
         if lean:
             self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
 
     def _tracker_of(self, model, stamp):
-        tracker = Tracker(model, stamp, witnesses=self._witnesses)
-        weights = weights_of(self._rates, tracker.facts)
+        tracker = Tracker(model, stamp, sensors=self._sensors)
+        weights = rate_weights_of(self._rates, tracker.facts)
         return tracker if weights is None else Tracker(
-            model, stamp, witnesses=self._witnesses, rate_weights=weights)
+            model, stamp, sensors=self._sensors, rate_weights=weights)
 
     @classmethod
     def of_model(cls, model):
@@ -107,10 +108,10 @@ class TrackedNight:
         ValueError
             It did not, or what it tells of it is damaged.
         """
-        told = model.provenance.get(KEY)
-        if not isinstance(told, dict) or 'evening' not in told:
+        kept = model.provenance.get(KEY)
+        if not isinstance(kept, dict) or 'evening' not in kept:
             raise ValueError('a model that was not tracked')
-        begun, out = told['evening'], cls.__new__(cls)
+        begun, out = kept['evening'], cls.__new__(cls)
         try:
             zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
             out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'],
@@ -120,12 +121,12 @@ class TrackedNight:
         return out
 
     def keep(self):
-        """Keep what is told from now on, for `hindsight`."""
-        self.seen, self._at_first = [], self._tracker.state()
+        """Keep measurements from now on, for `smoothed`."""
+        self.measurements, self._at_first = [], self._tracker.state()
 
-    def hindsight(self):
-        """The night as it was, a `hindsight.Hindsight`; since `keep`."""
-        return hindsight(Tracker.of_state(self._at_first), self.seen)
+    def smoothed(self):
+        """The night by all of its measurements since `keep`, a `SmoothedNight`."""
+        return smooth(Tracker.of_state(self._at_first), self.measurements)
 
     @property
     def stars(self):
@@ -142,9 +143,9 @@ class TrackedNight:
 
         Returns
         -------
-        list of heard.Heard
-            Of each star that was looked at, and of witnesses where they make something known;
-            also in `heard`.
+        list of TrackerUpdate
+            Of each star that was looked at, and of sensors where they make something known; also
+            in `updates`.
 
         Raises
         ------
@@ -153,7 +154,7 @@ class TrackedNight:
         """
         if 'time' not in rows:
             raise ValueError('observation without column time')
-        self.heard = []
+        self.updates = []
         for i in range(len(rows)):
             own = rows.select([i])
             stamp = _rounded(own['time'][0])
@@ -169,38 +170,39 @@ class TrackedNight:
             if self._difference:
                 self._take_difference(own, stamp)
             if self._lean and 'lean_north' in own and np.isfinite(own['lean_north'][0]):
-                self._hear(self._tell('inclinometer', stamp, (
+                self._take_sensor(self._update('inclinometer', stamp, (
                     float(own['lean_north'][0]), float(own['lean_west'][0]),
                     self._lean['sigma'])))
-            heard = self._take_star(stamp, (
+            update = self._take_star(stamp, (
                 float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
                 f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
-            self.heard.append(heard)
-            self._note(heard)
-        return self.heard
+            self.updates.append(update)
+            self._note(update)
+        return self.updates
 
     def _take_star(self, stamp, values):
         """To the tracker; one of the first of a night to what it is made of."""
-        opening = self._opening
-        if opening is None:
-            return self._tell('star', stamp, values)
-        heard = self._tracker.star(stamp, *values)  # what was expected before it
-        if not heard.taken:
-            return heard
+        start = self._warm_start
+        if start is None:
+            return self._update('star', stamp, values)
+        update = self._tracker.star(stamp, *values)  # what was expected before it
+        if not update.taken:
+            return update
         *place_and_offset, _, _, context = values
-        opening.take(*place_and_offset, context)
-        self._tracker = self._tracker_of(opening.model(), stamp)
-        self._tracker.bank.count = opening.stars
-        self._opened = opening.document()
-        heard = replace(heard, chances=dict.fromkeys(heard.chances, 0.0), called=(), confidence='')
-        if opening.over:
-            self._end_opening()
-            heard = replace(heard, called=(opening.sentence(),))
-        return heard
+        start.take(*place_and_offset, context)
+        self._tracker = self._tracker_of(start.model(), stamp)
+        self._tracker.filter.count = start.stars
+        self._started = start.document()
+        update = replace(update, chances=dict.fromkeys(update.chances, 0.0), events=(),
+                         consistency=None)
+        if start.over:
+            self._end_warm_start()
+            update = replace(update, events=(start.finding(),))
+        return update
 
-    def _end_opening(self):
-        self._opening = None
-        if self.seen is not None:
+    def _end_warm_start(self):
+        self._warm_start = None
+        if self.measurements is not None:
             self.keep()
 
     def model(self, stamp):
@@ -213,14 +215,14 @@ class TrackedNight:
         """
         model, tracker = self._tracker.model(), self._tracker
         names = list(model.terms)
-        walk = np.sqrt(np.diag(tracker.bank.mean_walk())[:len(names)])
+        walk = np.sqrt(np.diag(tracker.mean_walk())[:len(names)])
         # the nights before are in it by now
         kept = {key: value for key, value in self._evening.provenance.items() if key != PAST}
         return replace(model, provenance={
             **kept, 'last_stamp_ns': stamp, KEY: {
                 'stars': tracker.stars,
                 'walk_arcsec_per_root_hour': dict(zip(names, (walk / ARCSEC).tolist())),
-                'jumps_per_hour': sum(jump.per_hour for jump in tracker.bank.jumps),
+                'jumps_per_hour': sum(jump.per_hour for jump in tracker.filter.jumps),
                 'evening': {
                     'model': self._document, 'stamp': self._began,
                     'zero_rad': self._first_zero.angles.tolist(), 'run': self._first_zero.run,
@@ -239,7 +241,7 @@ class TrackedNight:
         return replace(self.zero, covariance=np.zeros((2, 2)), model=name)
 
     def document(self):
-        """What was heard last and how well the mount is known, JSON-ready; angles in arcsec."""
+        """The last updates and how well the mount is known, for JSON, with findings; arcsec."""
         tracker = self._tracker
         # a ring at middle height stands for the sky
         az, el = np.arange(0.0, 2.0 * np.pi, np.pi / 4.0), np.full(8, np.pi / 4.0)
@@ -251,46 +253,44 @@ class TrackedNight:
             'chance_of_a_jump_in_1_h': expected[-1].jump, 'rates_arcsec_per_root_hour': {
                 name: value / ARCSEC if name != 'who' else value
                 for name, value in tracker.rates().items()},
-            'confidence': tracker.confidence.verdict,
-            'confidence_sentence': tracker.confidence.sentence(),
-            'noise_factor': tracker.confidence.noise,
-            'walk_factor': tracker.confidence.walk, 'notes': tracker.notes,
+            'confidence': tracker.consistency.verdict,
+            'confidence_sentence': tracker.consistency.finding(),
+            'noise_factor': tracker.consistency.noise,
+            'walk_factor': tracker.consistency.walk, 'notes': tracker.notes,
             'innovations': {'stars': len(self._nis), 'mean_square': (
                 float(np.mean(self._nis)) / 2.0 if self._nis else None),
                 'beyond_95': int(np.count_nonzero(np.array(self._nis) > _BEYOND)),
                 'squares': [round(float(v), 4) for v in self._nis]},
-            'events': self._events, **({'opening': self._opened} if self._opened else {}),
-            'heard': [one.document() for one in self.heard]}
+            'events': self._events, **({'opening': self._started} if self._started else {}),
+            'heard': [one.document() for one in self.updates]}
 
-    def _tell(self, what, stamp, values):
-        seen = Seen(what, stamp, values)
-        if self.seen is not None:
-            self.seen.append(seen)
-        return self._tracker.take(seen)
+    def _update(self, what, stamp, values):
+        measurement = Measurement(what, stamp, values)
+        if self.measurements is not None:
+            self.measurements.append(measurement)
+        return self._tracker.update(measurement)
 
-    def _hear(self, heard):
-        """Of a witness: what it makes known of the star before."""
-        if heard.called:
-            self.heard.append(heard)
-            self._note(heard)
+    def _take_sensor(self, update):
+        """Of a sensor: what it makes known of the star before."""
+        if update.events:
+            self.updates.append(update)
+            self._note(update)
 
-    def _note(self, heard):
-        said = [*([heard.why] if heard.why else []), *heard.called,
-                *([heard.confidence] if heard.confidence else [])]
-        self._events = [*self._events, *({'stamp': heard.stamp, 'text': text}
-                                         for text in said)][-MOST_EVENTS:]
-        if heard.taken and heard.what == 'star' and heard.chances['nothing'] > 0.5:
-            self._nis = [*self._nis, heard.nis][-MOST_NIS:]
+    def _note(self, update):
+        self._events = [*self._events, *({'stamp': update.stamp, 'text': finding}
+                                         for finding in update.findings)][-MOST_EVENTS:]
+        if update.taken and update.what == 'star' and update.chances['nothing'] > 0.5:
+            self._nis = [*self._nis, update.nis][-MOST_NIS:]
 
     def _note_power_on(self, row, stamp):
         run = float(row['run'][0])
         if run == self.zero.run:
             return
         # from night to night they are switched on: that is in what is known of nights before
-        if self._opening is None or self._opening.stars:
-            self._tell('power_on', stamp, ((0, 1), BROAD))
-            if self._opening is not None:
-                self._end_opening()
+        if self._warm_start is None or self._warm_start.stars:
+            self._update('power_on', stamp, ((0, 1), BROAD))
+            if self._warm_start is not None:
+                self._end_warm_start()
         started = float(row['encoder_start'][0]) if 'encoder_start' in row else None
         self.zero = replace(self.zero, run=run, started=started)
 
@@ -305,7 +305,7 @@ class TrackedNight:
             apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
             if np.isfinite(apart):  # turns that one of them does not count are no matter
                 first = self._difference['apart'][axis]
-                self._hear(self._tell('difference', stamp, (
+                self._take_sensor(self._update('difference', stamp, (
                     axis, first + float(wrap(apart - first)), self._difference['sigma'][axis])))
 
     def _offsets(self, row):
@@ -376,9 +376,9 @@ def lean_of(rows):
 
 
 def _noise_of(model):
-    told = model.provenance.get('fitted_rms_arcsec')
+    left = model.provenance.get('fitted_rms_arcsec')
     try:
-        noise = float(told['x']) * ARCSEC, float(told['y']) * ARCSEC
+        noise = float(left['x']) * ARCSEC, float(left['y']) * ARCSEC
     except (TypeError, KeyError, ValueError):
         return NOISE, NOISE
     return noise if min(noise) > 0.0 and np.isfinite(noise).all() else (NOISE, NOISE)

@@ -1,34 +1,40 @@
-"""A model that follows its mount: what stars and witnesses say, one after the other.
+"""A model that follows its mount: stars and further sensors, one measurement after the other.
 
     tracker = Tracker(model, stamp)                  # of a file or a fit, with its covariance
-    heard = tracker.star(stamp, az, el, x, y, sigma)
-    tracker.model(), tracker.expected(az, el, seconds_ahead=600.0), heard.called
+    update = tracker.star(stamp, az, el, x, y, sigma)
+    tracker.model(), tracker.expected(az, el, seconds_ahead=600.0), update.events
 
 `x, y` is encoder - catalogue on the sky with the star centred, as `PointingRun.offsets` has it
 (zero taken off). Whoever pointed through a model and measured a miss distance has
-``model.offsets(az, el) + miss``. All that a tracker becomes follows from what it was told in
-order, to the bit: `state` and `of_state` go on where it was.
+``model.offsets(az, el) + miss``. All that a tracker becomes follows from its measurements in order,
+to the bit: `state` and `of_state` go on where it was.
 """
+
+import json
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
+from pointing_model.model_document import from_document
+from pointing_model.model_document import to_json as model_to_json
 from pointing_model.mounts import told
 from pointing_model.terms import design
 
-from . import tracker_state as kept
-from .filter_confidence import Confidence
-from .filter_start import complete, night_to_night, switched_on
-from .hypotheses import Hypotheses, passed
-from .measurements import Expected, Heard
+from ...estimation.gaussian_sum import GaussianSum
+from ..finding import Finding
+from .innovations import ExpectedError, FilterConsistency, TrackerUpdate
 from .motion_causes import (
     ABSOLUTE,
     INCREMENTAL,
-    WITNESSES,
+    SENSORS,
     TrackingSettings,
-    hypotheses,
     jumps_of,
+    night_to_night,
+    power_on_change,
+    rate_hypotheses,
     states_of,
 )
 
@@ -36,8 +42,11 @@ from .motion_causes import (
 SURE = 0.65
 #: beyond this the model of the evening is moved to where the terms are: columns are first order
 _FAR, _ROUNDS = 30.0 * ARCSEC, 3
-_HOUR = 3.6e12  # ns
+#: what a term is known no better than, where a covariance is singular, rad
+_FLOOR = 0.5 * ARCSEC
+HOUR = 3.6e12  # ns
 WRONG = 'wrong star'
+FORMAT, VERSION = 'telescope_mount/tracking', 1
 
 
 class Tracker:
@@ -52,7 +61,7 @@ class Tracker:
         When the model held, ns.
     mount : Mount, optional
         The mount that is observed, to be compared with the model's.
-    witnesses : sequence of str
+    sensors : sequence of str
         ``difference``: absolute - incremental encoder of each axis; ``inclinometer``.
     settings : TrackingSettings, optional
     rate_weights : ndarray, shape (r,), optional
@@ -60,73 +69,73 @@ class Tracker:
 
     Attributes
     ----------
-    notes : list of str
+    notes : list of Finding
         What was widened in the model.
     facts : list of dict
         The hypotheses of the rates.
+    states : tuple of str
+        What `filter` knows: the terms, then what sensors show.
+    filter : GaussianSum
+        Of the states beyond the terms of `plain`.
+    plain : PointingModel
+        That terms are counted from.
     stamp : int
-        Of the last that was taken, ns.
-    mount : Mount
-    bank, plain, settings, ... :
-        What `kept` writes down.
+        Of the last measurement that was taken, ns.
+    consistency : FilterConsistency
 
     Raises
     ------
     ValueError
-        A model of another mount, a covariance that is none, an unknown witness.
+        A model of another mount, a covariance that is none, an unknown sensor.
     """
 
-    def __init__(self, model, stamp, *, mount=None, witnesses=(), settings=None,
+    def __init__(self, model, stamp, *, mount=None, sensors=(), settings=None,
                  rate_weights=None):
         settings = settings or TrackingSettings()
         if mount is not None and not mount.agrees(model.mount):
             raise ValueError(f'a model of another mount ({told(model.mount)}) than the one that '
                              f'is observed ({told(mount)}); fit this mount')
-        unknown = [name for name in witnesses if name not in WITNESSES]
+        unknown = [name for name in sensors if name not in SENSORS]
         if unknown:
-            raise ValueError(f'unknown witness {unknown[0]!r}; choose from '
-                             f'{", ".join(WITNESSES)}')
-        self.notes = []
-        terms, covariance = complete(model, self.notes)
-        self._names, self.mount = tuple(terms), model.mount
-        self.plain = PointingModel(terms, covariance, model.harmonics, model.provenance,
-                                    model.geometry, model.effects, model.mount)
-        self.witnesses, self.settings = tuple(witnesses), settings
-        self.states = states_of(self._names, witnesses)
-        n, k = len(self.states), len(terms)
-        self._walks, self.facts = hypotheses(self._names, self.mount, witnesses, settings)
-        unknown = [name for name in (*settings.walks, *settings.memory_h)
-                   if name not in self._names]
+            raise ValueError(f'unknown sensor {unknown[0]!r}; choose from {", ".join(SENSORS)}')
+        terms, covariance, self.notes = _complete(model)
+        unknown = [name for name in (*settings.walks, *settings.memory_h) if name not in terms]
         if unknown:
             raise ValueError(f'tracking: no term {unknown[0]} in the model; choose from '
-                             f'{", ".join(self._names)}')
+                             f'{", ".join(terms)}')
+        self._names, self.mount = tuple(terms), model.mount
+        self.plain = replace(model, terms=terms, covariance=covariance, undetermined=(),
+                             directions=(), sides=None)
+        self.sensors, self.settings = tuple(sensors), settings
+        self.states = states_of(self._names, sensors)
+        n, k = len(self.states), len(terms)
+        self._rates, self.facts = rate_hypotheses(self._names, self.mount, sensors, settings)
         whole = np.zeros((n, n))
         whole[:k, :k] = covariance
-        self.decay = np.array([1.0 / settings.memory_h.get(s, np.inf) for s in self.states])
-        self.given_weights = None if rate_weights is None else [float(v) for v in rate_weights]
-        self.bank = Hypotheses(
-            np.zeros(n), whole, self._walks, self.given_weights,
-            jumps=jumps_of(self._names, self.mount, witnesses, settings), wrong=settings.wrong,
-            wrong_sigma=settings.wrong_sigma, turn_h=settings.turn_h, most=settings.most,
+        self._given_weights = None if rate_weights is None else [float(v) for v in rate_weights]
+        self.filter = GaussianSum(
+            np.zeros(n), whole, self._rates, self._given_weights,
+            jumps=jumps_of(self._names, self.mount, sensors, settings), outliers=settings.wrong,
+            outlier_sigma=settings.wrong_sigma, turn_h=settings.turn_h, most=settings.most,
             depth=settings.depth,
             memory_h=[settings.memory_h.get(s, np.inf) for s in self.states])
         self._fastest = np.array([fact['zero'] == max(settings.zeros) for fact in self.facts],
                                  dtype=float)
-        self.stamp, self.last_star = int(stamp), None
-        self.reference = {}  # witness -> its first reading
-        self.confidence = Confidence()
-        self.waiting, self.said = [], []  # (number, innovation), (number, name)
+        self.stamp, self._last_star = int(stamp), None
+        self.reference = {}  # state that a sensor shows -> its first reading
+        self.consistency = FilterConsistency()
+        self._undecided, self._said = [], []  # (number, innovation), (number, name)
 
-    # --- what it says -------------------------------------------------------------------------
+    # --- what is known ------------------------------------------------------------------------
 
     @property
     def stars(self):
         """How many were taken."""
-        return self.bank.count
+        return self.filter.count
 
     def terms(self):
         """Terms by now, rad, and their covariance, shape (k, k)."""
-        mean, covariance = self.bank.estimate()
+        mean, covariance = self.filter.estimate()
         k = len(self._names)
         values = {name: value + float(off) for (name, value), off
                   in zip(self.plain.terms.items(), mean)}
@@ -135,10 +144,8 @@ class Tracker:
     def model(self):
         """The `PointingModel` by now."""
         terms, covariance = self.terms()
-        return PointingModel(
-            terms, covariance, self.plain.harmonics,
-            {**self.plain.provenance, 'tracked': {'stars': self.stars, 'stamp': self.stamp}},
-            self.plain.geometry, self.plain.effects, self.mount)
+        return replace(self.plain, terms=terms, covariance=covariance, provenance={
+            **self.plain.provenance, 'tracked': {'stars': self.stars, 'stamp': self.stamp}})
 
     def expected(self, az, el, seconds_ahead=0.0):
         """How far the model of now will be off, with what drifts unseen until then.
@@ -148,13 +155,13 @@ class Tracker:
         az, el : float or ndarray, shape (p,)
             Places by the axes of the mount, rad.
         seconds_ahead : float
-            Since the last observation.
+            Since the last measurement.
 
         Returns
         -------
-        Expected
+        ExpectedError
             Of shape (p, 2, 2). Without the effects of the model, and without a jump, of which
-            only the chance is told.
+            only the chance is given.
         """
         az, el = np.broadcast_arrays(*np.atleast_1d(az, el))
         columns, covariance = self.columns(az, el), self.ahead(seconds_ahead)
@@ -162,32 +169,15 @@ class Tracker:
         series = self.plain.harmonics
         if series is not None:
             out = out + np.array(series.variance(az, el)).T[:, :, None] * np.eye(2)
-        often = sum(jump.per_hour for jump in self.bank.jumps)
-        return Expected(out, float(-np.expm1(-often * seconds_ahead / 3600.0)))
+        often = sum(jump.per_hour for jump in self.filter.jumps)
+        return ExpectedError(out, float(-np.expm1(-often * seconds_ahead / 3600.0)))
 
     def ahead(self, seconds):
-        """How far the states will be from what they are thought to be now.
-
-        Parameters
-        ----------
-        seconds : float
-            Since the last observation.
-
-        Returns
-        -------
-        ndarray, shape (n, n)
-            Mean square, rad^2.
-        """
-        mean, covariance = self.bank.estimate()
-        stays, added = passed(self.bank.mean_walk(),
-                              self.decay if self.decay.any() else None, seconds / 3600.0)
-        if stays is not None:
-            gone = (stays - 1.0) * (mean - self.bank.home)
-            covariance = covariance * np.outer(stays, stays) + np.outer(gone, gone)
-        return covariance + added
+        """`GaussianSum.ahead` so long after the last measurement."""
+        return self.filter.ahead(seconds / 3600.0)
 
     def rates(self):
-        """How fast zeros and lean wander by now, rad in the root of an hour, and who.
+        """How fast zeros and lean wander by now, rad in the root of an hour, and what wanders.
 
         Returns
         -------
@@ -195,7 +185,7 @@ class Tracker:
             ``zero`` and ``tilt`` (root of the mean square) and, with both encoders, ``who``:
             how likely each is the one that wanders.
         """
-        weights = self.bank.rate_weights()
+        weights = self.rate_weights
         out = {name: float(np.sqrt(weights @ [fact[name] ** 2 for fact in self.facts]))
                for name in ('zero', 'tilt')}
         if self.facts[0]['who']:
@@ -204,31 +194,42 @@ class Tracker:
                           for who in dict.fromkeys(fact['who'] for fact in self.facts)}
         return out
 
+    def mean_walk(self):
+        """What an hour adds to the covariance, in the mean of the hypotheses, shape (n, n)."""
+        return np.tensordot(self.rate_weights, self.filter.rates, 1)
+
     @property
     def rate_weights(self):
         """How likely each of `facts` is by now, shape (r,)."""
-        return self.bank.rate_weights()
+        return self.filter.rate_weights()
 
     def chances(self, number):
-        """What may have happened before a star, by name; see `Heard.chances`.
+        """What may have happened before a star, by name; see `TrackerUpdate.chances`.
 
         Parameters
         ----------
         number : int
             Of the star, from 0.
         """
-        chance = self.bank.chance(number)
+        chance = self.filter.chance(number)
         out = {}
-        for jump, value in zip(self.bank.jumps, chance):
+        for jump, value in zip(self.filter.jumps, chance):
             out[jump.name] = out.get(jump.name, 0.0) + float(value)
         out[WRONG] = float(chance[-1])
         return {'nothing': max(0.0, 1.0 - sum(out.values())), **out}
 
-    # --- what it is told ----------------------------------------------------------------------
+    def columns(self, az, el):
+        """What unit states do to stars on the sky, shape (p, 2, n)."""
+        out = np.zeros((len(az), 2, len(self.states)))
+        out[:, 0, :len(self._names)], out[:, 1, :len(self._names)] = design(
+            self._names, az, el, self.mount)
+        return out
 
-    def take(self, seen):
-        """Take a `Seen`, whatever it is of."""
-        return getattr(self, seen.what)(seen.stamp, *seen.values)
+    # --- measurements -------------------------------------------------------------------------
+
+    def update(self, measurement):
+        """Take a `Measurement`, whatever it is of."""
+        return getattr(self, measurement.what)(measurement.stamp, *measurement.values)
 
     def star(self, stamp, az, el, x, y, sigma, name='', context=None):
         """Take a star, or Polaris.
@@ -249,38 +250,40 @@ class Tracker:
 
         Returns
         -------
-        Heard
+        TrackerUpdate
         """
         sigma = np.broadcast_to(np.asarray(sigma, float), (2,))
         stamp, why = self._refused(stamp, (az, el, x, y), sigma)
-        if not why and stamp == self.last_star:
-            why = f'star {name}: there is one of this stamp already; it counts once'
-        value = np.array([x, y]) - self.plain.offsets(az, el, context) if not why else np.zeros(2)
+        value = np.zeros(2)
+        if why is None and stamp == self._last_star:
+            why = Finding('star twice', evidence={'star': name})
+        elif why is None:
+            value = np.array([x, y]) - self.plain.offsets(az, el, context)
         if not np.isfinite(value).all():
-            why = f'star {name}: the mount cannot look there by the model; check the place'
-        if why:
-            return Heard(stamp, 'star', False, why)
+            why = Finding('star out of reach', evidence={'star': name})
+        if why is not None:
+            return TrackerUpdate(stamp, 'star', False, why)
         why = self._wait(stamp)
         columns = self.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
-        noise, number = sigma * self.confidence.noise, self.bank.count
-        innovation, spread = self.bank.expected(columns, value, noise)
+        noise, number = sigma * self.consistency.noise, self.stars
+        innovation, spread = self.filter.expected(columns, value, noise)
         for _ in range(_ROUNDS):  # where terms go far, again about where they went
-            before = self.bank.copy()
-            self.bank.observe(columns, value, noise)
-            far = self.bank.estimate()[0]
+            before = self.filter.copy()
+            self.filter.observe(columns, value, noise)
+            far = self.filter.estimate()[0]
             if np.abs(far[:len(self._names)]).max() < _FAR:
                 break
-            self.bank = before
+            self.filter = before
             self._move(far)
             value = np.array([x, y]) - self.plain.offsets(az, el, context)
         else:
-            self.bank.observe(columns, value, noise)
-        self.last_star = stamp
-        self.waiting.append((number, np.linalg.solve(
+            self.filter.observe(columns, value, noise)
+        self._last_star = stamp
+        self._undecided.append((number, np.linalg.solve(
             np.linalg.cholesky(spread), innovation).tolist()))
-        called, confidence = self._called(number), self._judged(number)
-        return Heard(stamp, 'star', True, why, innovation, spread, self.chances(number), called,
-                     confidence)
+        events, consistency = self._decided(number), self._tested(number)
+        return TrackerUpdate(stamp, 'star', True, why, innovation, spread, self.chances(number),
+                             events, consistency)
 
     def difference(self, stamp, axis, value, sigma):
         """Take absolute - incremental encoder of an axis; its first says what it was.
@@ -296,9 +299,9 @@ class Tracker:
 
         Returns
         -------
-        Heard
+        TrackerUpdate
         """
-        return self._witness(stamp, 'difference', {f'difference_{axis + 1}': value}, sigma)
+        return self._sensor(stamp, 'difference', {f'difference_{axis + 1}': value}, sigma)
 
     def inclinometer(self, stamp, north, west, sigma):
         """Take how much the base leans to the north and to the west; the first says how it was.
@@ -312,32 +315,32 @@ class Tracker:
 
         Returns
         -------
-        Heard
+        TrackerUpdate
         """
-        return self._witness(stamp, 'inclinometer', {'lean_north': north, 'lean_west': west},
-                             sigma)
+        return self._sensor(stamp, 'inclinometer', {'lean_north': north, 'lean_west': west},
+                            sigma)
 
-    def _witness(self, stamp, what, values, sigma):
-        places = [self.states.index(name) if name in self.states else -1 for name in values]
-        if min(places) < 0:
-            return Heard(int(stamp), what, False, f'{what}: not among the witnesses that this '
-                         'filter was made with; name it there')
+    def _sensor(self, stamp, what, values, sigma):
+        if not set(values) <= set(self.states):
+            return TrackerUpdate(int(stamp), what, False,
+                                 Finding('unknown sensor', evidence={'sensor': what}))
         stamp, why = self._refused(stamp, values.values(), [sigma])
-        if why:
-            return Heard(stamp, what, False, why)
+        if why is not None:
+            return TrackerUpdate(stamp, what, False, why)
         why = self._wait(stamp)
+        places = [self.states.index(name) for name in values]
         for place, (name, value) in zip(places, values.items()):
             if name not in self.reference:
                 self.reference[name] = float(value)
-                self.bank.set(place, float(sigma))
+                self.filter.set(place, float(sigma))
         columns = np.eye(len(self.states))[places]
         value = np.array([value - self.reference[name] for name, value in values.items()])
         noise = np.full(len(places), float(sigma))
-        innovation, spread = self.bank.expected(columns, value, noise)
-        number = self.bank.count
-        self.bank.observe(columns, value, noise, starlike=False)
-        return Heard(stamp, what, True, why, innovation, spread, self.chances(number),
-                     self._called(number))
+        innovation, spread = self.filter.expected(columns, value, noise)
+        number = self.stars
+        self.filter.observe(columns, value, noise, is_star=False)
+        return TrackerUpdate(stamp, what, True, why, innovation, spread, self.chances(number),
+                             self._decided(number))
 
     def power_on(self, stamp, axes=(0, 1), sigma=60.0 * ARCSEC):
         """The incremental encoder was switched on, or homed: its zero is another one.
@@ -352,91 +355,90 @@ class Tracker:
 
         Returns
         -------
-        Heard
+        TrackerUpdate
         """
         stamp, why = self._refused(stamp, (), [sigma])
-        if why:
-            return Heard(stamp, 'power_on', False, why)
+        if why is not None:
+            return TrackerUpdate(stamp, 'power_on', False, why)
         why = self._wait(stamp)
-        self.bank.widen(switched_on(self.states, self.mount, axes, sigma))
-        return Heard(stamp, 'power_on', True, why, np.zeros(0), np.zeros((0, 0)), {})
+        self.filter.widen(power_on_change(self.states, self.mount, axes, sigma))
+        return TrackerUpdate(stamp, 'power_on', True, why, np.zeros(0), np.zeros((0, 0)), {})
 
     # --- inside -------------------------------------------------------------------------------
 
-    def columns(self, az, el):
-        """What unit states do to stars on the sky, shape (p, 2, n)."""
-        out = np.zeros((len(az), 2, len(self.states)))
-        out[:, 0, :len(self._names)], out[:, 1, :len(self._names)] = design(
-            self._names, az, el, self.mount)
-        return out
-
     def _refused(self, stamp, values, sigmas):
+        """The stamp, and why a measurement is refused or None."""
         if not np.isfinite(stamp):
-            return 0, 'a stamp that is no number'
+            return 0, Finding('no stamp')
         stamp = int(stamp)
         if stamp < self.stamp:
-            return stamp, (f'stamp {(self.stamp - stamp) * 1e-9:.3f} s before the last one; what '
-                           'is late is not taken')
+            return stamp, Finding('late measurement', (self.stamp - stamp) * 1e-9, unit='s')
         if not np.isfinite(list(values)).all():
-            return stamp, 'a value that is not finite'
+            return stamp, Finding('no number')
         if not all(np.isfinite(s) and s > 0.0 for s in sigmas):
-            return stamp, 'a sigma that is not finite and positive'
-        return stamp, ''
+            return stamp, Finding('no sigma')
+        return stamp, None
 
     def _wait(self, stamp):
-        hours = (stamp - self.stamp) / _HOUR
-        self.bank.wait(hours)
+        """Let time pass until a measurement; a Finding where that was long."""
+        hours = (stamp - self.stamp) / HOUR
+        self.filter.wait(hours)
         self.stamp = stamp
         if hours < self.settings.gap_h:
-            return ''
-        self.bank.widen(night_to_night(self.states, self.mount, self.settings))
-        return (f'nothing for {hours:.1f} h: zeros and lean are widened as from one night to the '
-                'next')
+            return None
+        self.filter.widen(night_to_night(self.states, self.mount, self.settings))
+        return Finding('long gap', hours, unit='h')
 
-    def _called(self, number):
+    def _decided(self, number):
         """What is decided of the last stars and was not before."""
         out = []
         first = number - self.settings.depth
-        self.said = [one for one in self.said if one[0] > first]
+        self._said = [one for one in self._said if one[0] > first]
         for before in range(max(first + 1, 0), number + 1):
             for name, chance in self.chances(before).items():
-                if name == 'nothing' or chance < SURE or (before, name) in self.said:
+                if name == 'nothing' or chance < SURE or (before, name) in self._said:
                     continue
                 # a star alone does not tell a jump from a wrong star; the encoders do
                 if before < number or name == WRONG or name.startswith((INCREMENTAL, ABSOLUTE)):
-                    self.said.append((before, name))
-                    what = (f'star {before} is a {WRONG}' if name == WRONG else
-                            f'{name}: jumped before star {before}')
-                    out.append(f'{what} ({100.0 * chance:.0f} %)')
+                    self._said.append((before, name))
+                    out.append(Finding(WRONG if name == WRONG else 'jump', chance, unit='',
+                                       causes=(name,), evidence={'star': before}))
         return tuple(out)
 
-    def _judged(self, number):
-        """The verdict of the stars by now long enough ago."""
-        out = ''
-        while self.waiting and self.waiting[0][0] <= number - self.settings.depth + 1:
-            before, off = self.waiting.pop(0)
+    def _tested(self, number):
+        """What the stars that are decided by now say of `consistency`."""
+        out = None
+        while self._undecided and self._undecided[0][0] <= number - self.settings.depth + 1:
+            before, off = self._undecided.pop(0)
             if self.chances(before)['nothing'] > 0.5:
-                out = self.confidence.add(off, self._fastest @ self.bank.rate_weights()) or out
-        self.take_confidence()
+                out = self.consistency.add(off, self._fastest @ self.rate_weights) or out
+        self._take_consistency()
         return out
 
-    def take_confidence(self):
-        """Drifts are as fast as `confidence` has it."""
-        self.bank.walks = self._walks * self.confidence.walk**2
+    def _take_consistency(self):
+        """Drifts are as fast as `consistency` has it."""
+        self.filter.rates = self._rates * self.consistency.walk**2
 
     def _move(self, far):
         """The model that terms are counted from goes by `far`, shape (n,)."""
-        plain, k = self.plain, len(self._names)
-        terms = {name: value + float(off) for (name, value), off in zip(plain.terms.items(), far)}
-        self.plain = PointingModel(terms, plain.covariance, plain.harmonics, plain.provenance,
-                                   plain.geometry, plain.effects, plain.mount)
+        before = self.plain.terms
+        self.plain = replace(self.plain, terms={
+            name: value + float(off) for (name, value), off in zip(before.items(), far)})
         moved = np.zeros(len(far))
-        moved[:k] = [self.plain.terms[name] - value for name, value in plain.terms.items()]
-        self.bank.shift(moved)
+        moved[:len(before)] = [self.plain.terms[name] - value for name, value in before.items()]
+        self.filter.shift(moved)
+
+    # --- what is kept -------------------------------------------------------------------------
 
     def state(self):
         """All that it is, as a JSON text; `of_state` gives it back to the bit."""
-        return kept.to_json(self)
+        return json.dumps({
+            'format': FORMAT, 'version': VERSION, 'model': json.loads(model_to_json(self.plain)),
+            'witnesses': self.sensors, 'settings': asdict(self.settings),
+            'given_weights': self._given_weights, 'stamp': self.stamp, 'star': self._last_star,
+            'reference': self.reference, 'confidence': self.consistency.state(),
+            'waiting': self._undecided, 'said': self._said,
+            'notes': [asdict(note) for note in self.notes], 'bank': self.filter.state()})
 
     @classmethod
     def of_state(cls, text, mount=None):
@@ -451,6 +453,89 @@ class Tracker:
         Raises
         ------
         ValueError
-            It is no such state, of a later version, or of another mount.
+            It is no such state, of a later version, damaged, or of another mount.
         """
-        return kept.of_json(text, cls, mount)
+        try:
+            kept = json.loads(text)
+        except ValueError as error:
+            raise ValueError(f'state of a tracking filter is not JSON: {error}') from None
+        if not isinstance(kept, dict) or kept.get('format') != FORMAT:
+            raise ValueError(f'not the state of a tracking filter: no format {FORMAT!r}')
+        if kept.get('version') != VERSION:
+            raise ValueError(f'state of a tracking filter of version {kept.get("version")!r}, '
+                             f'this program reads {VERSION}; begin anew')
+        try:
+            out = cls(from_document(kept['model']), kept['stamp'], mount=mount,
+                      sensors=kept['witnesses'], settings=TrackingSettings(**kept['settings']),
+                      rate_weights=kept['given_weights'])
+            out.filter.restore(kept['bank'])
+            out._last_star, out.reference = kept['star'], kept['reference']
+            out.consistency = FilterConsistency.of_state(kept['confidence'])
+            out._undecided = [tuple(pair) for pair in kept['waiting']]
+            out._said = [tuple(pair) for pair in kept['said']]
+            out.notes = [Finding(**note) for note in kept['notes']]
+        except (KeyError, TypeError) as error:
+            raise ValueError(f'state of a tracking filter is damaged: {error}') from None
+        out._take_consistency()
+        return out
+
+
+def model_of_fit(fit):
+    """The model of a batch fit, with what its stars did not determine as unknown.
+
+    Parameters
+    ----------
+    fit : FitResult
+        Directions that it dropped are not in its covariance; here they are, within `BROAD`.
+
+    Returns
+    -------
+    PointingModel
+    """
+    model, names = fit.model, list(fit.model.terms)
+    covariance = np.array(model.covariance)
+    for dropped in fit.dropped:
+        way = np.zeros(len(names))
+        for name, value in dropped['direction'].items():
+            if name in names:
+                way[names.index(name)] = value
+        covariance += BROAD**2 * np.outer(way, way)
+    return PointingModel(model.terms, covariance, model.harmonics, model.provenance,
+                         model.geometry, model.effects, model.mount)
+
+
+def _complete(model):
+    """Terms with the zeros of both axes, their covariance, and what had to be widened.
+
+    Returns
+    -------
+    terms : dict of str to float
+        rad.
+    covariance : ndarray, shape (k, k)
+        rad^2.
+    notes : list of Finding
+
+    Raises
+    ------
+    ValueError
+        The covariance is not symmetric, or negative in a direction.
+    """
+    terms, covariance, notes = dict(model.terms), np.array(model.covariance), []
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T)) if terms else np.zeros(0)
+    if terms and values.min() < -1e-9 * max(values.max(), 0.0) or not np.allclose(
+            covariance, covariance.T, rtol=1e-6, atol=1e-9 * np.max(size**2, initial=0.0)):
+        raise ValueError('tracking: the covariance of the model is none (not symmetric, or '
+                         'negative in a direction); fit it again')
+    if terms and values.min() <= 1e-9 * values.max():
+        covariance = covariance + _FLOOR**2 * np.eye(len(terms))
+        notes.append(Finding('singular covariance', _FLOOR / ARCSEC))
+    missing = [name for name in model.mount.names.index if name not in terms]
+    if missing:
+        k = len(terms)
+        whole = np.diag(np.full(k + len(missing), BROAD**2))
+        whole[:k, :k] = covariance
+        covariance = whole
+        terms |= dict.fromkeys(missing, 0.0)
+        notes.append(Finding('missing zeros', BROAD / ARCSEC, causes=tuple(missing)))
+    return terms, covariance, notes

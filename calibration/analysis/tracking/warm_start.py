@@ -1,22 +1,29 @@
 """A night that begins: the past, and three to five stars.
 
+A model of `telescope-mount season` has in its provenance what the terms have been from night to
+night and how fast they wander within one (`history`). With these a tracked night begins, and from
+then on a `Tracker` follows.
+
 Four things may have happened since the last run: nothing, the zeros moved (an encoder that was
 switched on), the lean too (a mount that was carried or set up anew), or more than that (a mirror
 was taken out). Each is a distribution of tonight's terms; the stars say which, and what follows is
 the mean of them, each as likely as it is. A wrong star among them is weighed too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
+from pointing_model.terms import design
 
+from ...estimation.gaussian_sum import GaussianSum
+from ..finding import Finding
 from .history import past_of_runs, rows_of
-from .hypotheses import Hypotheses
 
-AS_IT_WAS, ZEROS, LEAN, REFIT = STORIES = (
+AS_IT_WAS, ZEROS, LEAN, REFIT = HYPOTHESES = (
     'all as it was', 'only the zeros moved', 'the lean too', 'more than that')
 #: how likely each is before any star
 CHANCES = (0.4, 0.3, 0.15, 0.15)
@@ -24,12 +31,14 @@ CHANCES = (0.4, 0.3, 0.15, 0.15)
 FARTHER = ((1.0, 0.7), (3.0, 0.3))
 #: 1 sigma of what is as it was: zeros, lean, others, rad
 _STILL = (1.0 * ARCSEC, 0.5 * ARCSEC, 0.2 * ARCSEC)
-#: stars of a run by which a set of terms is judged on earlier runs
+#: stars that a night begins with, and by which a set of terms is compared on earlier runs
 STARS = 5
+#: columns are first order about the terms: offsets are taken again about where they went
+_ROUNDS = 2
 
 
 @dataclass(frozen=True)
-class Begun:
+class NightStart:
     """What the first stars of a night say.
 
     Attributes
@@ -39,7 +48,7 @@ class Begun:
     covariance : ndarray, shape (k, k)
         rad^2.
     chances : dict of str to float
-        Of each of `STORIES`.
+        Of each of `HYPOTHESES`.
     """
 
     terms: dict
@@ -47,8 +56,8 @@ class Begun:
     chances: dict
 
     @property
-    def story(self):
-        """The likeliest."""
+    def likeliest(self):
+        """Of `HYPOTHESES`."""
         return max(self.chances, key=self.chances.get)
 
 
@@ -70,14 +79,14 @@ def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
     wrong, wrong_sigma : float
         Part of wrong stars and what they miss by, rad.
     chances : sequence of float, length 4
-        Of `STORIES`.
+        Of `HYPOTHESES`.
     sizes : (float, float), optional
         1 sigma by which zeros and lean move when they do, rad; by default as they have scattered
         from run to run, 20 and 5 arcsec at least.
 
     Returns
     -------
-    Begun
+    NightStart
     """
     names = past.names
     scatter = np.sqrt(np.diag(past.covariance))
@@ -95,17 +104,93 @@ def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
     moved = as_it_was + np.diag(zeros**2)
     wide = [past.covariance * scale**2 + np.diag(still**2) for scale, _ in FARTHER]
     shares = [*chances[:3], *(chances[3] * share for _, share in FARTHER)]
-    bank = Hypotheses(
+    start = GaussianSum(
         [past.last] * 3 + [past.mean] * len(wide),
         [as_it_was, moved, moved + np.diag(leans**2), *wide],
-        np.zeros((len(shares), len(names), len(names))), shares, wrong=wrong,
-        wrong_sigma=wrong_sigma, depth=len(offsets) + 1, most=64)
+        np.zeros((len(shares), len(names), len(names))), shares, outliers=wrong,
+        outlier_sigma=wrong_sigma, depth=len(offsets) + 1, most=64)
     for column, offset in zip(columns, offsets):
-        bank.observe(column, offset, np.full(2, noise or past.noise))
-    mean, covariance = bank.estimate()
-    weights = bank.rate_weights()
-    return Begun(dict(zip(names, mean.tolist())), covariance,
-                 dict(zip(STORIES, (*weights[:3].tolist(), float(weights[3:].sum())))))
+        start.observe(column, offset, np.full(2, noise or past.noise))
+    mean, covariance = start.estimate()
+    weights = start.rate_weights()
+    return NightStart(dict(zip(names, mean.tolist())), covariance,
+                 dict(zip(HYPOTHESES, (*weights[:3].tolist(), float(weights[3:].sum())))))
+
+
+class WarmStart:
+    """The model after each of the first stars.
+
+    Parameters
+    ----------
+    model : PointingModel
+        With the terms of `past`.
+    past : Past
+
+    Attributes
+    ----------
+    start : NightStart or None
+        By the stars so far.
+    """
+
+    def __init__(self, model, past):
+        self._model, self.start = model, None
+        # deviations from the last night
+        self._past = replace(past, mean=past.mean - past.last, last=np.zeros(len(past.last)))
+        self._last = past.last
+        self._columns, self._stars = [], []
+
+    @property
+    def stars(self):
+        """How many were taken."""
+        return len(self._stars)
+
+    @property
+    def over(self):
+        """Whether a `Tracker` goes on from here."""
+        return self.stars >= STARS
+
+    def take(self, az, el, x, y, context=None):
+        """Take a star; what they all say by now, `NightStart`.
+
+        Parameters
+        ----------
+        az, el, x, y, context
+            As of `Tracker.star`.
+        """
+        self._columns.append(np.stack(design(self._past.names, np.atleast_1d(az),
+                                             np.atleast_1d(el), self._model.mount), axis=1)[0])
+        self._stars.append((az, el, np.array([x, y]), context))
+        columns, off = np.array(self._columns), np.zeros(len(self._last))
+        for _ in range(_ROUNDS):
+            base = self._with(self._last + off, self._past.covariance)
+            offsets = np.array([
+                offset - base.offsets(own_az, own_el, own)
+                for own_az, own_el, offset, own in self._stars]) + columns @ off
+            self.start = begin(self._past, columns, offsets, mount=self._model.mount)
+            off = np.array(list(self.start.terms.values()))
+        return self.start
+
+    def model(self):
+        """The `PointingModel` by now."""
+        off = np.array(list(self.start.terms.values()))
+        return self._with(self._last + off, self.start.covariance)
+
+    def _with(self, terms, covariance):
+        plain = self._model
+        return PointingModel(
+            dict(zip(self._past.names, map(float, terms))), covariance, plain.harmonics,
+            plain.provenance, plain.geometry, plain.effects, plain.mount)
+
+    def document(self):
+        """How likely each of `HYPOTHESES` is, JSON-ready."""
+        return {'stars': self.stars, 'of': STARS,
+                'chances': self.start.chances if self.start else None}
+
+    def finding(self):
+        """What has happened since the nights before."""
+        start = self.start
+        return Finding('night start', start.chances[start.likeliest], unit='',
+                       causes=(start.likeliest,), evidence={'stars': self.stars})
 
 
 def choose(covariance, columns, everywhere, count, noise):
@@ -141,7 +226,7 @@ def choose(covariance, columns, everywhere, count, noise):
     return chosen
 
 
-def judged(runs, names, everywhere, *, memory=np.inf, first=4):
+def prediction_errors(runs, names, everywhere, *, memory=np.inf, first=4):
     """How well a few chosen stars of each run and the runs before it predict the rest of it.
 
     Parameters
@@ -175,7 +260,7 @@ def judged(runs, names, everywhere, *, memory=np.inf, first=4):
 
 
 def menus(mount):
-    """Sets of terms to choose from by `judged`, the smallest first.
+    """Sets of terms to choose from by `prediction_errors`, the smallest first.
 
     Parameters
     ----------

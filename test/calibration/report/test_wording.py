@@ -7,7 +7,7 @@ from places import ROOT
 from calibration.report.wording import KINDS
 
 #: sentences still made in `calibration.estimation` and `calibration.analysis`; never more
-SENTENCES = 122
+SENTENCES = 102
 JUDGED = [path for part in ('estimation', 'analysis')
           for path in sorted((ROOT / 'calibration' / part).rglob('*.py'))]
 _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
@@ -42,6 +42,7 @@ def test_no_more_sentences_are_made_where_rows_are_judged():
 def test_each_kind_of_finding_has_one_sentence_and_each_sentence_a_finding():
     nodes = [node for path in JUDGED for node in ast.walk(ast.parse(path.read_text()))]
     kinds = {node.args[0].value for node in nodes if isinstance(node, ast.Call) and getattr(
-        node.func, 'id', '') == 'Finding' and isinstance(node.args[0], ast.Constant)}
+        node.func, 'id', '') == 'Finding' and node.args and isinstance(
+            node.args[0], ast.Constant)}
     texts = {node.value for node in nodes if isinstance(node, ast.Constant)}
     assert kinds <= set(KINDS) <= texts

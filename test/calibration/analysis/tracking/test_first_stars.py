@@ -8,11 +8,12 @@ import pytest
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import nights_of
-from calibration.analysis.tracking.first_stars import PAST, RATES, weights_of
+from calibration.analysis.tracking.history import PAST, RATES, rate_weights_of
 from calibration.analysis.tracking.tracked_night import TrackedNight
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import AS_IT_WAS, LEAN, ZEROS
 from calibration.calibration_state import CalibrationState
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
@@ -64,7 +65,7 @@ def test_the_first_stars_say_what_has_happened_and_beat_a_fit_of_them(foretold, 
     first = np.array([3, 12, 20, 33, 50])
     rest = np.setdiff1d(np.arange(60), first)
     session, tracking = tracked(foretold, rows.select(first))
-    told = tracking.document()
+    told = worded(tracking.night.document())
     chances = told['opening']['chances']
     assert max(chances, key=chances.get) == story and chances[story] > 0.6
     event, = told['events']
@@ -85,7 +86,7 @@ def test_nothing_moved_is_a_good_answer_too(foretold):
     last = json.loads(foretold.to_json())['provenance'][PAST]['last']
     off = {name: value / ARCSEC - TERMS[name] / ARCSEC for name, value in zip(PHYSICAL, last)}
     _, tracking = tracked(foretold, night(10, off, 3, drift=0.2).select(np.arange(0, 30, 6)))
-    chances = tracking.document()['opening']['chances']
+    chances = worded(tracking.night.document())['opening']['chances']
     assert max(chances, key=chances.get) == AS_IT_WAS
 
 
@@ -116,21 +117,21 @@ def test_the_track_of_a_whole_run_can_be_seen_in_hindsight(foretold):
     whole.keep()
     for i in range(len(rows)):
         whole.take(rows.select([i]))
-    back = whole.hindsight()
+    back = whole.smoothed()
     assert len(back.stamps) == len(rows) - 5
 
 
 def test_rates_of_the_nights_are_where_the_filter_begins(foretold):
     facts = Tracker(foretold, 0).facts
-    weights = weights_of(foretold.provenance[RATES], facts)
+    weights = rate_weights_of(foretold.provenance[RATES], facts)
     zeros = np.array([fact['zero'] for fact in facts]) / ARCSEC
     assert weights.sum() == pytest.approx(1.0)
     # 2 arcsec in the root of an hour were simulated
     assert 1.0 < np.exp(weights @ np.log(zeros)) < 4.0
-    both = Tracker(foretold, 0, witnesses=['difference']).facts
-    assert weights_of(foretold.provenance[RATES], both).sum() == pytest.approx(1.0)
-    assert weights_of(None, facts) is None
-    assert weights_of([{'zero_arcsec': 1e3, 'lean_arcsec': 1.0, 'chance': 1.0}], facts) is None
+    both = Tracker(foretold, 0, sensors=['difference']).facts
+    assert rate_weights_of(foretold.provenance[RATES], both).sum() == pytest.approx(1.0)
+    assert rate_weights_of(None, facts) is None
+    assert rate_weights_of([{'zero_arcsec': 1e3, 'lean_arcsec': 1.0, 'chance': 1.0}], facts) is None
 
 
 @pytest.mark.parametrize('damage', [

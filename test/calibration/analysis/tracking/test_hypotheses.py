@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.tracking.hypotheses import Hypotheses, TermJump
-from calibration.analysis.tracking.measurements import Seen
+from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.motion_causes import TrackingSettings
-from calibration.analysis.tracking.smoother import hindsight
+from calibration.analysis.tracking.smoother import smooth
 from calibration.analysis.tracking.tracker import Tracker
 from calibration.analysis.tracking.warm_start import choose
+from calibration.estimation.gaussian_sum import GaussianSum, PossibleJump
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.terms import design
@@ -48,12 +48,12 @@ def dense(hours, columns, values, first, walk, decay, noise):
 
 
 @pytest.mark.parametrize('memory', [(np.inf,) * N, (0.5, np.inf, 2.0)])
-def test_without_stories_it_is_the_posterior_of_all_observations_at_once(memory):
+def test_without_changes_it_is_the_posterior_of_all_observations_at_once(memory):
     rng = np.random.default_rng(1)
     hours, columns, values = observations(rng)
     root = rng.normal(size=(N, N))
     walk, first = root @ root.T, np.diag([1.0, 2.0, 3.0])
-    bank = Hypotheses(np.zeros(N), first, [walk], memory_h=memory, wrong=1e-12)
+    bank = GaussianSum(np.zeros(N), first, [walk], memory_h=memory, outliers=1e-12)
     for hour, column, value in zip(hours, columns, values):
         bank.wait(hour)
         bank.observe(column, value, [0.7, 0.7])
@@ -62,19 +62,20 @@ def test_without_stories_it_is_the_posterior_of_all_observations_at_once(memory)
     np.testing.assert_allclose(bank.estimate()[1], covariance, rtol=1e-5, atol=1e-9)
 
 
-def test_joined_stories_have_the_mean_and_covariance_that_they_had():
+def test_joined_histories_have_the_mean_and_covariance_that_they_had():
     rng = np.random.default_rng(2)
     hours, columns, values = observations(rng, 2)
-    jumps = [TermJump('first', np.eye(N)[0], 5.0, 0.5), TermJump('second', np.eye(N)[1], 5.0, 0.5)]
-    banks = [Hypotheses(np.zeros(N), np.eye(N), [0.1 * np.eye(N), np.eye(N)], jumps=jumps,
-                        wrong=0.2,
-                  wrong_sigma=4.0, depth=depth, most=999) for depth in (1, 99)]
+    jumps = [PossibleJump('first', np.eye(N)[0], 5.0, 0.5),
+             PossibleJump('second', np.eye(N)[1], 5.0, 0.5)]
+    banks = [GaussianSum(np.zeros(N), np.eye(N), [0.1 * np.eye(N), np.eye(N)], jumps=jumps,
+                        outliers=0.2,
+                         outlier_sigma=4.0, depth=depth, most=999) for depth in (1, 99)]
     for hour, column, value in zip(hours, columns, 3.0 * values):
         for bank in banks:
             bank.wait(hour)
             bank.observe(column, value, [0.5, 0.5])
     short, long = banks
-    assert 1 < len(short.stories) < len(long.stories)
+    assert 1 < len(short.histories) < len(long.histories)
     for mine, other in zip(short.estimate(), long.estimate()):
         np.testing.assert_allclose(mine, other, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(short.chance(1), long.chance(1), rtol=1e-10)
@@ -82,9 +83,9 @@ def test_joined_stories_have_the_mean_and_covariance_that_they_had():
 
 def test_rates_are_others_after_a_while():
     prior = np.array([0.7, 0.3])
-    bank = Hypotheses(np.zeros(N), np.eye(N), [1e-4 * np.eye(N), 10.0 * np.eye(N)], prior,
+    bank = GaussianSum(np.zeros(N), np.eye(N), [1e-4 * np.eye(N), 10.0 * np.eye(N)], prior,
                       turn_h=5.0,
-                wrong_sigma=1e3)
+                      outlier_sigma=1e3)
     for _ in range(10):
         bank.wait(0.2)
         bank.observe(np.eye(N)[:2], [0.0, 0.0], [0.01, 0.01])
@@ -93,7 +94,7 @@ def test_rates_are_others_after_a_while():
     np.testing.assert_allclose(bank.rate_weights(), prior, rtol=1e-3)
 
 
-def test_hindsight_is_the_posterior_of_the_whole_night():
+def test_a_smoothed_night_is_the_posterior_of_the_whole_night():
     rng = np.random.default_rng(3)
     names = ('IA', 'IE', 'AN', 'AW')
     first = np.diag([4.0, 3.0, 2.0, 1.0]) * ARCSEC**2
@@ -103,7 +104,7 @@ def test_hindsight_is_the_posterior_of_the_whole_night():
     hours, az, el = rng.uniform(0.1, 0.5, (3, 10))
     values = rng.normal(size=(10, 2)) * 4.0 * ARCSEC
     stamps = np.rint(np.cumsum(hours) * HOUR).astype(np.int64)
-    back = hindsight(tracker, [Seen('star', int(t), (a, e, *v, ARCSEC))
+    back = smooth(tracker, [Measurement('star', int(t), (a, e, *v, ARCSEC))
                                for t, a, e, v in zip(stamps, az, el, values)])
     means, variance, _ = dense(
         np.diff(stamps, prepend=0) / HOUR, np.stack(design(names, az, el), axis=1), values, first,
@@ -129,9 +130,9 @@ def test_terms_that_are_far_are_found_and_go_home_to_the_evening():
         assert found[name] == pytest.approx(value, abs=1.5 * ARCSEC)
     assert tracker.power_on(20 * HOUR, sigma=1e-12).taken
     assert tracker.terms()[0]['IA'] == pytest.approx(100.0 * ARCSEC, abs=0.1 * ARCSEC)
-    tracker.confidence.noise = 3.0
-    heard = tracker.star(20 * HOUR + 1, 1.0, 1.0, 0.0, 0.0, 1000.0 * ARCSEC)
-    assert heard.covariance[1, 1] > (2999.0 * ARCSEC) ** 2
+    tracker.consistency.noise = 3.0
+    update = tracker.star(20 * HOUR + 1, 1.0, 1.0, 0.0, 0.0, 1000.0 * ARCSEC)
+    assert update.covariance[1, 1] > (2999.0 * ARCSEC) ** 2
 
 
 def test_a_star_is_chosen_once_even_if_it_is_the_only_one_that_tells():

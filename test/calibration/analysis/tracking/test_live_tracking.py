@@ -7,6 +7,8 @@ from drifting_rows import MOUNT, START, rows
 from calibration.analysis.tracking.live_tracking import LiveTracking
 from calibration.analysis.tracking.tracked_night import KEY, TrackedNight, difference_of
 from calibration.calibration_state import CalibrationState
+from calibration.report.track_wording import problems
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -53,7 +55,7 @@ def test_a_night_is_tracked_from_an_earlier_model_and_goes_on_to_the_bit():
 
 def test_it_begins_anew_from_a_fit():
     state = CalibrationState(mode='track')
-    assert 'begins with a model' in state.tracking.problems()[0]
+    assert 'begins with a model' in problems(state.tracking)[0]
     feed(state, rows(24, second=0.0))
     state.fit()
     assert state.tracking.night.stars == 0
@@ -65,7 +67,7 @@ def test_it_begins_anew_from_a_fit():
     called = []
     for i in range(3):
         feed(state, lost.select([i]))
-        called += [text for one in state.tracking.night.heard for text in one.called]
+        called += [text for one in state.tracking.night.updates for text in worded(one.events)]
     assert len(called) == 1 and called[0].startswith('incremental encoder')
     assert off(*pair(state))[0] == pytest.approx(80.0, abs=4.0)
 
@@ -101,12 +103,12 @@ def test_a_pier_that_leans_is_told_from_a_tube_by_the_inclinometer():
         return run
     feed(state, leaning(24, 21, 0.0))
     state.fit()
-    assert state.tracking.night._tracker.witnesses == ('inclinometer',)
+    assert state.tracking.night._tracker.sensors == ('inclinometer',)
     before = pair(state)[0].terms['AN'] / ARCSEC
     called, later = [], leaning(5, 22, 25.0, begin=24)
     for i in range(5):
         feed(state, later.select([i]))
-        called += [text for one in state.tracking.night.heard for text in one.called]
+        called += [text for one in state.tracking.night.updates for text in worded(one.events)]
     assert any(text.startswith('pier, north or south') for text in called)
     model = pair(state)[0]
     assert model.terms['AN'] / ARCSEC - before == pytest.approx(25.0, abs=4.0)

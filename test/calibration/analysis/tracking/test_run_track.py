@@ -9,6 +9,7 @@ from drifting_rows import MOUNT, rows
 
 from calibration.analysis.tracking.run_track import track_run
 from calibration.report.track_page import render
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
 
@@ -26,10 +27,10 @@ def test_a_mount_that_drifts_and_slips_is_followed():
     missed = tracked.summary()['missed_rms_arcsec']
     assert missed['tracked'] < 0.3 * missed['model of the evening']
     assert missed['tracked, middle'] < 5.0 and missed['expected'] < 12.0
-    assert [(event['star'], 'azimuth' in event['what']) for event in tracked.hindsight.events] == [
+    assert [(event['star'], 'azimuth' in event['what']) for event in tracked.smoothed.events] == [
         (30, True)]
     # in hindsight it is known better than it was live, and right
-    back = tracked.hindsight
+    back = tracked.smoothed
     ia = back.terms[:, back.names.index('IA')] / ARCSEC
     truth = 310.0 + np.arange(15, 60) + 60.0 * (np.arange(15, 60) >= 45)
     sigma = back.sigma[:, back.names.index('IA')] / ARCSEC
@@ -49,7 +50,7 @@ def test_its_page_is_whole():
     page = render(tracked)
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
     assert '://' not in page and 'jumped before star 30' in page
-    assert json.loads(json.dumps(tracked.summary()))['fitted_rows'] == 15
+    assert json.loads(json.dumps(worded(tracked.summary())))['fitted_rows'] == 15
 
 
 def test_what_it_cannot_follow():

@@ -2,12 +2,11 @@ import numpy as np
 import pytest
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.tracking.filter_start import model_of_fit
 from calibration.analysis.tracking.history import past_of_runs, rates_of_nights, rows_of
-from calibration.analysis.tracking.measurements import Seen
+from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.motion_causes import TrackingSettings
-from calibration.analysis.tracking.smoother import hindsight
-from calibration.analysis.tracking.tracker import Tracker
+from calibration.analysis.tracking.smoother import smooth
+from calibration.analysis.tracking.tracker import Tracker, model_of_fit
 from calibration.analysis.tracking.warm_start import (
     AS_IT_WAS,
     LEAN,
@@ -15,8 +14,8 @@ from calibration.analysis.tracking.warm_start import (
     ZEROS,
     begin,
     choose,
-    judged,
     menus,
+    prediction_errors,
 )
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
@@ -94,7 +93,7 @@ def test_five_stars_say_what_has_happened_even_with_a_wrong_one(past, story, mov
     for bad in (0.0, 500.0):
         off[4] += bad * ARCSEC
         begun = begin(found, chosen, off)
-        assert begun.story == story or bad and story == REFIT
+        assert begun.likeliest == story or bad and story == REFIT
         error = np.abs(np.array(list(begun.terms.values())) - true)
         if not bad:
             assert (error < 4.0 * np.sqrt(np.diag(begun.covariance)) + 0.2 * ARCSEC).all()
@@ -116,7 +115,7 @@ def test_chosen_stars_tell_more_than_others(past):
 
 def test_five_stars_and_the_past_predict_the_rest_of_each_run(past):
     places = columns(*sky(np.random.default_rng(4), 60))
-    left = judged(past[2], NAMES, places, first=6)
+    left = prediction_errors(past[2], NAMES, places, first=6)
     assert [int(np.isnan(off[:, 0]).sum()) for off in left] == [5] * 6
     rms = np.sqrt(np.mean([np.nanmean(off**2) for off in left]))
     assert ARCSEC < rms < 1.6 * ARCSEC
@@ -170,21 +169,21 @@ def test_hindsight_is_nearer_than_the_live_model_and_knows_the_jump():
     rows, true = wandering(rng, 3.0, jump=20)
     x, y = rows.offsets()
     x[10] += 150.0 * ARCSEC
-    night = [Seen('star', int(t * 1e9), (a, e, u, v, ARCSEC)) for t, a, e, u, v in zip(
+    night = [Measurement('star', int(t * 1e9), (a, e, u, v, ARCSEC)) for t, a, e, u, v in zip(
         rows['time'], rows['az'], rows['el'], x, y)]
-    tracker = Tracker(MODEL, 0, settings=SETTINGS, witnesses=['difference'])
+    tracker = Tracker(MODEL, 0, settings=SETTINGS, sensors=['difference'])
     # the incremental encoder does all of it
     night = [one for k, star in enumerate(night) for one in (
-        Seen('difference', star.stamp, (0, -true[k, 0] + 9.0, 0.3 * ARCSEC)), star)]
-    night.insert(7, Seen('star', 5, (1.0, 1.0, 0.0, 0.0, ARCSEC)))  # late: not taken
+        Measurement('difference', star.stamp, (0, -true[k, 0] + 9.0, 0.3 * ARCSEC)), star)]
+    night.insert(7, Measurement('star', 5, (1.0, 1.0, 0.0, 0.0, ARCSEC)))  # late: not taken
     before = tracker.state()
-    back = hindsight(tracker, night)
+    back = smooth(tracker, night)
     assert tracker.state() == before
     assert [(e['star'], e['what']) for e in back.events] == [
         (10, 'wrong star'), (20, 'incremental encoder, azimuth')]
     live = []
-    for seen in night:
-        if tracker.take(seen).taken and seen.what == 'star':
+    for one in night:
+        if tracker.update(one).taken and one.what == 'star':
             live.append(list(tracker.terms()[0].values()))
     assert back.terms.shape == true.shape == np.shape(live)
     both = [np.sqrt(np.mean((terms - true)[:, 1] ** 2)) for terms in (back.terms, live)]
@@ -200,10 +199,10 @@ def test_after_a_power_on_and_a_gap_hindsight_joins_nothing():
     late = np.arange(30) >= 15
     x = x + np.where(late, 90.0 * ARCSEC, 0.0) * np.cos(rows['el'])
     y = y + np.where(late, 25.0 * ARCSEC, 0.0)
-    night = [Seen('star', int((t + 8 * 3600 * o) * 1e9), (a, e, u, v, ARCSEC))
+    night = [Measurement('star', int((t + 8 * 3600 * o) * 1e9), (a, e, u, v, ARCSEC))
              for t, a, e, u, v, o in zip(rows['time'], rows['az'], rows['el'], x, y, late)]
-    night.insert(15, Seen('power_on', night[14].stamp + MINUTE, ((0,), 100.0 * ARCSEC)))
-    back = hindsight(Tracker(MODEL, 0, settings=SETTINGS), night)
+    night.insert(15, Measurement('power_on', night[14].stamp + MINUTE, ((0,), 100.0 * ARCSEC)))
+    back = smooth(Tracker(MODEL, 0, settings=SETTINGS), night)
     zeros = back.terms[:, :2] / ARCSEC
     assert back.events == []
     np.testing.assert_allclose(zeros[15] - zeros[14], [90.0, 25.0], atol=3.0)
@@ -213,8 +212,8 @@ def test_the_next_star_is_worth_its_time():
     tracker, rng = Tracker(MODEL, 0, settings=SETTINGS), np.random.default_rng(9)
     az, el = sky(rng, 100)
     places, here = sky(rng, 40), (1.0, 0.8)
-    heard = tracker.star(MINUTE, 1.0, 0.8, 0.0, 0.0, ARCSEC)
-    assert heard.taken
+    update = tracker.star(MINUTE, 1.0, 0.8, 0.0, 0.0, ARCSEC)
+    assert update.taken
     left = until(tracker, places, 2.0 * ARCSEC)
     assert 60.0 < left < 7200.0
     assert error_over(tracker, places, left) == pytest.approx(2.0 * ARCSEC, rel=0.01)

@@ -3,9 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.tracking.filter_confidence import HONEST, OVER, UNDER, Confidence
+from calibration.analysis.tracking.innovations import HONEST, OVER, UNDER, FilterConsistency
 from calibration.analysis.tracking.motion_causes import TrackingSettings, lean_of_base
 from calibration.analysis.tracking.tracker import Tracker
+from calibration.report.wording import worded, wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
@@ -66,7 +67,7 @@ def test_a_jump_is_called_by_its_second_star_and_a_wrong_star_is_none():
     for k in range(24):
         sky.added = {'IE': 25.0} if k >= 16 else {}
         heard = sky.tell(tracker, 10 * k * MINUTE, off=(60.0, -90.0) if k == 8 else (0.0, 0.0))
-        said |= {k: heard.called} if heard.called else {}
+        said |= {k: worded(heard.events)} if heard.events else {}
         if k == 8:
             assert heard.chances['wrong star'] > 0.9
     assert list(said) == [8, 17]
@@ -79,28 +80,28 @@ def test_a_jump_is_called_by_its_second_star_and_a_wrong_star_is_none():
     ('incremental encoder', 20.0, -20.0), ('absolute encoder', 0.0, 20.0),
     ('tube or sky', 20.0, 0.0)])
 def test_the_encoders_tell_who_jumped(who, zero, difference):
-    sky, tracker = Sky(3), Tracker(model(), 0, witnesses=['difference'])
+    sky, tracker = Sky(3), Tracker(model(), 0, sensors=['difference'])
     called = []
     for k in range(16):
         sky.added = {'IA': zero} if k >= 10 else {}
         for axis in (0, 1):
             d = 1234.5 + sky.rng.normal() * 0.3 + (difference if k >= 10 and axis == 0 else 0.0)
-            called += tracker.difference(10 * k * MINUTE, axis, d * ARCSEC, 0.3 * ARCSEC).called
-        called += sky.tell(tracker, 10 * k * MINUTE).called
-    assert [sentence.split(' (')[0] for sentence in called] == [
+            called += tracker.difference(10 * k * MINUTE, axis, d * ARCSEC, 0.3 * ARCSEC).events
+        called += sky.tell(tracker, 10 * k * MINUTE).events
+    assert [sentence.split(' (')[0] for sentence in worded(called)] == [
         f'{who}, azimuth: jumped before star 10']
 
 
 def test_an_inclinometer_takes_the_lean_of_the_pier_before_a_star_does():
     ahead = []
-    for witnesses in ((), ('inclinometer',)):
+    for sensors in ((), ('inclinometer',)):
         sky = Sky(4)
-        tracker = Tracker(model(), 0, witnesses=witnesses)
+        tracker = Tracker(model(), 0, sensors=sensors)
         for k in range(12):
             sky.tell(tracker, 10 * k * MINUTE)
             tracker.inclinometer(10 * k * MINUTE, 5 * ARCSEC, -2 * ARCSEC, 0.2 * ARCSEC)
         heard = tracker.inclinometer(115 * MINUTE, 17 * ARCSEC, -2 * ARCSEC, 0.2 * ARCSEC)
-        assert heard.taken == bool(witnesses)
+        assert heard.taken == bool(sensors)
         ahead.append(tracker.terms()[0]['AN'] / ARCSEC - TERMS['AN'])
     assert abs(ahead[0]) < 2.0 and abs(ahead[1] - 12.0) < 2.0
 
@@ -126,10 +127,10 @@ def test_from_its_state_it_goes_on_to_the_bit():
             sky.added = {'IA': 70.0} if k >= 9 else {}  # far enough for the model to be moved
             tracker.difference(10 * k * MINUTE, k % 2, sky.rng.normal() * ARCSEC, ARCSEC)
             out.append(sky.tell(tracker, 10 * k * MINUTE, off=(200.0, 0.0) if k == 5 else (0, 0)))
-        return json.dumps([heard.document() for heard in out])
+        return json.dumps(worded([heard.document() for heard in out]))
 
     settings = TrackingSettings(memory_h={'TF': 3.0}, walks={'CA': 0.1 * ARCSEC})
-    whole, sky = Tracker(model(), 0, witnesses=['difference'], settings=settings), Sky(6)
+    whole, sky = Tracker(model(), 0, sensors=['difference'], settings=settings), Sky(6)
     told(whole, sky, 0, 11)
     again = Tracker.of_state(whole.state(), ALTAZ)
     assert again.state() == whole.state()
@@ -162,9 +163,9 @@ def test_what_cannot_be_is_refused_in_a_line_and_changes_nothing():
             (tracker.star(2 * HOUR, 1.0, 1.0, x, np.inf, sigma), 'not finite'),
             (tracker.star(2 * HOUR, 1.0, 1.0, x, x, 0.0), 'sigma'),
             (tracker.star(np.nan, 1.0, 1.0, x, x, sigma), 'stamp'),
-            (tracker.difference(2 * HOUR, 0, x, sigma), 'witnesses'),
+            (tracker.difference(2 * HOUR, 0, x, sigma), 'sensors'),
             (tracker.power_on(2 * HOUR, sigma=np.nan), 'sigma')):
-        assert not heard.taken and words in heard.why and '\n' not in heard.why
+        assert not heard.taken and words in wording(heard.why) and '\n' not in wording(heard.why)
     assert tracker.state() == before
 
 
@@ -175,7 +176,7 @@ def test_a_gap_of_hours_and_a_power_on_widen():
     before = float(tracker.expected(1.0, 1.0).radial[0])
     other = Tracker.of_state(tracker.state())
     heard = sky.tell(tracker, 9 * HOUR)
-    assert heard.taken and 'widened' in heard.why
+    assert heard.taken and 'widened' in wording(heard.why)
     assert np.sqrt(np.trace(heard.covariance)) > 15 * ARCSEC > 3 * before
     assert other.power_on(2 * HOUR, axes=[1]).taken
     covariance = other.expected(1.0, 1.0).covariance[0]
@@ -189,8 +190,8 @@ def test_models_that_are_none_are_refused_or_widened():
         Tracker(PointingModel(model().terms, bad * ARCSEC**2), 0)
     with pytest.raises(ValueError, match='another mount'):
         Tracker(model(), 0, mount=SOUTH)
-    with pytest.raises(ValueError, match='witness'):
-        Tracker(model(), 0, witnesses=['polaris'])
+    with pytest.raises(ValueError, match='sensor'):
+        Tracker(model(), 0, sensors=['polaris'])
     with pytest.raises(ValueError, match='wrong'):
         TrackingSettings(wrong=0.7)
     with pytest.raises(ValueError, match='positive'):
@@ -198,7 +199,7 @@ def test_models_that_are_none_are_refused_or_widened():
     with pytest.raises(ValueError, match='no term TX'):
         Tracker(PointingModel({'IA': 0.0}), 0, settings=TrackingSettings(walks={'TX': ARCSEC}))
     tracker = Tracker(PointingModel({'IE': 0.0, 'TF': 10 * ARCSEC}), 0)
-    assert 'singular' in tracker.notes[0] and 'IA' in tracker.notes[1]
+    assert 'singular' in wording(tracker.notes[0]) and 'IA' in wording(tracker.notes[1])
     assert tracker.expected(1.0, 1.0).radial[0] > 100 * ARCSEC
     for k in range(1, 8):
         Sky(k).tell(tracker, k * MINUTE)
@@ -210,35 +211,37 @@ def test_noise_that_is_larger_than_given_is_said_and_taken():
     said = []
     for k in range(40):
         heard = sky.tell(tracker, 10 * k * MINUTE, off=8.0 * sky.rng.normal(size=2))
-        said += [heard.confidence] if heard.confidence else []
-    assert said and said[0].startswith('over-confident') and tracker.confidence.noise > 1.3
+        said += [wording(heard.consistency)] if heard.consistency else []
+    assert said and said[0].startswith('over-confident') and tracker.consistency.noise > 1.3
 
 
 @pytest.mark.parametrize('size, verdict, side', [(0.4, UNDER, -1.0), (1.0, HONEST, 0.0),
                                                  (2.5, OVER, 1.0)])
 def test_the_verdict_stands_beside_the_ratio_it_rests_on(size, verdict, side):
-    rng, confidence = np.random.default_rng(3), Confidence()
-    said = list(filter(None, (confidence.add(size * rng.normal(size=2)) for _ in range(16))))
+    rng, confidence = np.random.default_rng(3), FilterConsistency()
+    said = worded([one for one in (confidence.add(size * rng.normal(size=2)) for _ in range(16))
+                   if one])
     assert confidence.verdict == verdict
     if side == 0.0:
-        assert said == [] and confidence.sentence() == 'honest'
+        assert said == [] and wording(confidence.finding()) == 'honest'
         return
     # above 1 where errors are larger than predicted, below where they are smaller
     count, ratio = confidence.tested
     assert count == 12 and side * np.log(ratio) > side * np.log(size) - 0.3 > 0.0
-    assert confidence.sentence() == (
+    assert wording(confidence.finding()) == (
         f'{verdict}: errors of 12 stars were {ratio:.2f} times the predicted ones (RMS)')
-    assert said[0].startswith(confidence.sentence())
-    assert Confidence.of_state(json.loads(json.dumps(
-        confidence.state()))).sentence() == confidence.sentence()
+    assert said[0].startswith(wording(confidence.finding()))
+    again = FilterConsistency.of_state(json.loads(json.dumps(confidence.state())))
+    assert again.finding() == confidence.finding()
 
 
 def test_a_filter_that_was_widened_too_far_is_not_called_over_confident():
-    rng, confidence = np.random.default_rng(5), Confidence()
+    rng, confidence = np.random.default_rng(5), FilterConsistency()
     for _ in range(12):
         confidence.add(4.0 * rng.normal(size=2))
     assert confidence.verdict == OVER and confidence.tested[1] > 1.0 and confidence.noise > 2.0
     (said,) = filter(None, (confidence.add(0.3 * rng.normal(size=2)) for _ in range(12)))
+    said = wording(said)
     assert confidence.noise > 1.0 and said.startswith('under-confident')
     assert confidence.verdict == UNDER and confidence.tested[1] < 1.0
 

@@ -1,0 +1,370 @@
+"""A Kalman filter of many hypotheses: how fast coefficients wander, what may have jumped and when.
+
+A Gaussian sum. Of each history (nothing happened, this jumped before that row, that row was an
+outlier) and of each rate at which the coefficients wander one Kalman filter, all of them at once,
+each with its weight by Bayes' rule. Nothing is decided that the rows do not decide; histories that
+differ in what is long ago are joined.
+
+Bar-Shalom, Li and Kirubarajan 2001, Estimation with applications to tracking and navigation,
+chapters 5 and 11.
+"""
+
+from copy import copy
+from typing import NamedTuple
+
+import numpy as np
+
+from .dynamics import ExponentialMemory, RandomWalk
+from .kalman import innovation_of, log_det_of, predict, update, whitening_of
+
+#: h, the shortest time that counts for the chance of a jump: stamps of one exposure may be alike
+_SHORTEST = 1e-3
+#: share of all from where a history goes on
+_LEAST = 1e-5
+#: of a weight that is nothing, so that it can be written as a number
+_NOTHING = -700.0
+#: cause of a change: the row itself is an outlier
+OUTLIER = -1
+
+
+class Change(NamedTuple):
+    """That something has happened: before star `number` (from 0) a jump, or it is an outlier."""
+
+    number: int
+    cause: int  # of the jumps, or `OUTLIER`
+
+
+class PossibleJump(NamedTuple):
+    """Coefficients that may jump together."""
+
+    name: str  # of what has moved
+    shape: np.ndarray  # (n,), of the coefficients, for a jump of 1
+    sigma: float  # of its size
+    per_hour: float  # how often
+
+    @property
+    def covariance(self):
+        """What is added to that of the coefficients, shape (n, n)."""
+        return self.sigma**2 * np.outer(self.shape, self.shape)
+
+
+class GaussianSum:
+    """Histories and rates, from one row to the next.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (n,) or (r, n)
+        Coefficients to begin with, of all rates or of each.
+    covariance : ndarray, shape (n, n) or (r, n, n)
+        Of them.
+    rates : ndarray, shape (r, n, n)
+        What an hour adds to the covariance, by each hypothesis.
+    weights : ndarray, shape (r,), optional
+        How likely each rate is; all alike by default.
+    jumps : sequence of PossibleJump
+    outliers : float
+        Part of the stars that are outliers.
+    outlier_sigma : float
+        Of what those miss by.
+    memory_h : ndarray, shape (n,), optional
+        In which a coefficient goes back to `mean` by a factor e; inf: never.
+    turn_h : float
+        After which a rate is another one, in the mean; inf: never.
+    most : int
+        Histories that are kept.
+    depth : int
+        Stars after which histories that differ only before are one.
+
+    Attributes
+    ----------
+    home : ndarray, shape (n,)
+        That coefficients go back to.
+    means, covariances : ndarray, shapes (b, r, n) and (b, r, n, n)
+        Of b histories.
+    histories : list of tuple of Change
+    count : int
+        Stars that were taken.
+    evidence : float
+        Log likelihood of all rows, but for a constant of each.
+    unseen : ndarray, shape (jumps,)
+        h since a row last could see each jump.
+    """
+
+    def __init__(self, mean, covariance, rates, weights=None, *, jumps=(), outliers=0.01,
+                 outlier_sigma=1e-3, memory_h=None, turn_h=np.inf, most=12, depth=4):
+        self.rates = np.array(rates, dtype=float)
+        count, n = self.rates.shape[:2]
+        mean = np.array(mean, dtype=float)
+        self.home = mean if mean.ndim == 1 else mean.mean(axis=0)
+        self.jumps = tuple(jumps)
+        self._outliers, self._outlier_sigma = outliers, outlier_sigma
+        self._most, self._depth, self._turn = most, depth, turn_h
+        self._memory = None if memory_h is None or np.isinf(memory_h).all() else memory_h
+        start = np.full(count, 1.0 / count) if weights is None else np.asarray(weights, float)
+        self.prior = start / start.sum()
+        self.means = np.array(np.broadcast_to(mean, (1, count, n)))
+        self.covariances = np.array(np.broadcast_to(covariance, (1, count, n, n)), dtype=float)
+        self.log_weights = _log(self.prior)[None, :]
+        self.histories = [()]
+        self.count, self.evidence = 0, 0.0
+        self.unseen = np.zeros(len(self.jumps))
+
+    def copy(self):
+        """Another one of the same state; what is observed by one the other does not know."""
+        out = copy(self)
+        out.unseen = self.unseen.copy()
+        return out
+
+    # --- what is known ------------------------------------------------------------------------
+
+    @property
+    def weights(self):
+        """Of each history and rate, shape (b, r)."""
+        return np.exp(self.log_weights)
+
+    def estimate(self):
+        """Mean and covariance of the coefficients, shapes (n,) and (n, n)."""
+        n = len(self.home)
+        return mixture(self.weights.reshape(-1), self.means.reshape(-1, n),
+                       self.covariances.reshape(-1, n, n))
+
+    def by_history(self):
+        """Weight, mean and covariance of each history: shapes (b,), (b, n) and (b, n, n)."""
+        weights = self.weights
+        total = weights.sum(axis=1)
+        return total, *mixture((weights / total[:, None]).T, self.means.swapaxes(0, 1),
+                               self.covariances.swapaxes(0, 1))
+
+    def rate_weights(self):
+        """How likely each rate is by now, shape (r,)."""
+        return self.weights.sum(axis=0)
+
+    def chance(self, number):
+        """How likely each jump before star `number` is, and that it was an outlier.
+
+        Returns
+        -------
+        ndarray, shape (jumps + 1,)
+            The last: an outlier.
+        """
+        out = np.zeros(len(self.jumps) + 1)
+        for history, weight in zip(self.histories, self.weights.sum(axis=1)):
+            for change in history:
+                if change.number == number:
+                    out[change.cause] += weight
+        return out
+
+    def dynamics(self, rates):
+        """Of coefficients beyond `home`, of one or several rates (..., n, n)."""
+        return (RandomWalk(rates) if self._memory is None
+                else ExponentialMemory(rates, self._memory))
+
+    def ahead(self, hours):
+        """How far the coefficients will be from what they are thought to be now.
+
+        Returns
+        -------
+        ndarray, shape (n, n)
+            Mean square, with what wanders unseen until then and without jumps.
+        """
+        mean, covariance = self.estimate()
+        away = (mean - self.home)[:, None]
+        rate = np.tensordot(self.rate_weights(), self.rates, 1)
+        later, covariance = predict(away, covariance, self.dynamics(rate).over(0.0, hours))
+        return covariance + (later - away) @ (later - away).T
+
+    def expected(self, columns, value, noise):
+        """What a row shows beyond what was expected.
+
+        Parameters
+        ----------
+        columns, value, noise
+            As of `observe`.
+
+        Returns
+        -------
+        innovation : ndarray, shape (m,)
+        spread : ndarray, shape (m, m)
+            Its covariance, if nothing has happened.
+        """
+        mean, covariance = self.estimate()
+        return innovation_of(mean, covariance, columns, value, np.diag(np.square(noise)))
+
+    # --- what happens -------------------------------------------------------------------------
+
+    def wait(self, hours):
+        """Time passes, in which coefficients wander."""
+        if hours <= 0.0:
+            return
+        away, self.covariances = predict((self.means - self.home)[..., None], self.covariances,
+                                         self.dynamics(self.rates).over(0.0, hours))
+        if self._memory is not None:
+            self.means = self.home + away[..., 0]
+        if np.isfinite(self._turn):
+            stays = np.exp(-hours / self._turn)
+            weights = self.weights
+            self.log_weights = _log(stays * weights + (1.0 - stays) * self.prior
+                                    * weights.sum(axis=1, keepdims=True))
+        self.unseen = self.unseen + hours
+
+    def widen(self, covariance):
+        """Something has happened that is known of; (n, n), what it may have done."""
+        self.covariances = self.covariances + covariance
+
+    def set(self, place, sigma):
+        """A coefficient becomes 0 with an error of its own: it is counted from now on."""
+        self.means[..., place] = 0.0
+        self.covariances[..., place, :] = 0.0
+        self.covariances[..., :, place] = 0.0
+        self.covariances[..., place, place] = sigma**2
+
+    def shift(self, by):
+        """Coefficients are counted from another place, shape (n,)."""
+        self.home = self.home - by
+        self.means = self.means - by
+
+    def observe(self, columns, value, noise, is_star=True):
+        """Take a row.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (m, n)
+            Of each of its values, for unit coefficients.
+        value : ndarray, shape (m,)
+        noise : ndarray, shape (m,)
+            1 sigma.
+        is_star : bool
+            Whether it may be an outlier, and counts.
+        """
+        row = (np.asarray(columns, float), np.asarray(value, float)[:, None],
+               np.diag(np.square(np.asarray(noise, float))))
+        groups = self._branches(row, is_star)
+        branches = [branch for group in groups.values() for branch in group]
+        parents, causes, log_weights = zip(*branches)
+        before, known = self.means[list(parents)], self.covariances[list(parents)]
+        for covariance, cause in zip(known, causes):
+            if cause is not None and cause != OUTLIER:
+                covariance += self.jumps[cause].covariance
+        new = update(before[..., None], known, *row)
+        teaches = np.array([cause != OUTLIER for cause in causes])[:, None, None]
+        means = np.where(teaches, new.mean[..., 0], before)
+        covariances = np.where(teaches[..., None], new.covariance, known)
+        ends = np.cumsum([0, *map(len, groups.values())])
+        joined = [_joined(np.array(log_weights[low:high]), means[low:high], covariances[low:high])
+                  for low, high in zip(ends[:-1], ends[1:])]
+        self.histories = list(groups)
+        log_weights, self.means, self.covariances = map(np.array, zip(*joined))
+        peak = log_weights.max()
+        total = peak + np.log(np.exp(log_weights - peak).sum())
+        self.log_weights = np.maximum(log_weights - total, _NOTHING)
+        self.count += is_star
+
+    def _branches(self, row, is_star):
+        """What may have happened just before a row.
+
+        Returns
+        -------
+        dict of tuple of Change to list of (int, int or None, ndarray)
+            History from now on -> of each branch that is it the number of the history before, the
+            cause (None: nothing) and the log weight (r,).
+        """
+        causes, priors, sides = self._causes(row[0], is_star)
+        innovation, spread = innovation_of(self.means[..., None], self.covariances, *row)
+        wide = spread + (sides[:, :, None] * sides[:, None, :])[:, None, None]
+        likely = priors[:, None, None] + self.log_weights + _log_density(innovation, wide)
+        if is_star:
+            causes = [*causes, OUTLIER]
+            squares = np.sum(np.square(innovation[..., 0]), axis=-1) / self._outlier_sigma**2
+            far = (np.log(self._outliers) - len(row[0]) * np.log(self._outlier_sigma)
+                   - 0.5 * squares)
+            likely = np.concatenate((likely, (far + self.log_weights)[None]))
+        peak = likely.max()
+        each = np.exp(likely - peak)
+        total = each.sum()
+        self.evidence += float(peak + np.log(total))
+        likely = likely - (peak + np.log(total))
+        each = each.sum(axis=2) / total
+        groups, shares = {}, {}
+        for way, parent in zip(*np.nonzero(each > _LEAST)):
+            history, cause = self.histories[parent], causes[way]
+            if cause is not None:
+                change = Change(self.count, cause)
+                history = history if change in history else (*history, change)
+            recent = tuple(c for c in history if c.number > self.count - self._depth)
+            groups.setdefault(recent, []).append((parent, cause, likely[way, parent]))
+            shares[recent] = shares.get(recent, 0.0) + each[way, parent]
+        kept = sorted(groups, key=lambda recent: -shares[recent])[:self._most]
+        return {recent: groups[recent] for recent in kept}
+
+    def _causes(self, columns, is_star):
+        """What may have happened: causes (None: nothing), log chances, and 1 sigma in the row."""
+        causes, chances, sides = [None], [], [np.zeros(len(columns))]
+        for number, jump in enumerate(self.jumps):
+            side = columns @ jump.shape
+            if np.abs(side).max() > 1e-9:
+                causes.append(number)
+                sides.append(side * jump.sigma)
+                chances.append(-np.expm1(-jump.per_hour * max(self.unseen[number], _SHORTEST)))
+                self.unseen[number] = 0.0
+        nothing = 1.0 - sum(chances) - (self._outliers if is_star else 0.0)
+        return causes, np.log([max(nothing, 1e-3), *chances]), np.array(sides)
+
+    # --- what is kept -------------------------------------------------------------------------
+
+    def state(self):
+        """All that changes, JSON-ready; `restore` gives it back to the bit."""
+        return {'means': self.means.tolist(), 'covariances': self.covariances.tolist(),
+                'log_weights': self.log_weights.tolist(), 'unseen': self.unseen.tolist(),
+                'count': self.count, 'evidence': self.evidence, 'home': self.home.tolist(),
+                'stories': [[list(change) for change in history] for history in self.histories]}
+
+    def restore(self, state):
+        """Go on where `state` was taken, by a filter that was made alike."""
+        means = np.array(state['means'], dtype=float)
+        if means.ndim != 3 or means.shape[1:] != self.means.shape[1:]:
+            raise ValueError(f'state of a filter with other terms or rates, {means.shape[1:]}, '
+                             f'than this one, {self.means.shape[1:]}; begin anew')
+        self.means, self.home = means, np.array(state['home'], dtype=float)
+        self.covariances = np.array(state['covariances'], dtype=float)
+        self.log_weights = np.array(state['log_weights'], dtype=float)
+        self.unseen = np.array(state['unseen'], dtype=float)
+        self.count, self.evidence = int(state['count']), float(state['evidence'])
+        self.histories = [tuple(Change(*pair) for pair in history)
+                          for history in state['stories']]
+
+
+def mixture(weights, means, covariances):
+    """Mean (..., n) and covariance (..., n, n) of a sum of Gaussians along the first axis.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (k,) or (k, ...)
+        Of sum 1.
+    means, covariances : ndarray, shapes (k, ..., n) and (k, ..., n, n)
+    """
+    weights = weights.reshape(weights.shape + (1,) * (means.ndim - weights.ndim))
+    mean = (weights * means).sum(axis=0)
+    off = means - mean
+    return mean, (weights[..., None]
+                  * (covariances + off[..., :, None] * off[..., None, :])).sum(axis=0)
+
+
+def _joined(log_weights, means, covariances):
+    """Log weight (r,), mean and covariance of several branches (b, r, ...) as one."""
+    if len(log_weights) == 1:
+        return log_weights[0], means[0], covariances[0]
+    peak = log_weights.max(axis=0)
+    share = np.exp(log_weights - peak)
+    total = share.sum(axis=0)
+    return peak + np.log(total), *mixture(share / total, means, covariances)
+
+
+def _log(weights):
+    return np.log(np.maximum(weights, np.exp(_NOTHING)))
+
+
+def _log_density(innovation, spread):
+    """Of innovations (..., m, 1) of covariance (..., m, m), without its constant."""
+    whitening = whitening_of(spread)
+    squares = np.square(whitening @ innovation).sum(axis=(-2, -1))
+    return -0.5 * (squares + log_det_of(whitening))

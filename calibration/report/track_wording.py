@@ -1,0 +1,86 @@
+"""Words for a tracked night: what a measurement made known, and how well the filter predicts."""
+
+from calibration.analysis.tracking.innovations import HONEST
+
+
+def _filter_consistency(found):
+    if found['tested'] is None:
+        return found['verdict']
+    count, ratio = found['tested']
+    return (f'{found["verdict"]}: errors of {count} stars were {ratio:.2f} times the predicted '
+            'ones (RMS)')
+
+
+def _filter_widened(found):
+    noise, walk = f'{found["noise"]:.2f} times', f'{found["walk"]:.2f} times'
+    return f'{_filter_consistency(found["verdict"])}; ' + {
+        'walk': f'drifts are thought {walk} as fast from now on',
+        'noise': f'the noise of stars is taken {noise} as large from now on',
+        'both': f'from now on the noise of stars is taken {noise} as large, drifts {walk} as fast',
+        'neither': 'the noise of stars or the drift that is expected is too large',
+    }[found['changed']]
+
+
+KINDS = {
+    'no stamp': lambda found: 'a stamp that is no number',
+    'late measurement': lambda found: (
+        f'stamp {found.size:.3f} s before the last one; what is late is not taken'),
+    'no number': lambda found: 'a value that is not finite',
+    'no sigma': lambda found: 'a sigma that is not finite and positive',
+    'star twice': lambda found: (
+        f'star {found["star"]}: there is one of this stamp already; it counts once'),
+    'star out of reach': lambda found: (
+        f'star {found["star"]}: the mount cannot look there by the model; check the place'),
+    'unknown sensor': lambda found: (
+        f'{found["sensor"]}: not among the sensors that this filter was made with; name it there'),
+    'long gap': lambda found: (
+        f'nothing for {found.size:.1f} h: zeros and lean are widened as from one night to the '
+        'next'),
+    'wrong star': lambda found: (
+        f'star {found["star"]} is a wrong star ({100.0 * found.size:.0f} %)'),
+    'jump': lambda found: (
+        f'{found.causes[0]}: jumped before star {found["star"]} ({100.0 * found.size:.0f} %)'),
+    'filter consistency': _filter_consistency,
+    'filter widened': _filter_widened,
+    'night start': lambda found: (
+        f'since the last night: {found.causes[0]} ({100.0 * found.size:.0f} %), by '
+        f'{found["stars"]} stars'),
+    'singular covariance': lambda found: (
+        f'the covariance of the model is singular: {found.size:.1f} arcsec are added to each term'),
+    'missing zeros': lambda found: (
+        f'the model has no {", ".join(found.causes)}: added, unknown within {found.size:.0f} '
+        'arcsec'),
+}
+
+
+def problems(tracking):
+    """What is wrong with what the filter of a `LiveTracking` predicts, sentences."""
+    if tracking.night is None:
+        return ['tracking begins with a model: fit, or give model_file']
+    document = tracking.night.document()
+    return [] if document['confidence'] == HONEST else [
+        f'tracking: the filter was {_filter_consistency(document["confidence_sentence"])}, and is '
+        'widened or narrowed for it']
+
+
+def details(tracking):
+    """Of a `LiveTracking`, for a node's diagnostics: names and values."""
+    if tracking.night is None:
+        return [('tracking', 'not begun')]
+    document = tracking.night.document()
+    expected, start = document['expected_arcsec'], document.get('opening')
+    return [('tracking', f'{document["stars"]} stars'),
+            *([('since the nights before', max(start['chances'], key=start['chances'].get))]
+              if start else []),
+            ('expected error now, in 1 h [arcsec]',
+             f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
+            ('innovations', _filter_consistency(document['confidence_sentence']))]
+
+
+def last_update(night):
+    """What the last star of a `TrackedNight` made known, for people."""
+    expected = night.document()['expected_arcsec']
+    return '; '.join([
+        f'{night.stars} stars tracked; expected {expected["now"]:.2f} arcsec now, '
+        f'{expected["1 h"]:.2f} in an hour without a star',
+        *(KINDS[found.kind](found) for update in night.updates for found in update.findings)])
