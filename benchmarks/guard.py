@@ -28,9 +28,9 @@ from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.places import Site
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import Sun
 from telescope_mount.guard.limits import Allowed, Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
+from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.guard.track_judgement import Judge
 from telescope_mount.guard.way import lead, stopped
 
@@ -45,13 +45,14 @@ OF_A_SETTING = 200
 
 
 def setting(rng, number):
-    """A `Setting`, the guard's `Judge` of it, and the Sun of the guard: its place and the pole."""
+    """A `Setting`, the guard's `Judge` of it, and the circles that it keeps out of."""
     kind = ('altaz', 'equatorial', 'german', 'free')[number % 4]
     latitude, longitude = rng.uniform(-65.0, 65.0) * DEG, rng.uniform(-np.pi, np.pi)
-    sun = Sun(Site(latitude, longitude, rng.uniform(0.0, 3000.0)))
+    site = Site(latitude, longitude, rng.uniform(0.0, 3000.0))
+    sun = SkyCircles([(SUN, 0.0)], site)
     for _ in range(20):
         seconds = rng.uniform(1.58e9, 1.89e9)
-        if sun.at(seconds)[2] > -0.3 or number % 5 == 0:
+        if sun.at(seconds)[0].toward[2] > -0.3 or number % 5 == 0:
             break
     sun.at(seconds - rng.uniform(0.0, 590.0))
     rate = rng.uniform(1.0, 8.0, 2) * DEG
@@ -71,15 +72,14 @@ def setting(rng, number):
     least = rng.uniform(0.0, 20.0) * DEG
     away = rng.uniform(10.0, 40.0) * DEG if rng.random() < 0.7 else 0.0
     timing = rng.uniform(0.3, 1.0) if rng.random() < 0.9 else 0.0
+    keep_out = ((SUN, away),) if away else ()
     limits = Limits(mount, tuple(Axis(*ends, r, a) for ends, r, a in zip(
         travel.tolist(), rate.tolist(), acceleration.tolist())),
-        Horizon(least, [tuple(c) for c in corners.tolist()]), away, timing)
+        Horizon(least, [tuple(c) for c in corners.tolist()]), keep_out, timing)
     own = Setting(kind, pole, latitude, longitude, seconds, travel, rate, acceleration, least,
                   corners, away, timing)
-    own.judge, own.over = Judge(limits), sun
-    own.sky = (sun.at(seconds), np.array([0.0, np.cos(latitude), np.sin(latitude)]))
-    if not away:
-        own.sky = (None, None)
+    own.judge, own.over = Judge(limits), site
+    own.sky = [circle._replace(distance=away) for circle in sun.at(seconds)] if away else []
     own.found = None
     return own
 
@@ -173,13 +173,13 @@ def judged(case, spent, spent_on_plans):
     judge, sky = own.judge, own.sky
     state = AxisState(tuple(case['angles'].tolist()), tuple(case['rates'].tolist()))
     begin, steady = time.thread_time(), time.perf_counter()
-    found = judge.judge(*case['track'], state, *sky)
+    found = judge.judge(*case['track'], state, sky)
     spent.append((time.thread_time() - begin, time.perf_counter() - steady,
                   not isinstance(found, Allowed) and found.cubic is not None))
     if not isinstance(found, Allowed) and found.cubic is not None:
         begin, steady = time.thread_time(), time.perf_counter()
         rest = stopped(judge, state)
-        led = lead(judge, found.cubic, rest, *sky)
+        led = lead(judge, found.cubic, rest, sky)
         spent_on_plans.append((time.thread_time() - begin, time.perf_counter() - steady))
         if led is not None:
             vias, cubic = led

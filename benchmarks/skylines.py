@@ -104,7 +104,8 @@ def targets(rng, corners, count):
 def judged(rng, corners, text, count):
     """Of targets by one skyline: how many are judged wrong, by what; and how many there are."""
     axis = Axis(-400.0 * DEG, 400.0 * DEG, 4.0 * DEG, 2.0 * DEG)
-    limits = Limits(axes=(axis, axis), horizon=Horizon(-90.0 * DEG, parse_horizon(text)), sun=0.0)
+    limits = Limits(axes=(axis, axis), horizon=Horizon(-90.0 * DEG, parse_horizon(text)),
+                    keep_out=())
     judge, az_el = Judge(limits), targets(rng, corners, count)
     az, el = az_el
     building = inside(corners, az, el)

@@ -197,6 +197,26 @@ def observed_to_icrs(az, el, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
     return erfa.ufunc.aticq(*cirs, astrom)
 
 
+def sun_place(time, site=DEFAULT_SITE):
+    """Azimuth and elevation of the Sun's centre, without refraction.
+
+    Parameters
+    ----------
+    time : float
+        UTC, seconds since 1970-01-01.
+    site : Site
+
+    Returns
+    -------
+    az, el : float
+        rad. Good to 30": the Earth's place is ERFA's, the parallax is left out.
+    """
+    earth = erfa.ufunc.epv00(*terrestrial(time))[0]['p']
+    ra, dec = erfa.c2s(-earth)
+    az, el = icrs_to_observed(ra, dec, time, site, Weather(pressure_hpa=0.0))
+    return float(az), float(el)
+
+
 def sidereal_time(time, site=DEFAULT_SITE):
     """Local apparent sidereal time, radians in [0, 2 pi).
 

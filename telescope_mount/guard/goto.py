@@ -33,8 +33,8 @@ class GotoKeeper(Keeper):
     is to be 0.
     """
 
-    def __init__(self, limits, sun, settings, wall):
-        super().__init__(limits, sun, settings, wall)
+    def __init__(self, limits, site, settings, wall):
+        super().__init__(limits, site, settings, wall)
         self._low = self._high = None
 
     def _here(self, now):

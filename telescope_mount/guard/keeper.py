@@ -22,6 +22,7 @@ from .axis_readings import AxisReadings
 from .axis_track import braked, ended, resting
 from .limits import Allowed, Refused, safe_travel
 from .motion import AxisState, moment, plan_move
+from .sky_limits import SkyCircles
 from .track_judgement import Judge
 from .way import around, lead
 
@@ -51,7 +52,7 @@ class Keeper:
     Parameters
     ----------
     limits : limits.Limits
-    sun : sun.Sun
+    site : Site
     settings : Settings
     wall : callable
         Seconds of a clock that goes on while simulated time stands still.
@@ -65,12 +66,12 @@ class Keeper:
         Stamp of the last request that was refused, ns, and why.
     """
 
-    def __init__(self, limits, sun, settings, wall):
+    def __init__(self, limits, site, settings, wall):
         if not settings.whole:
             limits = replace(limits, timing=min(limits.timing, SHARE))
-        self._limits, self._judge, self._sun = limits, Judge(limits), sun
+        self._limits, self._judge = limits, Judge(limits)
+        self._circles = SkyCircles(limits.keep_out, site)
         self._settings, self._wall = settings, wall
-        self._pole = np.array([0.0, math.cos(sun.latitude), math.sin(sun.latitude)])
         self.readings = AxisReadings(limits, wall)
         self.state, self.level, self.reason = 'idle', OK, 'no request'
         self.refused = (0, '')
@@ -220,9 +221,9 @@ class Keeper:
                 return self._told('waiting', OK, 'the track begins later')
         state = (self._here(now) if self.readings.here is not None
                  else AxisState(tuple(map(float, goal.angles[0]))))
-        sun = self._sun_at(max(now, goal.start))
-        found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, sun,
-                                  self._pole, self._turns)
+        circles = self._circles_at(max(now, goal.start))
+        found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, circles,
+                                  self._turns)
         if isinstance(found, Allowed):
             if self._set_out(found.cubic, state, now, 'following'):
                 return
@@ -232,7 +233,7 @@ class Keeper:
                 self._brake(now)
                 return self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
                                   'stopping, to go around')
-            led = lead(self._judge, found.cubic, AxisState(state.angles), sun, self._pole)
+            led = lead(self._judge, found.cubic, AxisState(state.angles), circles)
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
@@ -255,14 +256,14 @@ class Keeper:
 
     def _to_via(self, now):
         here, there = self._here(now), self._vias[0]
-        found = self._judge.way(here.angles, there, self._sun_at(now), self._pole)
-        if not isinstance(found, Allowed):  # the Sun has come into the way since
+        found = self._judge.way(here.angles, there, self._circles_at(now))
+        if not isinstance(found, Allowed):  # a circle has come into the way since
             self._vias = []
             return self._told('waiting', WARN, found.reason)
         self._set_out(resting(there), here, now, 'around', f'{len(self._vias)} points to pass')
 
-    def _sun_at(self, now):
-        return self._sun.at(now * 1e-9) if self._limits.sun else None
+    def _circles_at(self, now):
+        return self._circles.at(now * 1e-9)
 
     def _here(self, now):
         """Of the axes now: where they were sent, while they follow, else their reading."""
@@ -465,11 +466,12 @@ class Keeper:
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there
             state = AxisState(tuple(self._out[-1].angles[-1].tolist()))
-        there, sun = self._judge.limits.nearest_turn(place, state.angles[0]), self._sun_at(now)
-        found, vias = self._judge.way(state.angles, there, sun, self._pole), []
+        there = self._judge.limits.nearest_turn(place, state.angles[0])
+        circles = self._circles_at(now)
+        found, vias = self._judge.way(state.angles, there, circles), []
         if not isinstance(found, Allowed):
             vias = found.cubic is not None and around(
-                self._judge, found.cubic, AxisState(state.angles), sun, self._pole)
+                self._judge, found.cubic, AxisState(state.angles), circles)
             if not vias:
                 raise ValueError(f'park: {found.reason}')
         self._goal, self._vias = None, [*vias, tuple(there.tolist())]

@@ -10,6 +10,7 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.skyline import Horizon
 
 from .axis_track import Cubic
+from .sky_limits import SUN
 
 _TURN = 2.0 * np.pi
 
@@ -59,8 +60,8 @@ class Limits:
     axes : tuple of Axis
         First and second.
     horizon : Horizon
-    sun : float
-        Least distance from the Sun, rad; 0: it is no matter.
+    keep_out : tuple of (SkyLimit, float)
+        Least distance from each limit in the sky that matters, rad.
     timing : float
         The axes slew at no less than this share of their rates and accelerations, 0 to 1; each
         on its own, and no track may ask for more. 0: nothing is known of it, one axis may go while
@@ -71,7 +72,7 @@ class Limits:
     axes: tuple = (Axis(-270.0 * DEG, 270.0 * DEG, 4.0 * DEG, 2.0 * DEG),
                    Axis(-5.0 * DEG, 95.0 * DEG, 4.0 * DEG, 2.0 * DEG))
     horizon: Horizon = Horizon(10.0 * DEG)
-    sun: float = 20.0 * DEG
+    keep_out: tuple = ((SUN, SUN.distance_deg * DEG),)
     timing: float = 0.5
 
     @property

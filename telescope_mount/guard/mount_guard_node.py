@@ -17,7 +17,6 @@ from msg_tools.units import DEG
 from pointing_model.sky.places import Site
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
-from pointing_model.sky.sun import Sun, sun_place
 
 from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
@@ -25,6 +24,7 @@ from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .goto import GotoKeeper
 from .keeper import ERROR, LATE, STILL, WARN, GuardSettings, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
+from .sky_limits import SKY_LIMITS
 
 
 def _travel(name, which):
@@ -35,7 +35,7 @@ def _travel(name, which):
 
 PARAMS = (
     AUTOSTART, KIND_OF_MOUNT,
-    # a mount stays where it is, and the Sun is computed for that
+    # a mount stays where it is, and limits in the sky are computed for that
     *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
     _travel('first_travel_deg', 'first'),
     _travel('second_travel_deg', 'second'),
@@ -51,8 +51,8 @@ PARAMS = (
           fixed=True),
     Param('horizon', '', 'corners of the skyline, azimuth and elevation: 0 12, 45 20.5, 180 8; or '
           'a file with one on each line [deg]', check=parse_horizon, fixed=True),
-    Param('sun_distance_deg', 20.0, 'least distance from the Sun, on the way too; 0: it is no '
-          'matter [deg]', 0.0, 90.0, fixed=True),
+    *(Param(limit.parameter, limit.distance_deg, f'least distance from {limit.name}, on the way '
+            'too; 0: it is no matter [deg]', 0.0, 90.0, fixed=True) for limit in SKY_LIMITS),
     Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
           'acceleration, and no track asks for more than it; 0: in any order, and all of it',
           0.0, 1.0, fixed=True),
@@ -106,7 +106,8 @@ class MountGuard(ManagedNode):
         self._limits = limits = Limits(
             self._mount, tuple(self._axis(i, name) for i, name in enumerate(('first', 'second'))),
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
-            value('sun_distance_deg') * DEG, value('slew_timing'))
+            tuple((limit, value(limit.parameter) * DEG) for limit in SKY_LIMITS
+                  if value(limit.parameter)), value('slew_timing'))
         self._sky = rows_of(limits) | {param.name: value(param.name) for param in SKY_PARAMS[:3]}
         blocked = limits.blocked_pole
         if blocked:
@@ -116,7 +117,7 @@ class MountGuard(ManagedNode):
                 'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
         keeper = GotoKeeper if value('goto') else Keeper
-        self._keeper = keeper(limits, Sun(_site(self)), GuardSettings(
+        self._keeper = keeper(limits, _site(self), GuardSettings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
@@ -148,11 +149,12 @@ class MountGuard(ManagedNode):
             low, high = parse_pair(values[name]) or (0.0, 1.0)
             if low >= high:
                 raise ValueError(f'{name} = {values[name]}: give the smaller end first')
-        if values['renew_s'] and values['sun_distance_deg'] and not all(
+        kept = [limit for limit in SKY_LIMITS if values[limit.parameter]]
+        if values['renew_s'] and kept and not all(
                 name in self._parameter_overrides for name in PLACE):
-            raise ValueError('no site, so nobody knows where the Sun is: set latitude_deg and '
-                             'longitude_deg (in a parameter file under /**: for all nodes; or '
-                             '--latitude and --longitude), or sun_distance_deg: 0.0')
+            raise ValueError(f'no site, so nobody knows where {kept[0].name} is: set latitude_deg '
+                             'and longitude_deg (in a parameter file under /**: for all nodes; or '
+                             f'--latitude and --longitude), or {kept[0].parameter}: 0.0')
         if values['goto'] and not values['renew_s']:
             raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '
                              '0.5')
@@ -299,12 +301,12 @@ class MountGuard(ManagedNode):
             self._do('', self._keeper.resume)
         self._resting = False
         site = _site(self)
-        if not self._whole and self._limits.sun:  # by which a wrong site or clock is seen
-            az, el = sun_place(self._now() * 1e-9, site)
+        for limit, distance in () if self._whole else self._limits.keep_out:
+            az, el = limit.place(self._now() * 1e-9, site)  # by which a wrong site or clock is seen
             self.get_logger().info(
                 f'at latitude {site.latitude / DEG:.4f}, longitude {site.longitude / DEG:.4f} deg '
-                f'the Sun is at azimuth {az / DEG:.1f}, elevation {el / DEG:.1f} deg now: it is '
-                f'kept {self._limits.sun / DEG:g} deg away from')
+                f'{limit.name} is at azimuth {az / DEG:.1f}, elevation {el / DEG:.1f} deg now: it '
+                f'is kept {distance / DEG:g} deg away from')
 
     def deactivated(self):
         """Stop the mount, and follow nothing."""

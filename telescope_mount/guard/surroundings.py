@@ -1,4 +1,4 @@
-"""Horizon and Sun: how near a mount comes to them at pairs of angles of its axes."""
+"""Horizon and limits in the sky: how near a mount comes to them at pairs of angles."""
 
 import math
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.sky.earth import TURN_RATE
-from pointing_model.sky.sun import turned
 
 from .axis_track import BENT
 from .boxes import Boxes, arc, largest_cosine, most_cosine, quartered
@@ -16,9 +15,8 @@ _TURN = 2.0 * np.pi
 NEAR = 0.1 * DEG
 #: whoever is beyond a limit may come back: by so much he may seem to go on, rad
 SLACK = 0.05 * DEG
-#: a way around the Sun, or of axes whose timing is not known, keeps away by so much more: it
-#: moves while they go, rad
-MARGIN_SUN = 1.0 * DEG
+#: axes whose timing is not known keep away from what moves in the sky by so much more, rad
+MARGIN = 1.0 * DEG
 #: boxes into which a way may be cut that passes close by a limit
 MOST_BOXES = 20000
 
@@ -29,11 +27,6 @@ class Surroundings:
     Parameters
     ----------
     limits : limits.Limits
-
-    Attributes
-    ----------
-    keep_out : float
-        Distance that is kept from the Sun, rad.
     """
 
     def __init__(self, limits):
@@ -43,29 +36,31 @@ class Surroundings:
         self._zenith = np.array(mount.zenith)
         self._nadir = (-self._zenith).tolist()
         # without any timing nothing is known of when either
-        self.keep_out = limits.sun + (MARGIN_SUN if limits.sun and not limits.timing else 0.0)
+        self._margin = 0.0 if limits.timing else MARGIN
         self._straight = bool(np.allclose(self._frame, np.eye(3)))
 
-    def in_axes(self, sun, pole, state):
-        """Sun and pole in the frame of the axes; None where the Sun is no matter from `state`."""
-        if sun is None or not self.limits.sun:
-            return None
+    def in_axes(self, circles, state):
+        """Circles in the frame of the axes, as they are kept; those that matter from `state`."""
+        if not circles:
+            return ()
         # one that is so low is out of reach of all that is above the horizon, or the begin
         first, second = state.angles
         x, y, z = self._zenith
         up = math.cos(second) * (x * math.sin(first) + y * math.cos(first)) + z * math.sin(second)
-        lowest = min(self.limits.horizon.least, math.asin(min(max(up, -1.0), 1.0)))
-        if math.asin(min(max(float(sun[2]), -1.0), 1.0)) + self.limits.sun < lowest - 15.0 * DEG:
-            return None
-        return self._frame @ sun, None if pole is None else self._frame @ pole
+        lowest = min(self.limits.horizon.least, math.asin(min(max(up, -1.0), 1.0))) - 15.0 * DEG
+        return tuple(
+            circle.later(0.0, self._margin).in_frame(self._frame) for circle in circles
+            if math.asin(min(max(float(circle.toward[2]), -1.0), 1.0)) + circle.distance >= lowest)
 
-    def free(self, boxes, sun):
-        """Which of many boxes are surely free of horizon and Sun (of `in_axes`), bool (n,)."""
-        above, apart = self._clearances(boxes, sun)[0]
-        return above >= 0.0 if sun is None else (above >= 0.0) & (
-            apart >= self.keep_out)
+    def free(self, boxes, circles):
+        """Which of many boxes are surely free of the horizon and of `in_axes`, bool (n,)."""
+        above, apart = self._clearances(boxes, circles)[0]
+        out = above >= 0.0
+        for circle, distance in zip(circles, apart):
+            out &= distance >= circle.distance
+        return out
 
-    def surely_clear(self, first, second, sun, seconds):
+    def surely_clear(self, first, second, circles, seconds):
         """Whether all pairs of angles between two ends of each axis are far from everything."""
         if self._straight and second[1] <= 0.5 * math.pi and second[0] >= -0.5 * math.pi:
             lowest = second[0]
@@ -73,10 +68,9 @@ class Surroundings:
             lowest = math.asin(max(min(-largest_cosine(self._nadir, first, second), 1.0), -1.0))
         if lowest < self.limits.horizon.top and lowest < self._skyline(first, second):
             return False
-        if sun is None:
-            return True
-        near = math.acos(max(min(largest_cosine(sun[0], first, second), 1.0), -1.0))
-        return near > self.keep_out + TURN_RATE * seconds + BENT
+        moved = TURN_RATE * seconds + BENT
+        return all(math.acos(max(min(largest_cosine(circle.toward, first, second), 1.0), -1.0))
+                   > circle.distance + moved for circle in circles)
 
     def _skyline(self, first, second):
         """The highest of the horizon behind all pairs of angles between two ends of each axis."""
@@ -88,13 +82,13 @@ class Surroundings:
         a, b = 0.5 * (first[0] + first[1]), 0.5 * (second[0] + second[1])
         ha, hb = 0.5 * (first[1] - first[0]), 0.5 * (second[1] - second[0])
         half = math.hypot(min(abs(math.cos(b)) + hb, 1.0) * ha, hb)
-        _, az, el = self._seen(a, b)
+        _, az, el = self._direction(a, b)
         if half + abs(el) >= 0.5 * math.pi:
             return horizon.top
         wide = math.asin(min(math.sin(half) / math.cos(el), 1.0))
         return horizon.highest_between(az - wide, az + wide)
 
-    def why_not(self, first, second, time, sun):
+    def why_not(self, first, second, time, circles):
         """Why the axes may not be at a pair of angles at a time, '' if they may.
 
         Parameters
@@ -103,36 +97,33 @@ class Surroundings:
             rad.
         time : float
             s from now.
-        sun : tuple or None
+        circles : tuple of Circle
             Of `in_axes`.
         """
-        place, az, el = self._seen(first, second)
+        place, az, el = self._direction(first, second)
         if el < self.limits.horizon.over(az):
-            return self._said(az, el, True)
-        if sun is None:
-            return ''
-        toward, pole = sun
-        near = math.cos(min(self.keep_out, math.pi))
-        if float(toward @ place) <= math.cos(min(self.keep_out + TURN_RATE * abs(time), math.pi)):
-            return ''
-        if pole is not None:
-            toward = turned(toward, pole, time)
-        return self._said(az, el, False) if float(toward @ place) > near else ''
+            return self._reason(az, el)
+        for circle in circles:
+            near = math.cos(min(circle.distance, math.pi))
+            soon = math.cos(min(circle.distance + TURN_RATE * abs(time), math.pi))
+            if float(circle.toward @ place) > soon and float(circle.at(time) @ place) > near:
+                return self._reason(az, el, circle)
+        return ''
 
-    def _seen(self, a, b):
+    def _direction(self, a, b):
         """Direction of angles of the axes in their frame; azimuth and elevation of it, floats."""
         along = math.cos(b)
         place = u, v, w = along * math.sin(a), along * math.cos(a), math.sin(b)
         x, y, z = (u * p + v * q + w * r for p, q, r in self._columns)
         return place, math.atan2(x, y), math.asin(min(max(z, -1.0), 1.0))
 
-    def where_not(self, boxes, sun=None, state=None, most=MOST_BOXES):
+    def where_not(self, boxes, circles=(), state=None, most=MOST_BOXES):
         """Why the axes may not be at all pairs of angles of boxes, '' if they may.
 
         Parameters
         ----------
         boxes : Boxes
-        sun : tuple, optional
+        circles : tuple of Circle, optional
             Of `in_axes`.
         state : State, optional
             Where they are: from where a limit is passed already, the way may lead back.
@@ -141,46 +132,54 @@ class Surroundings:
         """
         lowest, begin = 0.0, None
         done, exact = 0, False
-        cleared = self._clearances(boxes, sun, exact)
+        cleared = self._clearances(boxes, circles, exact)
         while True:
             (above, apart), (above_here, apart_here), half = cleared
+            near = [circle.distance for circle in circles]
+            if begin is not None:
+                near = [np.minimum(own, stayed - SLACK)
+                        for own, stayed in zip(near, self._stayed(begin, boxes.time, circles))]
             sure = above >= lowest
-            if sun is not None:
-                near_sun = self.keep_out if begin is None else np.minimum(
-                    self.keep_out, self._stayed(begin, boxes.time, sun) - SLACK)
-                sure &= apart >= near_sun
+            for distance, own in zip(apart, near):
+                sure &= distance >= own
             if sure.all():
                 return ''
             if state is not None:
-                (place, az, el), here, state = self._seen(*state.angles), state.angles, None
+                (place, az, el), here, state = self._direction(*state.angles), state.angles, None
                 above = el - self.limits.horizon.over(az) - SLACK
-                if sun is not None and math.acos(min(max(float(sun[0] @ place), -1.0), 1.0)) - (
-                        SLACK) < self.keep_out + TURN_RATE * float(boxes.time.max()):
+                soon = TURN_RATE * float(boxes.time.max()) + SLACK
+                if any(math.acos(min(max(float(circle.toward @ place), -1.0), 1.0))
+                       < circle.distance + soon for circle in circles):
                     begin = np.array(here)[:, None]
                 if begin is not None or above < lowest:
                     lowest = min(lowest, above)
                     continue
             bad = above_here < lowest
-            if sun is not None:
-                bad |= apart_here < near_sun
+            for distance, own in zip(apart_here, near):
+                bad |= distance < own
             if exact:
                 bad |= ~sure & (half < NEAR / 2.0)
                 done += len(sure)
             if bad.any() or done > most:
                 i = int(np.argmax(bad if bad.any() else ~sure))
-                _, az, el = self._seen(*(0.5 * (boxes.low[:, i] + boxes.high[:, i])).tolist())
-                return self._said(az, el, sun is None or above_here[i] < lowest + NEAR)
+                _, az, el = self._direction(
+                    *(0.5 * (boxes.low[:, i] + boxes.high[:, i])).tolist())
+                if not circles or above_here[i] < lowest + NEAR:
+                    return self._reason(az, el)
+                beyond = [distance[i] - circle.distance
+                          for distance, circle in zip(apart_here, circles)]
+                return self._reason(az, el, circles[int(np.argmin(beyond))])
             boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
             exact = not exact
-            cleared = self._clearances(boxes, sun, exact)
+            cleared = self._clearances(boxes, circles, exact)
 
-    def _stayed(self, begin, time, sun):
-        """How near the Sun comes by itself to where the axes began, at the time of each box."""
+    def _stayed(self, begin, time, circles):
+        """How near each limit comes by itself to where the axes began, at the time of each box."""
         there = np.repeat(begin, len(time), axis=1)
-        return self._clearances(Boxes(there, there, time), sun, False)[1][1]
+        return self._clearances(Boxes(there, there, time), circles, False)[1][1]
 
-    def _clearances(self, boxes, sun, exact=True):
-        """Elevation above the horizon and distance from the Sun: least in a box, in its middle.
+    def _clearances(self, boxes, circles, exact=True):
+        """Elevation above the horizon and distances from limits: least in a box, in its middle.
 
         And half the size of each box on the sky. What is not `exact` is too small and quick.
         """
@@ -209,20 +208,20 @@ class Surroundings:
                 if self._straight:
                     wide = np.where(np.abs(b) + hb < np.pi / 2.0, np.minimum(ha, wide), wide)
                 above = lowest - horizon.highest(az, wide)
-        if sun is None:
-            return (above, None), (above_here, None), half
-        toward, pole = sun
-        if pole is not None:
-            toward = turned(toward, pole, boxes.time)
-        apart_here = arc(np.arccos, np.sum(toward.T * place.T, -1))
-        apart = arc(np.arccos, most_cosine(toward, boxes)) if exact else apart_here - half
+        toward = [circle.at(boxes.time) if circle.pole is not None else circle.toward
+                  for circle in circles]
+        apart_here = [arc(np.arccos, np.sum(to.T * place.T, -1)) for to in toward]
+        apart = [arc(np.arccos, most_cosine(to, boxes)) for to in toward] if exact else [
+            distance - half for distance in apart_here]
         return (above, apart), (above_here, apart_here), half
 
-    def _said(self, az, el, horizon):
+    def _reason(self, az, el, circle=None):
+        """Why a direction is not allowed: for the horizon, or a circle."""
         where = f'azimuth {np.mod(az, _TURN) / DEG:.1f} deg, elevation {el / DEG:.1f} deg'
-        if horizon:
+        if circle is None:
             least = self.limits.horizon.over(az) / DEG
             return (f'comes below the horizon of {least:.1f} deg at {where}: choose a higher '
                     'target')
-        return (f'comes within {self.limits.sun / DEG:g} deg of the Sun where it passes {where}: '
+        told = (circle.distance - self._margin) / DEG
+        return (f'comes within {told:g} deg of {circle.limit.name} where it passes {where}: '
                 'choose another target or wait')

@@ -46,7 +46,7 @@ class Judge:
         self._words = limits.mount.names.axes
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
 
-    def judge(self, times, angles, rates, state, sun=None, pole=None, turns=None):
+    def judge(self, times, angles, rates, state, circles=(), turns=None):
         """Judge a track from where the axes are.
 
         Parameters
@@ -57,10 +57,8 @@ class Judge:
             rad, rad/s; cubic in between.
         state : AxisState
             Of the axes now, the first on the turn that it is on.
-        sun : ndarray, shape (3,), optional
-            East, north, up of the Sun now; None: it is no matter.
-        pole : ndarray, shape (3,), optional
-            The same of the celestial north pole, about which the Sun turns; None: it stands.
+        circles : sequence of sky_limits.Circle, optional
+            That the tube keeps out of, as they are now: east, north, up.
         turns : int, optional
             Whole turns to add to the azimuth; without, those to the nearest that it can take.
 
@@ -82,19 +80,19 @@ class Judge:
         reason = self._track_out_of_travel(cubic)
         if reason:
             return Refused(reason)
-        return self._way(cubic, state, self.sky.in_axes(sun, pole, state), True)
+        return self._way(cubic, state, self.sky.in_axes(circles, state), True)
 
-    def onto(self, cubic, here, sun=None, pole=None, quick=False):
+    def onto(self, cubic, here, circles=(), quick=False):
         """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed.
 
         What is `quick` may refuse more.
         """
         state = AxisState(tuple(here))
-        return self._way(cubic, state, self.sky.in_axes(sun, pole, state), quick=quick)
+        return self._way(cubic, state, self.sky.in_axes(circles, state), quick=quick)
 
-    def way(self, here, there, sun=None, pole=None, quick=False):
+    def way(self, here, there, circles=(), quick=False):
         """As `onto`, of a slew from rest to rest between two pairs of angles."""
-        return self.onto(resting(there), here, sun, pole, quick)
+        return self.onto(resting(there), here, circles, quick)
 
     def other_turns(self, cubic, state):
         """The same track on the other turns that the azimuth's travel has room for, nearest first.
@@ -118,15 +116,16 @@ class Judge:
         turns.sort(key=lambda n: abs(first + n * _TURN - state.angles[0]))
         return [cubic.turned(n) for n in turns[:2]]
 
-    def _way(self, cubic, state, sun, track=False, quick=False):
+    def _way(self, cubic, state, circles, track=False, quick=False):
         """Judge the way onto a track and, if told so, what it passes of the sky itself."""
-        if self._surely_clear(cubic, state, sun):
+        if self._surely_clear(cubic, state, circles):
             return Allowed(cubic)
-        reason = track and self.sky.why_not(*cubic.angles[0].tolist(), float(cubic.times[0]), sun)
+        reason = track and self.sky.why_not(*cubic.angles[0].tolist(), float(cubic.times[0]),
+                                            circles)
         if reason:
             return Refused(f'the track {reason}')
-        if track and not self._track_clear(cubic, sun):
-            reason = self.sky.where_not(cubic.boxes(self._slow), sun)
+        if track and not self._track_clear(cubic, circles):
+            reason = self.sky.where_not(cubic.boxes(self._slow), circles)
             if reason:
                 return Refused(f'the track {reason}')
         try:
@@ -134,20 +133,20 @@ class Judge:
         except ValueError as err:
             return Refused(f'{self._words[err.args[0]]} cannot catch up with the track: ask for a '
                            'slower one')
-        if self._clear_in_parts(slew, state, sun):
+        if self._clear_in_parts(slew, state, circles):
             return Allowed(cubic)
-        reason = self.sky.where_not(slew.passed(), sun, state)  # tells soon what is told mostly
+        reason = self.sky.where_not(slew.passed(), circles, state)  # tells soon what is told mostly
         if not reason:
             boxes = slew.boxes()
             out = self._out_of_travel(boxes, 'the way to it', state)
             if out:
                 return Refused(out, cubic)
-            reason = self.sky.where_not(boxes, sun, state, QUICK)
+            reason = self.sky.where_not(boxes, circles, state, QUICK)
             if reason and not quick:  # it may be both axes of two moments
-                reason = self.sky.where_not(slew.boxes(FINER), sun, state)
+                reason = self.sky.where_not(slew.boxes(FINER), circles, state)
         return Refused(f'the way to the track {reason}', cubic) if reason else Allowed(cubic)
 
-    def _surely_clear(self, cubic, state, sun):
+    def _surely_clear(self, cubic, state, circles):
         """Whether all pairs of angles between begin and track are far from everything.
 
         Most slews are found to be free so, however the axes go, in a tenth of the time.
@@ -167,9 +166,9 @@ class Judge:
             if low < axis.low or high > axis.high:
                 return False
             ends.append((low, high))
-        return self.sky.surely_clear(*ends, sun, seconds)
+        return self.sky.surely_clear(*ends, circles, seconds)
 
-    def _clear_in_parts(self, slew, state, sun):
+    def _clear_in_parts(self, slew, state, circles):
         """Whether all that may be passed at once in each stretch of a slew is far from everything.
 
         What seems near is halved: fewer and larger parts than `Slew.boxes`, in floats.
@@ -184,27 +183,28 @@ class Judge:
         while parts:
             begin, end, left = parts.pop()
             ends = slew.outermost(begin, end) if left < in_time else whole
-            if self.sky.surely_clear(*ends, sun, end):
+            if self.sky.surely_clear(*ends, circles, end):
                 continue
             if left:
                 half = 0.5 * (begin + end)
                 parts += (half, end, left - 1), (begin, half, left - 1)
-            elif not self._clear_in_space(*ends, sun, end):
+            elif not self._clear_in_space(*ends, circles, end):
                 return False
         return True
 
-    def _clear_in_space(self, first, second, sun, seconds, left=IN_SPACE):
+    def _clear_in_space(self, first, second, circles, seconds, left=IN_SPACE):
         if not left:
             return False
         halves = ((_halves(first), (second, second)) if first[1] - first[0] > second[1] - second[0]
                   else ((first, first), _halves(second)))
-        return all(self.sky.surely_clear(a, b, sun, seconds)
-                   or self._clear_in_space(a, b, sun, seconds, left - 1) for a, b in zip(*halves))
+        return all(self.sky.surely_clear(a, b, circles, seconds)
+                   or self._clear_in_space(a, b, circles, seconds, left - 1)
+                   for a, b in zip(*halves))
 
-    def _track_clear(self, cubic, sun):
+    def _track_clear(self, cubic, circles):
         """Whether all pairs of angles of a track are far from everything, stopped on it or not."""
         ends = [(low - BENT, high + BENT) for low, high in cubic.surely_within(self._slow)]
-        return self.sky.surely_clear(*ends, sun, float(cubic.times[-1]))
+        return self.sky.surely_clear(*ends, circles, float(cubic.times[-1]))
 
     # --- the track by itself ------------------------------------------------------------------
 

@@ -1,20 +1,17 @@
 """A way around what the straight slew would pass: points to come to one after the other."""
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from msg_tools.units import DEG
 from pointing_model.sky.earth import TURN_RATE
-from pointing_model.sky.sun import turned
 
 from .axis_track import resting
 from .boxes import Boxes
 from .limits import Allowed
 from .motion import AxisState, plan_move
-from .track_judgement import Judge
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
@@ -22,8 +19,8 @@ GRIDS = (5.0 * DEG, 1.5 * DEG)
 REACH = 2.0 * math.pi
 #: points in between keep so far from the ends of the travel, rad
 EDGE = 0.5 * DEG
-#: a way is looked for that is clear of the Sun for so long, s; for longer where it takes longer,
-#: so many times
+#: a way is looked for that is clear of what moves in the sky for so long, s; for longer where it
+#: takes longer, so many times
 WINDOW, TRIES = 480.0, 4
 #: at a point in between the mount comes to rest within so much more, s
 SETTLED = 2.0
@@ -36,12 +33,12 @@ def stopped(judge, state):
                        in zip(state.angles, state.rates, judge.limits.axes)))
 
 
-def lead(judge, cubic, state, sun=None, pole=None):
+def lead(judge, cubic, state, circles=()):
     """A way to a track whose straight slew is refused: on its turn, else on another one.
 
     Parameters
     ----------
-    judge, cubic, state, sun, pole
+    judge, cubic, state, circles
         As of `around`.
 
     Returns
@@ -50,15 +47,15 @@ def lead(judge, cubic, state, sun=None, pole=None):
         Points as of `around`, none where the straight slew is allowed; the track on its turn.
     """
     for track in (cubic, *judge.other_turns(cubic, state)):
-        if _ok(judge.onto(track, state.angles, sun, pole)):
+        if _ok(judge.onto(track, state.angles, circles)):
             return [], track
-        vias = around(judge, track, state, sun, pole)
+        vias = around(judge, track, state, circles)
         if vias is not None:
             return vias, track
     return None
 
 
-def around(judge, cubic, state, sun=None, pole=None):
+def around(judge, cubic, state, circles=()):
     """Points that lead to a track whose straight slew is refused.
 
     Between points of a grid the axes go one at a time, so that nothing depends on their timing;
@@ -71,23 +68,20 @@ def around(judge, cubic, state, sun=None, pole=None):
         The track, on the turn that the mount takes.
     state : motion.AxisState
         At rest.
-    sun, pole
-        As of `judging.Judge.judge`.
+    circles
+        As of `Judge.judge`.
 
     Returns
     -------
     list of (float, float) or None
         Angles, rad, without those of the track; None where no way was found.
     """
-    by_sun = sun is not None and bool(judge.limits.sun)
-    seconds = WINDOW if by_sun else math.inf
+    seconds = WINDOW if circles else math.inf
     for _ in range(TRIES):
-        clear, then = judge, sun
-        if by_sun:  # where the Sun is in the middle of it, and so much wider
-            clear = _wider(judge, 0.5 * seconds * TURN_RATE)
-            then = sun if pole is None else turned(sun, pole, 0.5 * seconds)
-        vias, clean = _free_of_all(clear, cubic, state, then, pole, _Leaving(
-            judge, tuple(map(float, state.angles)), sun, pole) if by_sun else None)
+        # where they are in the middle of it, and so much wider
+        then = [circle.later(0.5 * seconds, 0.5 * seconds * TURN_RATE) for circle in circles]
+        vias, clean = _free_of_all(judge, cubic, state, then, _Leaving(
+            judge, tuple(map(float, state.angles)), circles) if circles else None)
         if not clean:
             return None
         needed = _lead_time(judge, state.angles, vias)
@@ -98,32 +92,31 @@ def around(judge, cubic, state, sun=None, pole=None):
 
 
 class _Leaving:
-    """Whether a point may be reached from the begin: from within the circle of the Sun the way is
-    held against staying, and for that the Sun is where it is now.
+    """Whether a point may be reached from the begin: from within a circle the way is held against
+    staying, and for that the circle is where it is now.
 
     Parameters
     ----------
-    judge, sun, pole
+    judge, circles
         As of `around`.
     here : (float, float)
         rad.
     """
 
-    def __init__(self, judge, here, sun, pole):
-        self._judge, self._here, self._sun, self._pole = judge, here, sun, pole
+    def __init__(self, judge, here, circles):
+        self._judge, self._here, self._circles = judge, here, circles
 
     def to(self, place, there):
         """Of a way from `place`, whether it begins elsewhere or may be gone, too."""
-        return place != self._here or _ok(self._judge.way(place, there, self._sun, self._pole,
-                                                          True))
+        return place != self._here or _ok(self._judge.way(place, there, self._circles, True))
 
 
-def _free_of_all(judge, cubic, state, sun, pole, leaving):
-    """The points of `around` for a Sun that stays; whether the track is clear of it too."""
-    own = judge.sky.in_axes(sun, pole, state)
+def _free_of_all(judge, cubic, state, circles, leaving):
+    """The points of `around` for circles that stay; whether the track is clear of them too."""
+    own = judge.sky.in_axes(circles, state)
     for step in GRIDS:
-        path = _path(judge, cubic, state, own, step, sun, pole, leaving)
-        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, sun, pole,
+        path = _path(judge, cubic, state, own, step, circles, leaving)
+        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, circles,
                                    leaving)
         if vias:
             return vias, not judge.sky.where_not(cubic.boxes(), own)
@@ -143,12 +136,6 @@ def _lead_time(judge, here, vias):
             for i, axis in enumerate(judge.limits.axes))
         here = via
     return seconds
-
-
-@lru_cache(16)
-def _wider(judge, margin):
-    """A judge that keeps farther from the Sun, which moves while the axes are under way."""
-    return Judge(replace(judge.limits, sun=judge.limits.sun + margin))
 
 
 class _Grid:
@@ -181,7 +168,7 @@ class _Grid:
             column.append(index[b].ravel())
             seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
         low, high = np.concatenate(low, 1), np.concatenate(high, 1)
-        free = judge.sky.free(Boxes(low, high, np.zeros(low.shape[1])), None)
+        free = judge.sky.free(Boxes(low, high, np.zeros(low.shape[1])), ())
         self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
         self.row, self.column, self.seconds = (
             np.concatenate(v)[free] for v in (row, column, seconds))
@@ -189,13 +176,13 @@ class _Grid:
         self.place = np.array([np.cos(middle[1]) * np.sin(middle[0]),
                                np.cos(middle[1]) * np.cos(middle[0]), np.sin(middle[1])])
 
-    def graph(self, judge, sun, step):
-        """Sparse matrix of the seconds of each step that is free of the Sun too."""
+    def graph(self, judge, circles, step):
+        """Sparse matrix of the seconds of each step that is free of the circles too."""
         free = np.ones(len(self.row), bool)
-        if sun is not None:
-            near = np.flatnonzero(sun[0] @ self.place
-                                  > np.cos(min(judge.sky.keep_out + step, np.pi)))
-            free[near] = judge.sky.free(self.boxes.of(near), sun)
+        for circle in circles:
+            near = np.flatnonzero(circle.toward @ self.place
+                                  > np.cos(min(circle.distance + step, np.pi)))
+            free[near] &= judge.sky.free(self.boxes.of(near), (circle,))
         from scipy.sparse import coo_matrix  # few nights need a way around
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()
@@ -217,7 +204,7 @@ def _grid(judge, ends, step):
     return _Grid(judge, ends, step)
 
 
-def _path(judge, cubic, state, own, step, sun, pole, leaving):
+def _path(judge, cubic, state, own, step, circles, leaving):
     """Points of a grid from the begin to one from which the track is reached; None without."""
     from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -233,13 +220,13 @@ def _path(judge, cubic, state, own, step, sun, pole, leaving):
     both = [r for r in both if np.count_nonzero(region == r) > 1]
     reached = []
     for k in goals:
-        if region[k] in both and _ok(judge.onto(cubic, grid.node(k), sun, pole, True)):
+        if region[k] in both and _ok(judge.onto(cubic, grid.node(k), circles, True)):
             reached.append(k)
             if len(reached) == 3:
                 break
     for start in starts:
         good = [k for k in reached if region[k] == region[start]]
-        if not good or not _ok(judge.way(here, grid.node(start), sun, pole, True)) or (
+        if not good or not _ok(judge.way(here, grid.node(start), circles, True)) or (
                 leaving and not leaving.to(tuple(map(float, here)), grid.node(start))):
             continue
         distance, before = dijkstra(graph, directed=False, indices=start,
@@ -253,16 +240,16 @@ def _path(judge, cubic, state, own, step, sun, pole, leaving):
     return None
 
 
-def _shortened(judge, here, path, cubic, sun, pole, leaving):
+def _shortened(judge, here, path, cubic, circles, leaving):
     """Fewer points of a path: each time the last that is reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
-        if vias and _ok(judge.onto(cubic, place, sun, pole, True)):
+        if vias and _ok(judge.onto(cubic, place, circles, True)):
             break
         near, far, at = at + 1, len(path), at + 1
         last = len(path) - 1
         while near < last:  # by halves: what is reached straight mostly goes on so
-            if _ok(judge.way(place, path[last], sun, pole, True)) and (
+            if _ok(judge.way(place, path[last], circles, True)) and (
                     not leaving or leaving.to(place, path[last])):
                 at = near = last
             else:

@@ -6,18 +6,18 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.sky.skyline import Horizon, parse_horizon
-from pointing_model.sky.sun import Sun
 
 from ..guard.limits import parse_pair
+from ..guard.sky_limits import SKY_LIMITS, SkyCircles
 
-#: a star keeps so far from horizon and ends of travel, and from the Sun, which moves while it is
-#: gone to, rad: readings are beside places of the sky by zero, model and refraction, and the guard
-#: looks at tracks in boxes
-NEAR, NEAR_SUN = 1.5 * DEG, 2.0 * DEG
+#: a star keeps so far from horizon and ends of travel, and from limits in the sky, which move while
+#: it is gone to, rad: readings are beside places of the sky by zero, model and refraction, and the
+#: guard looks at tracks in boxes
+NEAR, NEAR_LIMIT = 1.5 * DEG, 2.0 * DEG
 #: rows of `guard/status`
-LEAST, HORIZON, SUN = 'least_elevation_deg', 'horizon', 'sun_distance_deg'
+LEAST, HORIZON = 'least_elevation_deg', 'horizon'
 TRAVEL = 'first_travel_deg', 'second_travel_deg'
-#: without which nobody knows where the Sun is
+#: without which nobody knows where a limit in the sky is
 PLACE = 'latitude_deg', 'longitude_deg'
 #: sites that differ by less are one, deg
 APART = 0.01
@@ -40,7 +40,9 @@ def rows_of(limits):
     travel = {name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
               for name, axis in zip(TRAVEL, limits.axes)}
     return {LEAST: f'{limits.horizon.least / DEG:.10g}', HORIZON: corners,
-            SUN: f'{limits.sun / DEG:.10g}', **travel}
+            **{limit.parameter: '0' for limit in SKY_LIMITS},
+            **{limit.parameter: f'{distance / DEG:.10g}' for limit, distance in limits.keep_out},
+            **travel}
 
 
 def _elsewhere(rows, site):
@@ -58,9 +60,7 @@ class AllowedSky(NamedTuple):
     Attributes
     ----------
     horizon : guard.limits.Horizon
-    distance : float
-        From the Sun, rad; 0: it is no matter.
-    sun : guard.sun.Sun
+    circles : guard.sky_limits.SkyCircles
     travel : tuple of (float, float)
         Ends of both axes, rad; empty where an older guard does not tell.
     elsewhere : str
@@ -68,18 +68,18 @@ class AllowedSky(NamedTuple):
     """
 
     horizon: Horizon
-    distance: float
-    sun: Sun
+    circles: SkyCircles
     travel: tuple = ()
     elsewhere: str = ''
 
     @classmethod
     def of_rows(cls, rows, site):
         """From the rows of a status; None where it does not tell. ValueError for bad ones."""
-        if not {LEAST, HORIZON, SUN} <= rows.keys():
+        if not {LEAST, HORIZON} <= rows.keys():
             return None
+        kept = [(limit, float(rows.get(limit.parameter, 0.0)) * DEG) for limit in SKY_LIMITS]
         return cls(Horizon(float(rows[LEAST]) * DEG, parse_horizon(rows[HORIZON])),
-                   float(rows[SUN]) * DEG, Sun(site),
+                   SkyCircles([pair for pair in kept if pair[1]], site),
                    tuple(tuple(end * DEG for end in parse_pair(rows[name]))
                          for name in TRAVEL if name in rows), _elsewhere(rows, site))
 
@@ -98,11 +98,11 @@ class AllowedSky(NamedTuple):
         ndarray of bool, shape (n,)
         """
         beside = NEAR / np.maximum(np.cos(el), NEAR / np.pi)
-        up = el >= self.horizon.highest(az, beside) + NEAR
-        if not self.distance:
-            return up
+        out = el >= self.horizon.highest(az, beside) + NEAR
         place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
-        return up & (place @ self.sun.at(time) < np.cos(self.distance + NEAR_SUN))
+        for circle in self.circles.at(time):
+            out = out & (place @ circle.toward < np.cos(circle.distance + NEAR_LIMIT))
+        return out
 
     def within(self, first, second):
         """Whether the travel of the axes has such angles, on whatever turn.

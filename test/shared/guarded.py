@@ -8,7 +8,6 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import Sun
 from telescope_mount.bridges.indi.indi_driver import MountDriver
 from telescope_mount.guard.goto import GotoKeeper
 from telescope_mount.guard.keeper import GuardSettings
@@ -22,7 +21,7 @@ class Guarded:
     def __init__(self, port, mount, travel, site=DEFAULT_SITE, **options):
         limits = Limits(mount, tuple(Axis(low * DEG, high * DEG, 6.0 * DEG, 60.0 * DEG)
                                      for low, high in travel), Horizon(10.0 * DEG), timing=0.8)
-        self.keeper = GotoKeeper(limits, Sun(site), GuardSettings(
+        self.keeper = GotoKeeper(limits, site, GuardSettings(
             whole=False, silence=3.0, commander=1.5), time.monotonic)
         self.driver = MountDriver('localhost', port, mount, site, period_ms=100, **options)
         self.asked, self.sent, self.here, self._due = None, 0, None, 0.0

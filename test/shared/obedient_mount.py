@@ -3,8 +3,8 @@
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import Sun
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.keeper import GuardSettings, Keeper
 from telescope_mount.guard.limits import Axis, Limits
@@ -21,7 +21,7 @@ class Mount:
         limits = limits or Limits(axes=(Axis(-270.0 * DEG, 270.0 * DEG, *AXIS),
                               Axis(-5.0 * DEG, 95.0 * DEG, *AXIS)), horizon=Horizon(10.0 * DEG))
         self.time, self.start = 0.0, start
-        self.keeper = Keeper(limits, Sun(), GuardSettings(**{'whole': False, **settings}),
+        self.keeper = Keeper(limits, DEFAULT_SITE, GuardSettings(**{'whole': False, **settings}),
                              lambda: self.time)
         self.here, self.speed = np.array(here) * DEG, np.zeros(2)
         self.sent, self.asked, self.reads = [], None, True

@@ -18,9 +18,8 @@ from calibration.estimation.linear_model import Columns
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
-from pointing_model.sky.places import Site
+from pointing_model.sky.places import Site, sun_place
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import sun_place
 
 #: elevation of the Sun below which stars are observed: the end of civil twilight, rad
 DARK = -6.0 * DEG

@@ -9,8 +9,8 @@ from obedient_mount import Mount as Renewed
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
+from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import Sun
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
 from telescope_mount.guard.keeper import GuardSettings
@@ -28,7 +28,8 @@ class Driver(Renewed):
         limits = Limits(GERMAN, (Axis(-10.0 * DEG, 190.0 * DEG, *rates),
                                  Axis(-90.0 * DEG, 270.0 * DEG, *rates)), Horizon(10.0 * DEG),
                         timing=timing)
-        self.keeper = GotoKeeper(limits, Sun(), GuardSettings(**{'whole': False, **settings}),
+        self.keeper = GotoKeeper(limits, DEFAULT_SITE,
+                                 GuardSettings(**{'whole': False, **settings}),
                                  lambda: self.time)
         self.way = way
         self.legs = []

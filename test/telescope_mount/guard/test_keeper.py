@@ -9,12 +9,13 @@ from obedient_mount import AXIS, START, Mount, off
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount as Places
+from pointing_model.sky.places import DEFAULT_SITE, sun_place
 from pointing_model.sky.skyline import Horizon
-from pointing_model.sky.sun import Sun, sun_place
 from telescope_mount.guard import keeper as keeper_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
 from telescope_mount.guard.keeper import LATE, WARN
 from telescope_mount.guard.limits import Axis, Limits, travel_of
+from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9
@@ -61,7 +62,7 @@ def test_a_silent_encoder_stops_it_and_it_goes_on_when_that_speaks(mount):
 
 
 def test_it_goes_around_the_sun():
-    sun = Sun().at(NOON * 1e-9)
+    sun = SkyCircles([(SUN, 0.1)], DEFAULT_SITE).at(NOON * 1e-9)[0].toward
     az, el = np.arctan2(sun[0], sun[1]) / DEG, np.arcsin(sun[2]) / DEG
     assert el > 10.0
     mount = Mount(NOON, (az - 40.0, el)).run(0.2)
@@ -226,7 +227,7 @@ def test_a_lag_of_a_driver_is_no_fault_and_a_blocked_axis_is(mount):
 def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
     german = Places.equatorial(latitude * DEG, 'german')
     limits = Limits(german, tuple(Axis(a * DEG, b * DEG, *AXIS) for a, b in travel_of(german)),
-                    Horizon(10.0 * DEG), sun=0.0)
+                    Horizon(10.0 * DEG), keep_out=())
     here = np.array(limits.on_travel(80.0 * DEG, math.copysign(35.0 * DEG, latitude))) / DEG
     mount = Mount(here=here, limits=limits).run(0.2)
     mount.ask(*east, 0.0).run(120.0)

@@ -5,11 +5,12 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.mounts import Mount
+from pointing_model.sky.places import DEFAULT_SITE, sun_place
 from pointing_model.sky.skyline import Horizon, parse_horizon
-from pointing_model.sky.sun import Sun, sun_place, turned
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.limits import Allowed, Axis, Limits, Refused, safe_travel, travel_of
 from telescope_mount.guard.motion import AxisState, Slew
+from telescope_mount.guard.sky_limits import SUN, Circle, SkyCircles, SkyLimit
 from telescope_mount.guard.track_judgement import Judge
 from telescope_mount.guard.way import around, lead
 
@@ -30,6 +31,11 @@ def toward(az, el):
     return Mount().direction(az * DEG, el * DEG)
 
 
+def circles(az, el, distance=20.0, limit=SUN):
+    """Of the Sun at a place of the sky, or of another limit."""
+    return [Circle(toward(az, el), POLE if limit.turns else None, distance * DEG, limit)]
+
+
 def refused(judge, *args, **named):
     found = judge.judge(*args, **named)
     assert isinstance(found, Refused)
@@ -45,7 +51,7 @@ def judge():
 
 def test_an_ordinary_star_passes_as_it_was_asked_for(judge):
     times, angles, rates = star(30.0, 50.0)
-    found = judge.judge(times, angles, rates, at(-60.0, 70.0), toward(250.0, -40.0), POLE)
+    found = judge.judge(times, angles, rates, at(-60.0, 70.0), circles(250.0, -40.0))
     assert isinstance(found, Allowed)
     assert found.cubic.angles is angles
 
@@ -79,28 +85,45 @@ def test_an_unknown_turn_leaves_what_is_safe_on_any():
 
 
 def test_the_way_past_the_sun_is_refused_and_led_around(judge):
-    sun = toward(0.0, 45.0)
+    sun = circles(0.0, 45.0)
     track, state = star(60.0, 45.0), at(-60.0, 45.0)
-    found = judge.judge(*track, state, sun, POLE)
+    found = judge.judge(*track, state, sun)
     assert 'the way to the track comes within 20 deg of the Sun' in found.reason
-    vias = around(judge, found.cubic, state, sun, POLE)
+    vias = around(judge, found.cubic, state, sun)
     assert vias
     places = [state.angles, *vias]
-    assert all(isinstance(judge.way(a, b, sun, POLE), Allowed) for a, b in zip(places, vias))
-    assert 'the track comes within' in refused(judge, *star(10.0, 40.0), state, sun, POLE)
+    assert all(isinstance(judge.way(a, b, sun), Allowed) for a, b in zip(places, vias))
+    assert 'the track comes within' in refused(judge, *star(10.0, 40.0), state, sun)
+
+
+def test_one_more_limit_in_the_sky_is_one_object():
+    laser = SkyLimit("the neighbour's laser", 'laser_distance_deg', 5.0,
+                     lambda time, site: (60.0 * DEG, 50.0 * DEG), turns=False)
+    both = SkyCircles([(SUN, 20.0 * DEG), (laser, 5.0 * DEG)], DEFAULT_SITE)
+    sun, beam = both.at(1_768_482_000.0)
+    assert np.allclose(beam.toward, both.at(1_768_490_000.0)[1].toward)  # it stands
+    judge, state = Judge(Limits()), at(30.0, 50.0)
+    assert "comes within 5 deg of the neighbour's laser" in refused(
+        judge, *star(61.0, 52.0), state, [sun, beam])
+    assert isinstance(judge.judge(*star(61.0, 60.0), state, [sun, beam]), Allowed)
+    found = judge.judge(*star(110.0, 45.0), state, [beam, *circles(75.0, 62.0)])
+    vias = around(judge, found.cubic, state, [beam, *circles(75.0, 62.0)])
+    path = [state.angles, *vias, (110.0 * DEG, 45.0 * DEG)]
+    for near in (beam, *circles(75.0, 62.0)):
+        assert all(isinstance(judge.way(a, b, [near]), Allowed) for a, b in zip(path, path[1:]))
 
 
 def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
     slow = tuple(Axis(*ends, 0.4 * DEG, 0.3 * DEG) for ends in (
         (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
     judge = Judge(Limits(axes=slow, horizon=Horizon(15.0 * DEG), timing=0.4))
-    sun = toward(-15.0, 40.0)
+    sun = circles(-15.0, 40.0)
     track, state = star(-70.0, 35.0, (0.0, 0.0)), at(40.0, 35.0)
-    vias = around(judge, judge.judge(*track, state, sun, POLE).cubic, state, sun, POLE)
+    vias = around(judge, judge.judge(*track, state, sun).cubic, state, sun)
     seconds, here = 0.0, state.angles
     for there in (*vias, (-70.0 * DEG, 35.0 * DEG)):
-        assert isinstance(judge.way(here, there, turned(sun, POLE, seconds), POLE), Allowed)
-        assert isinstance(judge.way(here, there, turned(sun, POLE, 0.4 * seconds), POLE), Allowed)
+        assert isinstance(judge.way(here, there, [sun[0].later(seconds)]), Allowed)
+        assert isinstance(judge.way(here, there, [sun[0].later(0.4 * seconds)]), Allowed)
         way = np.abs(np.subtract(there, here))
         seconds += (way / (0.16 * DEG)).max() + 0.4 / (0.4 * 0.3)  # and up to speed
         here = there
@@ -108,10 +131,10 @@ def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
 
 
 def test_whoever_stands_too_low_or_by_the_sun_may_come_out(judge):
-    sun = toward(0.0, 45.0)
-    out = judge.judge(*star(60.0, 50.0), at(10.0, 45.0), sun, POLE)
+    sun = circles(0.0, 45.0)
+    out = judge.judge(*star(60.0, 50.0), at(10.0, 45.0), sun)
     assert isinstance(out, Allowed)
-    assert 'Sun' in refused(judge, *star(-60.0, 45.0), at(10.0, 45.0), sun, POLE)
+    assert 'Sun' in refused(judge, *star(-60.0, 45.0), at(10.0, 45.0), sun)
     assert isinstance(judge.judge(*star(30.0, 50.0), at(30.0, 5.0)), Allowed)
     assert 'horizon' in refused(judge, *star(30.0, 50.0), at(30.0, 5.0, 0.0, -2.0))
 
@@ -144,13 +167,13 @@ def test_the_sun_stands_where_another_library_has_it():
     from astropy.time import Time
     from astropy.utils import iers
     iers.conf.auto_download = False
-    time, sun = 1_768_482_000.0, Sun()
+    time, sun = 1_768_482_000.0, SkyCircles([(SUN, 0.1)], DEFAULT_SITE)
     place = coordinates.EarthLocation.from_geodetic(109.0, 34.3, 500.0)
     there = coordinates.get_body('sun', Time(time + 300.0, format='unix'), place).transform_to(
         coordinates.AltAz(obstime=Time(time + 300.0, format='unix'), location=place))
     sun.at(time)
     wanted = toward(there.az.deg, there.alt.deg)
-    assert np.linalg.norm(sun.at(time + 300.0) - wanted) < 60.0 / 206265.0
+    assert np.linalg.norm(sun.at(time + 300.0)[0].toward - wanted) < 60.0 / 206265.0
     assert sun_place(time)[1] < 0.0
 
 
@@ -221,7 +244,7 @@ def test_numbers_beyond_all_reason_are_refused(judge, times, rates):
 
 def test_axes_of_unknown_timing_may_pass_all_that_lies_between():
     limits = Limits(horizon=Horizon(10.0 * DEG), timing=0.0)
-    sun, state = toward(45.0, 60.0), at(0.0, 30.0)
-    assert isinstance(Judge(limits).judge(*star(60.0, 30.0), state, sun, POLE), Allowed)
+    sun, state = circles(45.0, 60.0), at(0.0, 30.0)
+    assert isinstance(Judge(limits).judge(*star(60.0, 30.0), state, sun), Allowed)
     there = star(60.0, 70.0)
-    assert 'comes within' in refused(Judge(limits), *there, state, sun, POLE)
+    assert 'comes within' in refused(Judge(limits), *there, state, sun)

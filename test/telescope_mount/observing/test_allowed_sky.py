@@ -8,10 +8,10 @@ from bench import START, Bench
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
-from pointing_model.sky.places import DEFAULT_SITE, observed_place
+from pointing_model.sky.places import DEFAULT_SITE, observed_place, sun_place
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from pointing_model.sky.star_catalogue import load_catalogue
-from pointing_model.sky.sun import Sun
+from telescope_mount.guard import sky_limits
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing import star_choice
 from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
@@ -30,19 +30,19 @@ def told(**limits):
 
 def test_what_the_guard_tells_is_what_it_keeps():
     horizon = Horizon(15.0 * DEG, parse_horizon(SKYLINE))
-    sky = told(horizon=horizon, sun=25.0 * DEG)
+    sky = told(horizon=horizon, keep_out=((sky_limits.SUN, 25.0 * DEG),))
     az = np.linspace(0.0, 2.0 * np.pi, 2000)
     above = horizon.at(az) + NEAR
     assert not sky(NIGHT, az, above - 1e-6).any()
     assert sky(NIGHT, az, above + 4.0 * DEG).all()  # a higher corner may be beside it
-    east, north, up = Sun(DEFAULT_SITE).at(DAY)
-    sun_az, sun_el = np.arctan2(east, north), np.arcsin(up)
+    sun_az, sun_el = sun_place(DAY)
     assert sun_el > 20.0 * DEG
     off = np.radians([0.0, 24.0, 26.9, 27.1])
     assert sky(DAY, np.full(4, sun_az), sun_el + off).tolist() == [False, False, False, True]
-    assert told(horizon=Horizon(0.0), sun=0.0)(DAY, np.array([sun_az]), np.array([sun_el])).all()
+    everywhere = told(horizon=Horizon(0.0), keep_out=())
+    assert everywhere(DAY, np.array([sun_az]), np.array([sun_el])).all()
     axes = tuple(Axis(low * DEG, high * DEG, 1.0, 1.0) for low, high in ((20, 330), (-5, 80)))
-    sky, near = told(axes=axes, horizon=Horizon(0.0), sun=0.0), NEAR / DEG
+    sky, near = told(axes=axes, horizon=Horizon(0.0), keep_out=()), NEAR / DEG
     az = np.array([20.0 - 1.0, 20.0 + near + 1.0, 330.0 - near - 1.0, 331.0, 359.0, 100.0])
     assert sky.within(az * DEG, np.full(6, 0.9)).tolist() == [
         False, True, True, False, False, True]
@@ -56,7 +56,7 @@ def test_what_the_guard_tells_is_what_it_keeps():
 def test_polar_axes_stay_within_their_travel(kind, first, second, choose):
     mount = parse_mount(kind, DEFAULT_SITE.latitude)
     axes = tuple(Axis(low * DEG, high * DEG, 1.0, 1.0) for low, high in (first, second))
-    sky = told(mount=mount, axes=axes, horizon=Horizon(10.0 * DEG), sun=0.0)
+    sky = told(mount=mount, axes=axes, horizon=Horizon(10.0 * DEG), keep_out=())
     stars = load_catalogue(mag_limit=6.0)
 
     def outside(limits):
@@ -75,7 +75,8 @@ def test_polar_axes_stay_within_their_travel(kind, first, second, choose):
     lambda stars, limits: choose_stars(stars, DAY, n=30, seed=2, limits=limits, duration=1200.0),
     lambda stars, limits: zero_stars(stars, DAY, 16, limits=limits, duration=1200.0).rows])
 def test_no_star_is_chosen_where_the_guard_lets_no_tube_look(choose):
-    sky = told(horizon=Horizon(10.0 * DEG, parse_horizon(SKYLINE)), sun=40.0 * DEG)
+    sky = told(horizon=Horizon(10.0 * DEG, parse_horizon(SKYLINE)),
+               keep_out=((sky_limits.SUN, 40.0 * DEG),))
     stars = load_catalogue(mag_limit=6.0)
 
     def outside(limits):

@@ -1,0 +1,131 @@
+"""Limits in the sky: what the tube keeps away from wherever it is, the Sun.
+
+One more is an entry of `SKY_LIMITS`: its parameter of the guard and its row in ``guard/status``,
+how tracks are judged and stars chosen follow from that.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.sky.earth import TURN_RATE
+from pointing_model.sky.places import sun_place
+
+#: the place is computed anew after so long, s; in between the sky turns
+_FRESH = 600.0
+
+
+@dataclass(frozen=True)
+class SkyLimit:
+    """What is kept away from.
+
+    Parameters
+    ----------
+    name : str
+        In a sentence.
+    parameter : str
+        Of the guard, the least distance in degrees.
+    distance_deg : float
+        By default; 0: it is no matter.
+    place : callable
+        ``place(time, site)``: azimuth and elevation, rad, at a time (UTC, s).
+    turns : bool
+        Whether it moves with the sky; else it stands.
+    """
+
+    name: str
+    parameter: str
+    distance_deg: float
+    place: Callable
+    turns: bool = True
+
+
+SUN = SkyLimit('the Sun', 'sun_distance_deg', 20.0, sun_place)
+SKY_LIMITS = (SUN,)
+
+
+class Circle(NamedTuple):
+    """About a limit, where the tube may not look.
+
+    Attributes
+    ----------
+    toward : ndarray, shape (3,)
+        Direction of the limit now: east, north, up, or in the frame of the axes.
+    pole : ndarray, shape (3,), or None
+        Of the celestial north pole, about which it turns; None: it stands.
+    distance : float
+        Radius of the circle, rad.
+    limit : SkyLimit
+    """
+
+    toward: np.ndarray
+    pole: np.ndarray | None
+    distance: float
+    limit: SkyLimit = SUN
+
+    def at(self, seconds):
+        """Direction of the limit after some seconds, shape (3,) or (3, n)."""
+        return self.toward if self.pole is None else turned(self.toward, self.pole, seconds)
+
+    def later(self, seconds, wider=0.0):
+        """The circle after some seconds, with a radius that is larger by `wider`, rad."""
+        return self._replace(toward=self.at(seconds), distance=self.distance + wider)
+
+    def in_frame(self, frame):
+        """In another frame, whose axes are the rows of a matrix."""
+        return self._replace(toward=frame @ self.toward,
+                             pole=None if self.pole is None else frame @ self.pole)
+
+
+class SkyCircles:
+    """The circles over a site, at any time.
+
+    Parameters
+    ----------
+    keep_out : sequence of (SkyLimit, float)
+        Least distance from each, rad.
+    site : Site
+    """
+
+    def __init__(self, keep_out, site):
+        self._keep_out, self._site = tuple(keep_out), site
+        self._pole = np.array([0.0, np.cos(site.latitude), np.sin(site.latitude)])
+        self._known = {}  # limit: when it was computed, and its circle then
+
+    def at(self, time):
+        """Tuple of `Circle` at a time (UTC, s)."""
+        return tuple(self._circle(limit, distance, time) for limit, distance in self._keep_out)
+
+    def _circle(self, limit, distance, time):
+        then, circle = self._known.get(limit, (None, None))
+        if then is None or abs(time - then) > _FRESH:
+            az, el = limit.place(time, self._site)
+            toward = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
+            circle = Circle(toward, self._pole if limit.turns else None, distance, limit)
+            self._known[limit] = then, circle = time, circle
+        return circle.later(time - then)
+
+
+def turned(place, pole, seconds):
+    """A direction on the sky after it has turned with it for a time.
+
+    Parameters
+    ----------
+    place, pole : ndarray, shape (3,)
+        Of the direction, and of the celestial north pole.
+    seconds : float or ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (3,) or (3, n)
+    """
+    angle = -TURN_RATE * np.asarray(seconds, float)  # westward
+    along = pole @ place * pole
+    across = place - along
+    (a, b, c), (x, y, z) = pole.tolist(), place.tolist()
+    side = np.array([b * z - c * y, c * x - a * z, a * y - b * x])  # np.cross, in a tenth of time
+    if angle.ndim == 0:
+        return along + np.cos(angle) * across + np.sin(angle) * side
+    return along[:, None] + across[:, None] * np.cos(angle) + side[:, None] * np.sin(angle)
