@@ -25,12 +25,13 @@ from pointing_model.model_document import identity
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 
-from .analysis.encoders.cross_check import UNJUDGED, axis_homings
+from .analysis.encoders.cross_check import axis_homings
 from .analysis.external_check import ways
 from .analysis.held_out import steps_of
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
+from .report.encoder_wording import MARKS_UNKNOWN
 
 
 class Calibration(MountNode):
@@ -386,7 +387,7 @@ class Calibration(MountNode):
         from .report.track_wording import problems
         tracking = self._state.tonight.tracking
         found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
-                 *([UNJUDGED] if self._unjudged() else []),
+                 *([MARKS_UNKNOWN] if self._unjudged() else []),
                  *([self._refused] if self._refused else []),
                  *(problems(tracking) if tracking else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]

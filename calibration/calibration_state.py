@@ -27,6 +27,7 @@ from .analysis.zero.power_on_zeros import (
 )
 from .distrust import contradiction, notes_of, reasons
 from .publication import BlindStars, ModelWithZeros
+from .report.encoder_wording import cross_check_texts
 from .report.fit_wording import comparison_sentence, origin_sentence
 from .report.wording import wording
 from .row_table import RowTable
@@ -458,7 +459,8 @@ class CalibrationState:
     def _cross_check(self, rows, model, homings):
         found = cross_check(rows, self._yesterday, model=model, homings=homings)
         self.encoder_zeros = found.latest
-        return {'alarms': found.alarms, 'notes': found.notes}
+        return {key: cross_check_texts(findings, self.mount.names) for key, findings in (
+            ('alarms', found.alarms), ('notes', found.notes))}
 
     # --- diagnosis --------------------------------------------------------------------------------
 

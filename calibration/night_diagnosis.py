@@ -15,7 +15,6 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 
 from .analysis.diagnosis import Diagnosis, diagnose
 from .analysis.diagnosis.expected_error import expected_error_of_terms
-from .analysis.encoders.cross_check import count_drift_line
 from .estimation.comparison import FEWEST
 from .publication import (
     UNJUDGED,
@@ -26,6 +25,7 @@ from .publication import (
     publishable,
 )
 from .report.diagnosis_document import diagnosis_document
+from .report.encoder_wording import count_drift_line
 from .report.fit_wording import comparison_sentence
 from .report.wording import wording
 from .rows import stars_without_zeros, without_zeros

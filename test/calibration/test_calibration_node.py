@@ -10,9 +10,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from calibration.analysis.encoders.cross_check import UNJUDGED
 from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
+from calibration.report.encoder_wording import MARKS_UNKNOWN
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status import Progress, handover
@@ -138,7 +138,7 @@ def test_what_the_encoder_says_of_its_marks_is_judged(graph):
     for report, word in zip(reports, ('from above', '-120 counts')):
         told = json.loads(report.data)['witnesses']
         assert len(told['alarms']) == 1 and word in told['alarms'][0]
-        assert UNJUDGED not in told['notes']
+        assert MARKS_UNKNOWN not in told['notes']
 
 
 def test_an_encoder_that_tells_nothing_of_its_marks_is_named(graph):
@@ -148,18 +148,18 @@ def test_an_encoder_that_tells_nothing_of_its_marks_is_named(graph):
     assert graph.call('fit').success  # no incremental encoder, nothing to judge
     graph.publisher(topics.INCREMENTAL)
     marks = graph.publisher(topics.HOMING)
-    status = graph.report('calibration', UNJUDGED)
+    status = graph.report('calibration', MARKS_UNKNOWN)
     assert status.level == DiagnosticStatus.WARN
     # what cannot be understood tells nothing either
     other = homing_to_cloud([AxisHoming(True, '', 0, 0, 0.0, 1e-6, 1e-5, 1)] * 2, START)
     other.fields = [field for field in other.fields if field.name != 'mark_error']
     marks.publish(other)
     graph.report('calibration', '1 messages refused')
-    graph.report('calibration', UNJUDGED)
+    graph.report('calibration', MARKS_UNKNOWN)
     assert graph.call('fit').success
     graph.wait_for(lambda: len(reports) == 2)
     notes = [json.loads(report.data)['witnesses']['notes'] for report in reports]
-    assert [UNJUDGED in note for note in notes] == [False, True]
+    assert [MARKS_UNKNOWN in note for note in notes] == [False, True]
 
 
 def test_a_fit_without_enough_stars_is_refused_with_a_reason(graph):

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from calibration.analysis.encoders.cross_check import cross_check as compare_encoders
+from calibration.report.encoder_wording import cross_check_texts
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -37,3 +39,11 @@ def night(seed, inc=(0.0, 0.0), second=(0.0, 0.0), run=1, stars=30, polaris=16, 
         'az': az, 'el': el, 'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': other[0],
         'el_abs': other[1]})
 
+
+
+def cross_check(rows, *args, **kwargs):
+    """As `cross_check.cross_check`, with sentences in the place of findings."""
+    report = compare_encoders(rows, *args, **kwargs)
+    report.alarms, report.notes = (cross_check_texts(found, rows.mount.names)
+                                   for found in (report.alarms, report.notes))
+    return report

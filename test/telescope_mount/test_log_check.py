@@ -12,8 +12,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from calibration.analysis.encoders.cross_check import UNJUDGED, Homing
+from calibration.analysis.encoders.cross_check import Homing
 from calibration.calibration_state import CalibrationState, Contradiction
+from calibration.report.encoder_wording import MARKS_UNKNOWN
 from encoder_sim.scenario_file import scenario_files
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.convert import from_stamp
@@ -182,7 +183,7 @@ def test_logs_without_numbers_of_the_marks(night, tmp_path):
     def unjudged(topic, data):
         if topic == '/mount/calibration/report':
             report = json.loads(deserialize_message(data, String).data)
-            report['witnesses']['notes'].insert(0, UNJUDGED)
+            report['witnesses']['notes'].insert(0, MARKS_UNKNOWN)
             data = serialize_message(String(data=json.dumps(report)))
         return data
     mute = rewrite(night / 'bag', tmp_path / 'mute', unjudged, leave_out=told)

@@ -216,7 +216,7 @@ def movements(night, model, budget, notes):
     night : CrossCheckNight
     model : PointingModel or None
     budget : Budget
-    notes : list of str
+    notes : list of Finding
         Gets what could not be judged.
     """
     plain = [event for axis in (0, 1) for event in difference_events(night, axis, budget)]

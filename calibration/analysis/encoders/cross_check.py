@@ -15,7 +15,6 @@ how the stars of the whole sky moved. Inside a power-on: `encoder_jumps`, `count
 """
 
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from typing import NamedTuple
 
 import numpy as np
@@ -23,14 +22,12 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.zero import BY_POLARIS, BY_STARS
 
-from .count_drift import SURE, movements
+from ..finding import Finding
+from .count_drift import movements
 from .cross_check_rows import (
     ABSOLUTE,
-    ALIKE,
     AXES,
-    BOTH,
     INCREMENTAL,
-    MOUNT,
     SHORT,
     USUAL,
     CrossCheckNight,
@@ -44,15 +41,10 @@ from .encoder_zeros import (
     zero_shift,
 )
 
-UNJUDGED = ('the reference marks of the incremental encoder could not be judged: it tells nothing '
-            'of them on incremental/homing')
 #: counts by which the mark may be off at a later passage
 MARK_TOLERANCE = 10
 #: from where the marks are to be met
 HOME_SIDE = 'below'
-_HOUR = 3600.0
-_DRIFT_CAUSES = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero '
-                 'that moves as it warms')
 
 
 class Homing(NamedTuple):
@@ -138,14 +130,14 @@ class CrossCheckReport:
 
     Attributes
     ----------
-    alarms : list of str
-        One line each: axis, who moved, by how much, with what confidence.
+    alarms : list of Finding
+        Axis, what moved, by how much, with what confidence.
     shifts : list of ZeroShift
         From power-on to power-on.
     events : list of EncoderEvent
         Inside power-ons.
-    notes : list of str
-        What could not be judged.
+    notes : list of Finding
+        What could not be compared.
     latest : EncoderZeros, StarOffsets or None
         Of the newest power-on with a zero: the reference of the next night.
     """
@@ -187,14 +179,12 @@ def cross_check(rows, reference=None, *, model=None, homings=(), budget=USUAL):
     """
     out = CrossCheckReport()
     if homings is None:
-        out.notes.append(UNJUDGED)
-    out.alarms += [line for homing in homings or () for line in _mark_lines(homing)]
+        out.notes.append(Finding('marks unknown'))
+    out.alarms += [found for homing in homings or () for found in _mark_findings(homing)]
     if 'az_abs' not in rows:
-        out.notes.append('no second encoder: nothing to compare with')
+        out.notes.append(Finding('no second encoder'))
     else:
         _compare(out, rows, reference, model, budget)
-    for texts in (out.alarms, out.notes):
-        texts[:] = map(rows.mount.names.say, texts)
     return out
 
 
@@ -202,12 +192,13 @@ def _compare(out, rows, reference, model, budget):
     for name in ('run', 'star', 'time', 'el_abs'):
         if name not in rows:
             raise ValueError(f'cross-check of the encoders: observations without column {name}')
-    out.alarms += _gap_lines(rows)
+    out.alarms += _gap_findings(rows)
     night = CrossCheckNight(rows, reference)
     found = movements(night, model, budget, out.notes)
     out.events = found.events
-    out.alarms += [_walk_line(event, int(np.count_nonzero(night.run >= 0.0)))
-                   if event.kind == 'walk' else _event_line(event) for event in out.events]
+    rows_of_night = int(np.count_nonzero(night.run >= 0.0))
+    out.alarms += [Finding('counts drift' if event.kind == 'walk' else 'encoder moved', evidence={
+        'event': event, 'rows': rows_of_night}) for event in out.events]
     noise = night.noise(found.sky, found.events)
     zeros = power_on_zeros(night, noise, model)
     if isinstance(reference, EncoderZeros | StarOffsets):
@@ -217,15 +208,15 @@ def _compare(out, rows, reference, model, budget):
         try:
             before, now = comparable(*pair)
         except ValueError as err:
-            out.notes.append(f'{_interval_name(pair[0].run)} and {_interval_name(pair[1].run)} '
-                             f'were not compared against the sky: {err}')
+            out.notes.append(Finding('power-ons not compared', evidence={
+                'pair': [one.run for one in pair], 'why': str(err)}))
             continue
         for axis in (0, 1):
             shift = zero_shift(night, axis, before, now, model, budget, 2 * len(pairs), found.sky)
             out.shifts.append(shift)
             if shift.alarm and not _is_known(shift, out.events):
-                out.alarms.append(_shift_line(shift))
-    out.alarms += _uncalibrated_lines(night, zeros, budget, noise)
+                out.alarms.append(Finding('zeros disagree', evidence={'shift': shift}))
+    out.alarms += _power_ons_without_zero(night, zeros, budget, noise)
     out.latest = zeros[-1] if zeros else None
 
 
@@ -235,46 +226,35 @@ def _is_known(shift, events):
         event.axis == shift.axis and event.run == shift.run // 1 for event in events)
 
 
-# --- wording --------------------------------------------------------------------------------------
-
-
-def _mark_lines(homing):
-    where = f'{homing.axis}: {INCREMENTAL}, power-on {homing.run}'
+def _mark_findings(homing):
+    """What an incremental encoder says of its mark."""
     if not homing.homed:
-        missed = f', missed {homing.missed_marks} times (pulse too short)'
-        yield (f'{where}: reference mark not met{missed * bool(homing.missed_marks)}: it has no '
-               'zero (confidence 1.00, by its own report)')
+        yield Finding('reference mark not met', evidence={'homing': homing})
     elif homing.side and homing.side != HOME_SIDE:
-        width = -homing.pulse_width / ARCSEC
-        amount = f' {width:+.2f} arcsec,' if np.isfinite(width) else ''
-        yield (f'{where}: homed from {homing.side}, not from {HOME_SIDE}: its zero differs by'
-               f'{amount} the width of the index pulse (confidence 1.00, by its own report)')
+        yield Finding('homed from the other side', evidence={'homing': homing})
     if abs(homing.mark_error) > MARK_TOLERANCE:
-        amount = homing.mark_error * homing.count / ARCSEC
-        yield (f'{where}: off by {homing.mark_error:+.0f} counts ({amount:+.2f} arcsec) at the '
-               'reference mark: counts lost, or the mark moved (confidence 1.00, by its own '
-               'report)')
+        yield Finding('counts lost at the mark', homing.mark_error, unit='counts',
+                      evidence={'homing': homing})
 
 
-def _gap_lines(rows):
+def _gap_findings(rows):
     """An encoder that gave no angle."""
     for encoder, name in (('enc', INCREMENTAL), ('abs', ABSOLUTE)):
         for axis, short in zip(AXES, SHORT):
             bad = np.count_nonzero(~np.isfinite(rows[f'{short}_{encoder}']))
             if bad:
-                why = ': reference mark not met' if encoder == 'enc' else ''
-                yield (f'{axis}: {name} gave no angle in {bad} of {len(rows)} '
-                       f'observations{why} (confidence 1.00)')
+                yield Finding('encoder without angle', bad, unit='rows', evidence={
+                    'axis': axis, 'encoder': name, 'rows': len(rows)})
 
 
-def _uncalibrated_lines(night, zeros, budget, noise):
+def _power_ons_without_zero(night, zeros, budget, noise):
     """Power-ons of tonight after a calibrated one that have no zero of their own."""
     known = [one for one in zeros if one.run >= 0.0]
     for run in night.tonight:
         before, rows = [one for one in known if one.run < run], night.run == run
         if not before or any(one.run // 1 == run for one in known) or np.count_nonzero(rows) < 2:
             continue
-        since, last, way = _utc(night.rows['time'][rows][0]), before[-1], BY_POLARIS
+        since, last, way = night.rows['time'][rows][0], before[-1], BY_POLARIS
         if isinstance(last, StarOffsets):
             # the difference at a place like that of Polaris
             at, way = night.interval == last.run, BY_STARS
@@ -287,66 +267,5 @@ def _uncalibrated_lines(night, zeros, budget, noise):
             value, sigma = difference_at(night, axis, rows, (last.az, last.el)[axis], noise)
             moved = wrap(value - there[axis][0])
             sigma = np.sqrt(sigma**2 + there[axis][1] ** 2 + budget.absolute**2)
-            yield (f'{AXES[axis]}: {INCREMENTAL} began power-on {run:.0f} at {since} '
-                   f'and has no zero on {way} since: moved by {moved / ARCSEC:+.2f} +- '
-                   f'{sigma / ARCSEC:.2f} arcsec by the {ABSOLUTE} (confidence 1.00)')
-
-
-def _utc(time):
-    return datetime.fromtimestamp(time, timezone.utc).strftime('%H:%M:%S UTC')
-
-
-def _interval_name(run):
-    if run < 0:
-        return 'the reference night'
-    later = round(run % 1 * 100)
-    return f'power-on {run // 1:.0f}' + (
-        f', {later} of the {ABSOLUTE} later' if later else '')
-
-
-def _event_line(event):
-    rate = event.kind == 'drift'
-    scale = _HOUR / ARCSEC if rate else 1.0 / ARCSEC
-    unit = 'arcsec an hour' if rate else 'arcsec'
-    verb = 'drifts' if rate else f'moved at {_utc(event.time)}'
-    second = (f' (the incremental one), {event.second * scale:+.2f} +- '
-              f'{event.second_sigma * scale:.2f} {unit} (the absolute one)'
-              if event.moved == BOTH else '')
-    return (f'{event.axis}: {event.moved} {verb} inside power-on {event.run:.0f} by '
-            f'{event.amount * scale:+.2f} +- {event.sigma * scale:.2f} {unit}{second} '
-            f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
-
-
-def _walk_line(event, rows):
-    """`rows`: in how many it walked."""
-    size = f'by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows'
-    trust = f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})'
-    if event.moved != INCREMENTAL:
-        whose = '' if event.confidence >= SURE else ', or that against it: the stars do not tell'
-        return f'{event.axis}: {ABSOLUTE} drifts against the incremental one{whose}, {size} {trust}'
-    remedy = ('its zero follows the other' if event.confidence >= SURE else
-              'the stars do not tell which of the two it is: nothing follows')
-    return (f'{event.axis}: {INCREMENTAL}: the counts of the {event.axis} encoder drift against '
-            f'the absolute encoder, {size}: {_DRIFT_CAUSES}; {remedy} {trust}')
-
-
-def count_drift_line(axis):
-    """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
-    return (f'the counts of the {axis} encoder drift against the absolute encoder: '
-            f'{_DRIFT_CAUSES}; the zero of this axis follows the absolute encoder, and rows are '
-            'taken so')
-
-
-def _shift_line(shift):
-    amount = f'{shift.absolute / ARCSEC:+.2f} +- {shift.absolute_sigma / ARCSEC:.2f} arcsec'
-    when = f'between {_interval_name(shift.since)} and {_interval_name(shift.run)}'
-    if shift.cause == ALIKE:
-        return (f'{shift.axis}: {ALIKE} moved by {amount} {when}: both encoders show it alike, as '
-                f'they would if the mount turned about this axis (confidence '
-                f'{shift.causes[ALIKE]:.2f}, by chance {shift.probability:.1g})')
-    who, other = (MOUNT, ABSOLUTE) if shift.cause == MOUNT else (ABSOLUTE, MOUNT)
-    also = (f', the {INCREMENTAL} by {shift.incremental / ARCSEC:+.2f} +- '
-            f'{shift.incremental_sigma / ARCSEC:.2f}' if shift.cause == BOTH else '')
-    return (f'{shift.axis}: {who} moved by {amount} {when}{also}: the zeros by {shift.by} and by '
-            f'the {ABSOLUTE} disagree (confidence {shift.moved[who]:.2f}, {other} '
-            f'{shift.moved[other]:.2f}, by chance {shift.probability:.1g})')
+            yield Finding('power-on without zero', moved / ARCSEC, sigma / ARCSEC, evidence={
+                'axis': AXES[axis], 'run': run, 'since': since, 'way': way})

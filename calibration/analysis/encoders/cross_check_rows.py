@@ -14,6 +14,7 @@ from pointing_model.zero_drift import harmonic_columns
 
 from ...estimation.group_columns import GroupColumns
 from ...estimation.step_scan import LocalColumns, noise_beside, robust_fit
+from ..finding import Finding
 from ..fit import fit_terms
 
 AXES = ('azimuth', 'elevation')
@@ -178,7 +179,7 @@ class CrossCheckNight:
         events : list of DifferenceEvent
         model : PointingModel or None
             None: fitted to the night.
-        notes : list of str
+        notes : list of Finding
             Gets why there are none.
 
         Returns
@@ -187,7 +188,7 @@ class CrossCheckNight:
             None where the stars are too few.
         """
         if np.count_nonzero(~self.for_zero) < FEWEST_STARS:
-            notes.append(f'fewer than {FEWEST_STARS} stars: Polaris alone stands for the sky')
+            notes.append(Finding('few stars for the sky'))
             return None
         if model is None:
             part = self.run + sum(
@@ -196,7 +197,7 @@ class CrossCheckNight:
                 model = fit_terms(PointingRun({**self.rows.columns, 'run': part}, self.rows.meta),
                                   run_zeros=True).model
             except (ValueError, np.linalg.LinAlgError) as err:
-                notes.append(f'sky not fitted: {err}')
+                notes.append(Finding('sky not fitted', evidence={'why': str(err)}))
                 return None
         incremental = np.concatenate(model.residuals(self.rows))
         absolute = np.concatenate(replace(model, effects=self._shared_effects(model)).residuals(

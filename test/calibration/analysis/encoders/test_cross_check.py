@@ -1,15 +1,14 @@
 import numpy as np
 import pytest
-from encoder_night import mount, night
+from encoder_night import cross_check, mount, night
 
 from calibration.analysis.encoders.cross_check import (
-    UNJUDGED,
     Homing,
     axis_homings,
-    cross_check,
     diagnostic_homings,
 )
 from calibration.analysis.encoders.cross_check_rows import Budget
+from calibration.report.encoder_wording import MARKS_UNKNOWN
 from msg_tools.homing import AxisHoming
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
@@ -247,10 +246,10 @@ def test_an_encoder_that_gives_no_angle():
 
 
 def test_what_an_encoder_says_that_should_say_something():
-    assert UNJUDGED in cross_check(night(2), homings=None).notes
+    assert MARKS_UNKNOWN in cross_check(night(2), homings=None).notes
     assert cross_check(night(2), homings=None).alarms == []
     assert cross_check(night(2), homings=()).notes == cross_check(night(2)).notes
-    assert UNJUDGED not in cross_check(night(2)).notes
+    assert MARKS_UNKNOWN not in cross_check(night(2)).notes
 
 
 def test_numbers_and_old_logs_say_the_same():
@@ -365,4 +364,4 @@ def test_without_a_second_encoder_the_marks_are_judged_all_the_same():
     report = cross_check(alone, homings=[lost])
     assert len(report.alarms) == 1 and '900 counts' in report.alarms[0]
     assert report.notes == ['no second encoder: nothing to compare with']
-    assert UNJUDGED in cross_check(alone, homings=None).notes
+    assert MARKS_UNKNOWN in cross_check(alone, homings=None).notes

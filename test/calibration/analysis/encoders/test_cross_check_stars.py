@@ -3,9 +3,8 @@
 
 import numpy as np
 import pytest
-from encoder_night import mount, night
+from encoder_night import cross_check, mount, night
 
-from calibration.analysis.encoders.cross_check import cross_check
 from calibration.analysis.encoders.encoder_zeros import StarOffsets
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
