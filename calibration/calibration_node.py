@@ -32,6 +32,7 @@ from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
 from .report.encoder_wording import MARKS_UNKNOWN
+from .report.zero_wording import zero_statement
 
 
 class Calibration(MountNode):
@@ -221,7 +222,7 @@ class Calibration(MountNode):
                   elevation_arcsec=f'{zero.el / ARCSEC:.3f}',
                   sigma_azimuth_arcsec=f'{zero.sigma_az / ARCSEC:.3f}',
                   sigma_elevation_arcsec=f'{zero.sigma_el / ARCSEC:.3f}',
-                  contains=zero.statement())
+                  contains=zero_statement(zero))
         return done
 
     def _dated(self, model):

@@ -30,6 +30,7 @@ from .publication import BlindStars, ModelWithZeros
 from .report.encoder_wording import cross_check_texts
 from .report.fit_wording import comparison_sentence, origin_sentence
 from .report.wording import wording
+from .report.zero_wording import zero_document
 from .row_table import RowTable
 from .rows import check_mount, counts, for_fitting
 from .star_requests import StarRequests
@@ -403,8 +404,10 @@ class CalibrationState:
             'format': REPORT_FORMAT, 'version': REPORT_VERSION,
             'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
             **counts(rows),
-            'zeros': self.zeros.to_list(),
-            'changes': zero_changes(observed, sorted(self.zeros), fitted.model),
+            'zeros': list(map(zero_document, self.zeros.values())),
+            'changes': [{'from': before, 'to': after, **zero_document(change)}
+                        for before, after, change in zero_changes(
+                            observed, sorted(self.zeros), fitted.model)],
             'zeros_in_force': fitted.zeros.to_list(),
             'terms': rows_of_terms(fitted.model) if harmonics else fitted.term_rows(),
             'correlations': fitted.correlations[:CORRELATED, :CORRELATED].tolist(),

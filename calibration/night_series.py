@@ -23,6 +23,7 @@ from .analysis.zero.power_on_zeros import zero_from_exposures
 from .analysis.zero.zero_causes import zero_causes
 from .analysis.zero.zero_season import SeasonLog, season_rows
 from .calibration_state import NO_HARMONICS, CalibrationState
+from .report.wording import worded
 from .row_table import RowTable
 from .rows import by_run, for_fitting, is_kept_out, zero_exposures_by_run
 
@@ -259,7 +260,7 @@ class NightSeries:
                 self.season.add_zero(number, exposures[number], model)
         season = self.season.season()
         return {'power_ons': season_rows(season),
-                'zero_causes': zero_causes(season, leave_out=False),
+                'zero_causes': worded(zero_causes(season, leave_out=False)),
                 'zero_expected': self._expected.get(number)}
 
     def expect(self):

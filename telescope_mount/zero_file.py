@@ -20,6 +20,7 @@ import numpy as np
 
 from calibration.analysis.zero.zero_causes import AXES, Season, zero_causes
 from calibration.report.row_wording import listed
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats.cells import Cells
 from pointing_model.runs.formats.run_table import content, floats, read_lines, seconds_or_iso
@@ -181,7 +182,7 @@ def zero_file_causes(path):
     OSError
     """
     season, tonight, notes = read_zeros(path)
-    found = zero_causes(season, tonight)
+    found = worded(zero_causes(season, tonight))
     if found['p'] is None:
         raise ValueError('; '.join([f'{path}: {found["text"]}', *notes]))
     expected = found['tonight']

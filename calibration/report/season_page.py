@@ -10,7 +10,7 @@ from ..analysis.season.season_judgement import date_of
 from .drawing import Panel, clean, svg, text
 from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
-from .wording import wording
+from .wording import worded
 
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
@@ -48,9 +48,9 @@ def render(judged, more=''):
     -------
     str
     """
-    document, season = judged.document(), judged.season
+    document, season = worded(judged.document()), judged.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
-    sentences = judged.sentences()
+    sentences = worded(judged.findings())
     headline = (f'{len(sentences)} cause{"s" * (len(sentences) != 1)} found' if sentences else
                 'Nothing moves the terms beyond their own wander')
     body = [
@@ -66,7 +66,7 @@ def render(judged, more=''):
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
                 'together show.'),
-        section('Notes', listed(map(wording, document['notes']))), more,
+        section('Notes', listed(document['notes'])), more,
         '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
         'off it by what is of that night alone and by the error of its fit.</footer>']
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')

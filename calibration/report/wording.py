@@ -2,12 +2,21 @@
 
 from calibration.analysis.finding import Finding
 
-from . import diagnosis_wording, encoder_wording, fit_wording, row_wording, track_wording
+from . import (
+    diagnosis_wording,
+    encoder_wording,
+    fit_wording,
+    row_wording,
+    season_wording,
+    track_wording,
+    zero_wording,
+)
 
 KINDS = {
     'held out': lambda found: f'held out: {wording(found["of"])}',
     **fit_wording.KINDS, **row_wording.KINDS, **diagnosis_wording.KINDS,
     **track_wording.KINDS, **encoder_wording.KINDS,
+    **zero_wording.KINDS, **season_wording.KINDS,
 }
 
 

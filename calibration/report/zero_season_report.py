@@ -3,9 +3,11 @@
 from msg_tools.output import beside
 from pointing_model.runs.formats.cells import write_rows
 
-from ..analysis.zero.zero_causes import AXES, COVARIATES, zero_causes
+from ..analysis.zero.zero_causes import AXES, zero_causes
 from ..analysis.zero.zero_season import season_from_rows
 from .tables import new_table
+from .wording import worded
+from .zero_wording import COVARIATES
 
 #: columns of the CSV of the power-ons, of each axis but the first two
 _COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
@@ -41,7 +43,7 @@ def judge_season(power_ons, expected=None):
                    'measured_sigma_arcsec': measured['sigma_arcsec'][k],
                    'by': expected[axis]['by'], 'missing': expected[axis]['missing']}
             for k, axis in enumerate(AXES)}}
-    return {'power_ons': power_ons, 'causes': zero_causes(season), 'tonight': tonight}
+    return {'power_ons': power_ons, 'causes': worded(zero_causes(season)), 'tonight': tonight}
 
 
 def season_table(judged):
@@ -64,7 +66,7 @@ def season_table(judged):
     row('verdict', lambda axis: ': '.join(
         filter(None, (axis['verdict'], ' or '.join(axis['alike'])))))
     for driver in dict.fromkeys(c['driver'] for axis in axes for c in axis['causes']):
-        row(COVARIATES[driver][0], lambda axis, driver=driver: _slope(axis['causes'], driver))
+        row(COVARIATES[driver], lambda axis, driver=driver: _slope(axis['causes'], driver))
     row('p over all drivers and both axes', lambda axis: _number(axis['p'], '.3f'))
     row('zeros, std, arcsec', lambda axis: _number(axis['std_arcsec']))
     row('unexplained, arcsec', lambda axis: _number(axis['unexplained_arcsec']))

@@ -34,7 +34,7 @@ def run(args):
     from calibration.analysis.season.season_judgement import judge_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import write_page
-    from calibration.report.wording import wording
+    from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.formats import NoObservations
 
@@ -70,11 +70,10 @@ def run(args):
         season.notes.extend(empty)
         progress('looking for what moves the terms')
         judged = judge_season(season, declared=declared, tonight=tonight, causes=causes)
-    document = judged.document()
-    document['notes'] = list(map(wording, document['notes']))
+    document = worded(judged.document())
     for table in _tables(document):
         console.print(table)
-    print_lines(console, 'found', judged.sentences()
+    print_lines(console, 'found', worded(judged.findings())
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
     write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),

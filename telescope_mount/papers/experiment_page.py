@@ -29,6 +29,7 @@ from calibration.report.residual_figures import (
     residual_sections,
 )
 from calibration.report.zero_season_report import season_lines
+from calibration.report.zero_wording import COVARIATES as WORDS
 from calibration.rows import for_fitting
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
@@ -210,7 +211,7 @@ def _zeros(judged):
     found, season = judged['causes'], season_from_rows(judged['power_ons'])
     drawn = []
     for name in found['drivers'] or ['temperature']:
-        words, unit, _ = COVARIATES[name]
+        words, (unit, _) = WORDS[name], COVARIATES[name]
         for k, (_, said) in enumerate(AXES):
             values, zeros = season.covariates[name][:, k], season.zeros[:, k] / ARCSEC
             good = np.isfinite(values) & np.isfinite(zeros)

@@ -8,6 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 
+from ..finding import Finding
 from ..tracking.history import PAST, RATES, past_of_runs, rates_of_nights
 from .season_causes import ALPHA, candidates, choose_causes
 from .season_filter import (
@@ -41,7 +42,7 @@ class SeasonJudged:
         Terms foretold for then, rad.
     covariance : ndarray, shape (k, k)
         rad^2.
-    notes : list of str
+    notes : list of Finding
     """
 
     season: Nights
@@ -65,9 +66,9 @@ class SeasonJudged:
             at = part.stop
         return out
 
-    def sentences(self):
-        """One for each cause, for people."""
-        return [_sentence(self.season, found, *own)
+    def findings(self):
+        """One for each cause."""
+        return [_finding(self.season, found, *own)
                 for found, own in zip(self.causes, self.coefficients())]
 
     def model(self):
@@ -84,12 +85,12 @@ class SeasonJudged:
         return PointingModel(
             dict(zip(self.season.names, self.mean.tolist())), self.covariance,
             mount=self.season.mount, provenance={
-                'source': f'foretold from {len(self.season.nights)} nights, the last of '
+                'source': f'{len(self.season.nights)} nights until '
                           f'{date_of(self.season.nights[-1].time)}',
                 'for': date_of(self.tonight), **told})
 
     def document(self):
-        """All of it, JSON-ready; angles in arcsec."""
+        """All of it, for JSON, with findings; angles in arcsec."""
         names, k = self.season.names, len(self.season.names)
         sigma = np.sqrt(np.diag(self.covariance))
         own = np.sqrt(np.maximum(np.array([np.diag(c) for c in self.path.covariances]), 0.0))
@@ -108,9 +109,9 @@ class SeasonJudged:
                 'terms': {names[term]: {'arcsec': (value / ARCSEC).tolist(),
                                         'sigma_arcsec': (spread / ARCSEC).tolist()}
                           for term, value, spread in zip(found.cause.terms, *values)},
-                'unit': found.cause.unit, 'sentence': sentence}
-                for found, values, sentence in zip(self.causes, self.coefficients(),
-                                                   self.sentences())],
+                'unit': found.cause.unit, 'sentence': finding}
+                for found, values, finding in zip(self.causes, self.coefficients(),
+                                                   self.findings())],
             'wander': {name: {'walk_arcsec_per_root_day': float(self.variation.walk[i]) / ARCSEC,
                               'night_arcsec': float(self.variation.scatter[i]) / ARCSEC}
                        for i, name in enumerate(names)},
@@ -162,15 +163,14 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
     steps = [((when - nights[0].time) / _DAY, text) for when, text in declared]
     for at, text in steps:
         if not day[0] < at <= day[-1]:
-            notes.append(f'{text}: no night before or after it')
+            notes.append(Finding('step outside the season', evidence={'step': text}))
     found, variation = choose_causes(terms, candidates(season, day, steps), alpha)
     path = season_path(terms.with_columns([one.cause.columns(k) for one in found]), variation)
     at = (tonight - nights[0].time) / _DAY
     unknown = sorted({entry.cause.text for entry in found if entry.cause.kind == 'column'}
                      - set(causes or {}))
     if unknown:
-        notes.append(f'{", ".join(unknown)} of the night to come is not known: taken as the mean '
-                     'of the season (--tonight COLUMN=VALUE)')
+        notes.append(Finding('cause unknown tonight', causes=tuple(unknown)))
     columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
     mean, covariance = forecast(path, variation, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
@@ -217,23 +217,21 @@ def date_of(time, other=None):
     return day.strftime('%Y-%m-%d')
 
 
-def _sentence(season, found, value, sigma):
+_KINDS = {'step': 'season step', 'declared': 'season declared', 'year': 'season year',
+          'trend': 'season trend', 'column': 'season column'}
+
+
+def _finding(season, found, value, sigma):
     cause, names = found.cause, season.names
-    moved = ', '.join(f'{names[term]} by {v[0] / ARCSEC:+.1f} ± {s[0] / ARCSEC:.1f}″'
-                      for term, v, s in zip(cause.terms, value, sigma))
+    evidence = {'cause': cause.text, 'terms': [
+        (names[term], (v / ARCSEC).tolist(), (s / ARCSEC).tolist())
+        for term, v, s in zip(cause.terms, value, sigma)]}
     if cause.kind in ('step', 'declared'):
         after = int(np.argmax(cause.shape[:, 0]))
         begin, end = season.nights[after - 1].time, season.nights[after].time
-        between = f'between {date_of(begin, end)} and {date_of(end, begin)}'
-        if cause.kind == 'declared':
-            return f'{cause.text}: {moved}, {between}'
-        return f'{moved}, {between}: ask what was done to the mount then'
-    term, v, s = names[cause.terms[0]], value[0] / ARCSEC, sigma[0] / ARCSEC
+        evidence['between'] = date_of(begin, end), date_of(end, begin)
     if cause.kind == 'year':
-        size, turn = np.hypot(*v), np.arctan2(v[1], v[0]) / (2.0 * np.pi) * _YEAR
-        peak = season.nights[0].time + (turn % _YEAR) * _DAY
-        month = datetime.fromtimestamp(peak, timezone.utc).strftime('%B')
-        return f'{term} follows the time of the year: ± {size:.1f}″, highest in {month}'
-    if cause.kind == 'trend':
-        return f'{term} goes with time: {v[0]:+.2f} ± {s[0]:.2f}″ a year'
-    return f'{term} follows {cause.text}: {v[0]:+.2f} ± {s[0]:.2f}″ per unit of it'
+        v = value[0]
+        turn = np.arctan2(v[1], v[0]) / (2.0 * np.pi) * _YEAR
+        evidence['peak'] = season.nights[0].time + (turn % _YEAR) * _DAY
+    return Finding(_KINDS[cause.kind], causes=(cause.text,), evidence=evidence)

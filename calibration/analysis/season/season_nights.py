@@ -13,13 +13,15 @@ from pointing_model.rms import rms
 from pointing_model.runs.copies import without_copies
 
 from ..diagnosis import ColumnCheck, MistakenColumns, check_columns
+from ..finding import Finding
 from ..fit import fit_terms
 
+NO_DATE = 'no date'
 #: a pause of so many hours in a run ends a night
 PAUSE_H = 6.0
 #: rows for each term that a night has at least
 ROWS_A_TERM = 2
-_STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_ ](\d{2})[-:]?(\d{2})(?:[-:]?(\d{2}))?)?')
+_STAMP = re.compile(r'(\d{4})-?(\d{2})-?(\d{2})(?:[T_\s](\d{2})[-:]?(\d{2})(?:[-:]?(\d{2}))?)?')
 _DAY = 86400.0
 
 
@@ -116,8 +118,8 @@ def nights_of(runs, names=None, columns=()):
         for part, rows in _parts(run):
             label = Path(source).name + (f' ({part})' if part else '')
             night = _night(rows, names, label, columns, seen)
-            if isinstance(night, str):
-                notes.append(f'{label}: left out, {night}')
+            if not isinstance(night, SeasonNight):
+                notes.append(Finding('night left out', evidence={'night': label, 'why': night}))
             else:
                 found.append(night)
     missing = set(columns) - seen
@@ -125,10 +127,14 @@ def nights_of(runs, names=None, columns=()):
         raise ValueError(f'no run has a column {", ".join(sorted(missing))}')
     if len(found) < 3:
         raise ValueError(f'{len(found)} nights with a date and enough stars; a season takes three: '
-                         + ('; '.join(notes[:3]) or 'give more runs'))
+                         + ('; '.join(_reason(note) for note in notes[:3]) or 'give more runs'))
     found.sort(key=lambda night: night.time)
     notes += ColumnCheck.of(checked).doubts(mount.names)
     return Nights(names, mount, found, notes, tuple(columns))
+
+
+def _reason(note):
+    return note if isinstance(note, str) else f'{note["night"]}: {note["why"]}'
 
 
 def _parts(run):
@@ -148,7 +154,7 @@ def _night(run, names, label, columns, seen):
     """A `SeasonNight`, or why it is none."""
     time = _time_of(run, label)
     if time is None:
-        return 'no date: name the file YYYY-MM-DD or give the column time'
+        return NO_DATE
     if len(run) < ROWS_A_TERM * len(names):
         return f'{len(run)} rows for {len(names)} terms'
     several = 'run' in run and len(np.unique(run['run'])) > 1

@@ -82,27 +82,6 @@ class MeasuredZero(RunZero):
                           self.contamination[axis].get(name, 0.0) for name in names]
                          for i, axis in enumerate(('az', 'el'))])
 
-    def statement(self):
-        """What the zero rests on, in words: terms that its exposures cannot tell from it."""
-        def list_of(axis):
-            parts = sorted(self.contamination[axis].items(), key=lambda item: -abs(item[1]))
-            return ', '.join(f'{name} {v:+.2f}\u2033' for name, v in parts if abs(v) >= 0.005)
-        first, second = self.mount.names.axes
-        by = '' if self.by == BY_POLARIS else f'by {self.by}: '
-        wide = '' if self.misfit == 1.0 else (
-            f'; the stars disagree by {self.misfit:.1f} times what their noise and the held terms '
-            'allow (a term has changed): sigma is widened by that')
-        if self.reference == NO_MODEL and not (list_of('az') or list_of('el')):
-            return (f'{by}no earlier model is its reference: the stars themselves tell the zero '
-                    f'from the other terms, as well as its sigma says{wide}')
-        if self.reference == NO_MODEL:
-            return (f'{by}no earlier model is its reference, so the other terms are in the zero. '
-                    f'1\u2033 of a term shifts it: {first} by {list_of("az")}; {second} by '
-                    f'{list_of("el")}{wide}')
-        return (f'{by}the zero is right as long as the other terms are as they were at its '
-                f'reference ({self.reference}). 1\u2033 of change in one of them makes it wrong: '
-                f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}')
-
     def to_dict(self):
         """Numbers for a log or a provenance, in arcsec; ``by`` where it is not Polaris."""
         other = {} if self.by == BY_POLARIS else {'by': self.by, 'misfit': self.misfit}
@@ -115,7 +94,6 @@ class MeasuredZero(RunZero):
             'reference': self.reference,
             'sigma_from': self.sigma_from,
             'contamination': self.contamination,
-            'statement': self.statement(),
             **other,
         }
 
@@ -184,7 +162,7 @@ def _model_name(model):
     if not is_a_model(model):
         return NO_MODEL
     source = model.provenance.get('source')
-    return 'prediction of the pointing model' + (f' from {source}' if source else '')
+    return f'the model of {source}' if source else 'a model'
 
 
 def power_on_zeros(parts, reference, *, encoder='enc'):
@@ -271,12 +249,12 @@ def zero_changes(rows, numbers, model):
 
     Returns
     -------
-    list of dict
-        ``from``, ``to``, and `MeasuredZero.to_dict`.
+    list of (int, int, MeasuredZero)
+        From which power-on to which.
     """
     if is_marked(rows).any():
         model = _terms_of_stars(rows)
-    return [{'from': before, 'to': after, **zero_change(rows, before, after, model).to_dict()}
+    return [(before, after, zero_change(rows, before, after, model))
             for before, after in zip(numbers, numbers[1:])]
 
 

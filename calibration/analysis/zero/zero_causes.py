@@ -19,14 +19,15 @@ from ...estimation.covariate_choice import (
     fewest_epochs,
 )
 from ...estimation.step_scan import student_factor
+from ..finding import Finding
 
 AXES = ('azimuth', 'elevation')
-#: covariate -> (in words, unit, the least standard deviation over the nights that counts)
+#: covariate -> (unit, the least standard deviation over the nights that counts)
 COVARIATES = {
-    'temperature': ('temperature', '°C', 0.3),
-    'supply': ('supply voltage', 'V', 0.01),
-    'hours': ('time since the last power-on', 'h', 0.1),
-    'side': ('side from which the mark was met', 'side', 0.1),
+    'temperature': ('°C', 0.3),
+    'supply': ('V', 0.01),
+    'hours': ('h', 0.1),
+    'side': ('side', 0.1),
 }
 CAUSE, UNDECIDED, NOTHING = 'cause', 'undecided', 'nothing'
 #: unknown in more of the nights than this share, a covariate is not tried
@@ -110,20 +111,21 @@ def usable_covariates(season):
     Returns
     -------
     names : list of str
-    why : dict of str to str
-        One line for each of the other `COVARIATES`.
+    why : list of Finding
+        On each of the other `COVARIATES`.
     """
-    names, why = [], {}
-    for name, (words, unit, least) in COVARIATES.items():
+    names, why = [], []
+    for name, (unit, least) in COVARIATES.items():
         values = season.covariates.get(name)
         known = np.isfinite(values).all(axis=1) if values is not None and len(season) else None
         if known is None or not known.any():
-            why[name] = f'{words}: not known'
+            why.append(Finding('covariate unknown', causes=(name,)))
         elif np.mean(~known) > _UNKNOWN:
-            why[name] = f'{words}: not known of {np.sum(~known)} of {len(season)} nights'
+            why.append(Finding('covariate unknown', int(np.sum(~known)), unit='nights',
+                               causes=(name,), evidence={'nights': len(season)}))
         elif values[known].std(axis=0).max() < least:
             spread = values[known].std(axis=0).max()
-            why[name] = f'{words}: constant ({spread:.2g} {unit} rms over the nights)'
+            why.append(Finding('covariate constant', float(spread), unit=unit, causes=(name,)))
         else:
             names.append(name)
     return names, why
@@ -193,12 +195,12 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     Returns
     -------
     dict
-        JSON-ready. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``; ``nights``,
-        ``left_out`` (numbers of the power-ons of which a covariate is not known), ``drivers``
-        (those tried), ``not_tried`` (lines), ``p`` over all covariates and both axes; ``axes``: of
-        each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are alone), ``causes``
-        (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``, ``std_arcsec`` of
-        the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
+        JSON-ready but for findings. ``verdict`` (`CAUSE`, `UNDECIDED` or `NOTHING`) and ``text``;
+        ``nights``, ``left_out`` (numbers of the power-ons of which a covariate is not known),
+        ``drivers`` (those tried), ``not_tried`` (findings), ``p`` over all covariates and both
+        axes; ``axes``: of each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are
+        alone), ``causes`` (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``,
+        ``std_arcsec`` of the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
         nights were left out ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS);
         ``tonight`` (of each axis ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and
         those ``missing``) or None.
@@ -217,30 +219,21 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     out = {
         'verdict': verdict, 'nights': len(used), 'alpha': alpha,
         'left_out': sorted({int(r) for r in season.run} - {int(r) for r in used.run}),
-        'drivers': names, 'not_tried': list(why.values()),
+        'drivers': names, 'not_tried': why,
         'p': float(found.p.min()) if enough and names else None, 'axes': axes,
         'tonight': None,
     }
-    out['text'] = _text(out, enough, len(season), alpha)
+    if not enough:
+        out['text'] = Finding('few power-ons', len(used), unit='power-ons', evidence={
+            'needed': fewest_epochs(alpha), 'incomplete': max(len(season) - len(used), 0)})
+    else:
+        out['text'] = Finding('causes of zeros', evidence={
+            'not_tried': why if not names else [],
+            'axes': {name: axis['text'] for name, axis in axes.items()}})
     if tonight is not None and lines:
         means = [_fit(used, axis, ()) for axis in range(2)]
         out['tonight'] = _expected(lines, means, tonight)
     return out
-
-
-def _text(out, enough, known, alpha):
-    if not enough:
-        lost = known - out['nights']
-        lost = f', {lost} more without a covariate' if lost > 0 else ''
-        return (f'{out["nights"]} power-ons with a zero{lost}: too few to name a cause, which '
-                f'takes {fewest_epochs(alpha)}')
-    if not out['drivers']:
-        return 'no cause can be looked for: ' + '; '.join(out['not_tried'])
-    return '; '.join(f'{name}: {axis["text"]}' for name, axis in out['axes'].items())
-
-
-def _words(names):
-    return ' and '.join(COVARIATES[name][0] for name in names)
 
 
 def _axis(axis, found, line, used, names, enough, errors):
@@ -261,23 +254,15 @@ def _axis(axis, found, line, used, names, enough, errors):
     if causes:
         sigma = line.rms * np.sqrt(np.diag(line.inverse)) * student_factor(line.dof)
         out['causes'] = [
-            {'driver': name, 'unit': COVARIATES[name][1], 'slope_arcsec': float(slope) / ARCSEC,
+            {'driver': name, 'unit': COVARIATES[name][0], 'slope_arcsec': float(slope) / ARCSEC,
              'sigma_arcsec': float(s) / ARCSEC}
             for name, slope, s in zip(line.names, line.slopes, sigma)]
-        slopes = ', '.join(f'{c["slope_arcsec"]:+.2f} ± {c["sigma_arcsec"]:.2f}"/{c["unit"]}'
-                           for c in out['causes'])
-        out['text'] = (f'the zero follows the {_words(causes)} ({slopes}; p {out["p"]:.3f} over '
-                       f'all covariates and both axes); {out["unexplained_arcsec"]:.1f}" of '
-                       f'{out["std_arcsec"]:.1f}" are left')
-    elif alike:
-        out['text'] = (f'undecided: {" or ".join(COVARIATES[n][0] for n in alike)} explain the '
-                       'zero alike, because they changed together; nights on which they differ '
-                       'will decide')
-    elif trend:
-        out['text'] = (f'undecided: the zero goes with the {_words(trend)} over the season, but '
-                       'not from night to night; a zero that walks or drifts looks the same')
+        out['text'] = Finding(
+            'zero follows', out['std_arcsec'], causes=causes, after=out['unexplained_arcsec'],
+            evidence={'slopes': out['causes'], 'p': out['p']})
     else:
-        out['text'] = 'nothing found that the zero follows'
+        out['text'] = Finding('covariates alike' if alike else 'common trend' if trend else
+                              'zero follows nothing', causes=alike or trend)
     if errors is not None:
         out['left_out_before_arcsec'], out['left_out_after_arcsec'] = (
             float(np.sqrt(np.mean(e[:, axis]**2))) / ARCSEC for e in errors)

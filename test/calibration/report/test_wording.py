@@ -7,7 +7,7 @@ from places import ROOT
 from calibration.report.wording import KINDS
 
 #: sentences still made in `calibration.estimation` and `calibration.analysis`; never more
-SENTENCES = 79
+SENTENCES = 52
 JUDGED = [path for part in ('estimation', 'analysis')
           for path in sorted((ROOT / 'calibration' / part).rglob('*.py'))]
 _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
@@ -31,7 +31,7 @@ def sentences(tree):
                                   for part in node.values))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             joined.append(node.value)
-    return [text for text in joined if ' ' in text and len(text) > 25]
+    return [text for text in joined if ' ' in text and len(text) > 25 and text not in KINDS]
 
 
 def test_no_more_sentences_are_made_where_rows_are_judged():

@@ -18,6 +18,7 @@ from calibration.analysis.season.season_filter import (
 from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
 from calibration.report.season_page import render
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.formats import read_run
@@ -97,7 +98,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     judged = judge_season(nights, causes={'temperature': 20.0})
     kinds = {(f.cause.kind, NAMES[f.cause.terms[0]]) for f in judged.causes}
     assert kinds == {('column', 'TF'), ('step', 'IE')}
-    document = json.loads(json.dumps(judged.document()))
+    document = json.loads(json.dumps(worded(judged.document())))
     found = {entry['kind']: entry for entry in document['causes']}
     slope, sigma = (found['column']['terms']['TF'][key][0] for key in ('arcsec', 'sigma_arcsec'))
     assert abs(slope - 1.5) < 4.0 * sigma < 1.0
@@ -105,7 +106,8 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert 'TF follows temperature' in found['column']['sentence']
     assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
     cold = judge_season(nights)
-    assert any('temperature of the night to come is not known' in note for note in cold.notes)
+    assert any('temperature of the night to come is not known' in note
+               for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
     assert judged.model().covariance == pytest.approx(judged.covariance)
     page = render(judged)
@@ -196,8 +198,8 @@ def test_nights_have_their_dates_and_say_what_is_left_out():
     assert found.nights[2].time == 1709269567.0
     assert found.nights[0].values / ARCSEC == pytest.approx(list(terms.values()), abs=4.0)
     assert len(found.notes) == 2
-    assert 'nameless.dat: left out, no date' in found.notes[0]
-    assert '4 rows for 3 terms' in found.notes[1]
+    assert 'nameless.dat: left out, no date' in worded(found.notes)[0]
+    assert '4 rows for 3 terms' in worded(found.notes)[1]
     with pytest.raises(ValueError, match='a season takes three'):
         nights_of(runs[1:], tuple(terms))
     other = run_of(rng, terms, 1.7e9, source='b')

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.zero.power_on_zeros import zero_from_exposures
+from calibration.report.zero_wording import zero_document, zero_statement
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -173,12 +174,12 @@ def test_the_statement_names_what_polaris_cannot_tell_from_the_zero():
     now = exposed(np.zeros(4), np.full(4, el), np.zeros(4), np.zeros(4),
                   sigma_x=np.full(4, 1e-6), sigma_y=np.full(4, 1e-6))
     zero = zero_from_exposures(now, now, reference_name='night 3')
-    text = zero.statement()
+    text = zero_statement(zero)
     azimuth, elevation = text.split('; elevation by ')
     for words in (f'CA {1 / np.cos(el):+.2f}″', f'NPAE {np.tan(el):+.2f}″',
                   f'AW {np.tan(el):+.2f}″',
                   'night 3'):
         assert words in azimuth, words
     assert elevation == f'AN +1.00″, TF {np.cos(el):+.2f}″'
-    assert zero.to_dict()['statement'] == text
-    assert 'no earlier model' in zero_from_exposures(now, PointingModel({})).statement()
+    assert zero_document(zero)['statement'] == text
+    assert 'no earlier model' in zero_statement(zero_from_exposures(now, PointingModel({})))

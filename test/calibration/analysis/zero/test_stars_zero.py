@@ -4,6 +4,7 @@ import pytest
 from calibration.analysis.zero.power_on_zeros import power_on_zeros, zero_from_exposures
 from calibration.calibration_state import CalibrationState
 from calibration.night_series import NightSeries
+from calibration.report.zero_wording import zero_statement
 from calibration.rows import zero_exposures_by_run
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
@@ -117,7 +118,7 @@ def test_what_a_changed_term_does_is_told():
         zero = zero_from_exposures(exposed(rng, changed, ZERO, noise=1e-3), model)
         told = [zero.contamination[axis].get(name, 0.0) for axis in ('az', 'el')]
         np.testing.assert_allclose((zero.angles - ZERO) / ARCSEC, told, atol=0.02)
-        assert f'{name} {told[name == "TF"]:+.2f}' in zero.statement()
+        assert f'{name} {told[name == "TF"]:+.2f}' in zero_statement(zero)
 
 
 def test_stars_that_contradict_the_model_widen_the_sigma_and_say_so():
@@ -126,7 +127,7 @@ def test_stars_that_contradict_the_model_widen_the_sigma_and_say_so():
     plain, zero = (zero_from_exposures(exposed(rng, truth, ZERO), model)
                    for truth in (model, leant))
     assert zero.misfit > 3.0 and zero.sigma_el > 3.0 * plain.sigma_el
-    assert 'the stars disagree' in zero.statement() and 'disagree' not in plain.statement()
+    assert 'the stars disagree' in zero_statement(zero) and 'disagree' not in zero_statement(plain)
     assert zero.to_dict()['misfit'] == zero.misfit
 
 

@@ -6,8 +6,10 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from calibration.analysis.zero.zero_causes import Season, usable_covariates, zero_causes
+from calibration.analysis.zero import zero_causes as analysis
+from calibration.analysis.zero.zero_causes import Season, usable_covariates
 from calibration.estimation.covariate_choice import ALPHA, choose_covariates, fewest_epochs
+from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 
 DAY = 86400.0
@@ -25,6 +27,11 @@ def season(seed, n=11, *, slope=0.0, volts=0.0, noise=3.0, walk=0.0, temperature
     return Season(np.arange(n), DAY * np.arange(n), zeros * ARCSEC, np.full((n, 2), 0.3 * ARCSEC),
                   {'temperature': np.tile(np.asarray(warmth)[:, None], 2), 'supply': supply,
                    'hours': np.full((n, 2), 24.0), 'side': np.ones((n, 2)), **more})
+
+
+def zero_causes(*args, **kwargs):
+    """With sentences in the place of findings."""
+    return worded(analysis.zero_causes(*args, **kwargs))
 
 
 def names(found, axis):

@@ -1,0 +1,51 @@
+"""Words for a season: what its terms follow from night to night."""
+
+from datetime import datetime, timezone
+
+from calibration.analysis.season.season_nights import NO_DATE
+
+
+def _moved(found):
+    moved = ', '.join(f'{term} by {v[0]:+.1f} ± {s[0]:.1f}″' for term, v, s in found['terms'])
+    return f'{moved}, between {" and ".join(found["between"])}'
+
+
+def _year(found):
+    term, v, _ = found['terms'][0]
+    month = datetime.fromtimestamp(found['peak'], timezone.utc).strftime('%B')
+    size = (v[0]**2 + v[1]**2)**0.5
+    return f'{term} follows the time of the year: ± {size:.1f}″, highest in {month}'
+
+
+def _slope(found):
+    term, v, s = found['terms'][0]
+    return f'{v[0]:+.2f} ± {s[0]:.2f}″', term
+
+
+def _trend(found):
+    slope, term = _slope(found)
+    return f'{term} goes with time: {slope} a year'
+
+
+def _column(found):
+    slope, term = _slope(found)
+    return f'{term} follows {found["cause"]}: {slope} per unit of it'
+
+
+def _left_out(found):
+    advice = ': name the file YYYY-MM-DD or give the column time'
+    return f'{found["night"]}: left out, {found["why"]}{advice * (found["why"] == NO_DATE)}'
+
+
+KINDS = {
+    'night left out': _left_out,
+    'step outside the season': lambda found: f'{found["step"]}: no night before or after it',
+    'cause unknown tonight': lambda found: (
+        f'{", ".join(found.causes)} of the night to come is not known: taken as the mean of the '
+        'season (--tonight COLUMN=VALUE)'),
+    'season declared': lambda found: f'{found["cause"]}: {_moved(found)}',
+    'season step': lambda found: f'{_moved(found)}: ask what was done to the mount then',
+    'season year': _year,
+    'season trend': _trend,
+    'season column': _column,
+}

@@ -1,0 +1,86 @@
+"""Words for zeros: what they follow from power-on to power-on, and what one rests on."""
+
+from calibration.analysis.zero.power_on_zeros import NO_MODEL, MeasuredZero
+from pointing_model.zero import BY_POLARIS
+
+#: of `analysis.zero.zero_causes.COVARIATES`
+COVARIATES = {
+    'temperature': 'temperature',
+    'supply': 'supply voltage',
+    'hours': 'time since the last power-on',
+    'side': 'side from which the mark was met',
+}
+
+
+def _words(names, between=' and '):
+    return between.join(COVARIATES[name] for name in names)
+
+
+def _unknown(found):
+    of = '' if found.size is None else f' of {found.size} of {found["nights"]} nights'
+    return f'{_words(found.causes)}: not known{of}'
+
+
+def _few(found):
+    lost = found['incomplete']
+    lost = f', {lost} more without a covariate' if lost else ''
+    return (f'{found.size} power-ons with a zero{lost}: too few to name a cause, which takes '
+            f'{found["needed"]}')
+
+
+def _causes(found):
+    if found['not_tried']:
+        return 'no cause can be looked for: ' + '; '.join(
+            KINDS[one.kind](one) for one in found['not_tried'])
+    return '; '.join(f'{name}: {KINDS[one.kind](one)}' for name, one in found['axes'].items())
+
+
+def _follows(found):
+    slopes = ', '.join(f'{one["slope_arcsec"]:+.2f} ± {one["sigma_arcsec"]:.2f}"/{one["unit"]}'
+                       for one in found['slopes'])
+    return (f'the zero follows the {_words(found.causes)} ({slopes}; p {found["p"]:.3f} over all '
+            f'covariates and both axes); {found.after:.1f}" of {found.size:.1f}" are left')
+
+
+KINDS = {
+    'covariate unknown': _unknown,
+    'covariate constant': lambda found: (
+        f'{_words(found.causes)}: constant ({found.size:.2g} {found.unit} rms over the nights)'),
+    'few power-ons': _few,
+    'causes of zeros': _causes,
+    'zero follows': _follows,
+    'covariates alike': lambda found: (
+        f'undecided: {_words(found.causes, " or ")} explain the zero alike, because they changed '
+        'together; nights on which they differ will decide'),
+    'common trend': lambda found: (
+        f'undecided: the zero goes with the {_words(found.causes)} over the season, but not from '
+        'night to night; a zero that walks or drifts looks the same'),
+    'zero follows nothing': lambda found: 'nothing found that the zero follows',
+}
+
+
+def zero_statement(zero):
+    """What a `MeasuredZero` rests on: terms that its exposures cannot tell from it."""
+    def list_of(axis):
+        parts = sorted(zero.contamination[axis].items(), key=lambda item: -abs(item[1]))
+        return ', '.join(f'{name} {v:+.2f}\u2033' for name, v in parts if abs(v) >= 0.005)
+    first, second = zero.mount.names.axes
+    by = '' if zero.by == BY_POLARIS else f'by {zero.by}: '
+    wide = '' if zero.misfit == 1.0 else (
+        f'; the stars disagree by {zero.misfit:.1f} times what their noise and the held terms '
+        'allow (a term has changed): sigma is widened by that')
+    if zero.reference == NO_MODEL and not (list_of('az') or list_of('el')):
+        return (f'{by}no earlier model is its reference: the stars themselves tell the zero from '
+                f'the other terms, as well as its sigma says{wide}')
+    each = f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}'
+    if zero.reference == NO_MODEL:
+        return (f'{by}no earlier model is its reference, so the other terms are in the zero. '
+                f'1\u2033 of a term shifts it: {each}')
+    return (f'{by}the zero is right as long as the other terms are as they were at its reference '
+            f'({zero.reference}). 1\u2033 of change in one of them makes it wrong: {each}')
+
+
+def zero_document(zero):
+    """`to_dict` of a zero, with ``statement`` where it was measured."""
+    words = {'statement': zero_statement(zero)} if isinstance(zero, MeasuredZero) else {}
+    return {**zero.to_dict(), **words}
