@@ -108,7 +108,7 @@ class CalibrationState:
         self._homings, self._diagnosis = (), None
         self.tracking, self.requests = None, StarRequests()
         if mode == TRACK:
-            from .analysis.tracking.live_tracking import LiveTracking
+            from .analysis.tracking.tracked_night import LiveTracking
             self.tracking = LiveTracking()
 
     # --- rows -------------------------------------------------------------------------------------

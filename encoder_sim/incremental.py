@@ -11,8 +11,7 @@ import numpy as np
 
 from . import keyed_noise
 from .disturbance import pulses, stamp_delays
-from .encoder_scale import ZeroDrift, disc_angle, tilted_angle
-from .quadrature import SineSignals
+from .encoder_scale import SineSignals, ZeroDrift, disc_angle, tilted_angle
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6

@@ -17,7 +17,7 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.sky.places import DEFAULT_SITE
 
-from .slow_noise import ar_noise
+from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
 _DOWN = np.array([0.0, 0.0, -1.0])

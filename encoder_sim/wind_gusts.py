@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mounts import ALTAZ
 
-from .slow_noise import SlowNoise
+from .seeing import SlowNoise
 
 #: speed at which the sizes are stated, m/s
 REFERENCE_SPEED = 10.0

@@ -9,7 +9,7 @@ from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
-from msg_tools.night_folder import log_of
+from msg_tools.output import log_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount

@@ -7,8 +7,7 @@ import sys
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
-from msg_tools.night_folder import log_of, model_of
-from msg_tools.output import write_text
+from msg_tools.output import log_of, model_of, write_text
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of

@@ -6,8 +6,7 @@ import pytest
 from encoder_reading.disc import blurred_bar
 from encoder_reading.frame_readings import REJECTED
 from encoder_sim.absolute import AbsoluteEncoder
-from encoder_sim.ccd import LinearCCD
-from encoder_sim.defocus import Defocus
+from encoder_sim.ccd import Defocus, LinearCCD
 from encoder_sim.scenario_encoders import Absolute
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap

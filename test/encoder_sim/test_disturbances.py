@@ -11,13 +11,14 @@ from encoder_sim.mount_geometry import FORWARD, MountGeometry, azimuth_elevation
 from encoder_sim.scenario import AirLayers, MountErrors, Runout, Scenario, Seeing, Wind
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from encoder_sim.seeing import (
+    SlowNoise,
     WanderingRefraction,
     airmass,
+    ar_noise,
     motion_sigma,
     photon_sigma,
     seeing_sigma,
 )
-from encoder_sim.slow_noise import SlowNoise, ar_noise
 from encoder_sim.star_camera import Camera
 from encoder_sim.wind_gusts import WindLoad, von_karman
 from msg_tools.units import ARCSEC, DEG, wrap

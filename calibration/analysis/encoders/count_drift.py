@@ -1,7 +1,7 @@
 """Counts that drift at random: does incremental - absolute walk, and which encoder does it?
 
 Noise of the reading leaves every difference for itself; wrong counts stay, and the next ones are
-added. Both are fitted at once (`markov_noise.random_walk`), beside what the discs do once and
+added. Both are fitted at once (`step_scan.random_walk`), beside what the discs do once and
 twice a turn, and the walk must explain more than chance, more than one step or one drift does, more
 than the side of approach (a coupling that winds up), and more than finer harmonics of the angle.
 What steps twice walks.
@@ -19,8 +19,7 @@ from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 
 from ...estimation.correlated_noise import WhiteNoise
 from ...estimation.group_columns import GroupColumns
-from ...estimation.markov_noise import neighbour_noise, random_walk
-from ...estimation.step_scan import Complement, robust_fit, two_sided
+from ...estimation.step_scan import Complement, neighbour_noise, random_walk, robust_fit, two_sided
 from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
 

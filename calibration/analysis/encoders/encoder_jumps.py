@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from ...estimation.markov_noise import neighbour_noise
 from ...estimation.step_scan import (
     Complement,
     clipped,
     detect,
     log_normal,
+    neighbour_noise,
     noise_beside,
     probabilities,
     robust_fit,

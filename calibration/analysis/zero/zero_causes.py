@@ -200,9 +200,10 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
         ``drivers`` (those tried), ``not_tried`` (findings), ``p`` over all covariates and both
         axes; ``axes``: of each ``verdict``, ``text``, ``p``, ``p_levels`` (of the zeros as they are
         alone), ``causes`` (``driver``, ``slope_arcsec``, ``sigma_arcsec`` a ``unit``), ``alike``,
-        ``std_arcsec`` of the zeros, ``measured_arcsec`` (RMS of their errors), ``unexplained_arcsec``, and where
-        nights were left out ``left_out_before_arcsec`` and ``left_out_after_arcsec`` (RMS);
-        ``tonight`` (of each axis ``zero_arcsec``, ``sigma_arcsec``, the causes it is ``by`` and
+        ``std_arcsec`` of the zeros, ``measured_arcsec`` (RMS of their errors),
+        ``unexplained_arcsec``, and where nights were left out ``left_out_before_arcsec`` and
+        ``left_out_after_arcsec`` (RMS); ``tonight`` (of each axis ``zero_arcsec``,
+        ``sigma_arcsec``, the causes it is ``by`` and
         those ``missing``) or None.
     """
     names, why = usable_covariates(season)

@@ -10,7 +10,7 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
 from ..indi.indi_mount_node import IndiMount
 from .alpaca_driver import AlpacaDriver
-from .alpaca_params import SERVER_PARAMS
+from .alpaca_sources import SERVER_PARAMS
 
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,

@@ -10,8 +10,7 @@ from msg_tools.node_process import run_node
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 
 from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
-from .alpaca_params import SERVER_PARAMS
-from .alpaca_sources import AlpacaStars
+from .alpaca_sources import SERVER_PARAMS, AlpacaStars
 
 PARAMS = AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, *FIELD_PARAMS
 

@@ -1,6 +1,9 @@
 """Where `alpaca_sky` gets the sky that is seen from: a simulator."""
 
+from msg_tools.node import Param
+
 from ..indi.indi_sources import Source
+from . import PORT
 from .alpaca_telescope import AlpacaTelescope
 
 
@@ -30,3 +33,10 @@ class AlpacaStars(Source):
             self.seen.append((stamp, self.field.miss(stamp, place, second)))
             self._wake.wait(1.0 / self._rate)
             self._wake.clear()
+
+
+SERVER_PARAMS = (
+    Param('host', 'localhost', 'where the Alpaca server runs', fixed=True),
+    Param('port', PORT, 'its port', 1, 65535, fixed=True),
+    Param('number', 0, 'of the telescope on the server', 0, 255, fixed=True),
+)

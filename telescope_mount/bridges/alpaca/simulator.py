@@ -12,7 +12,7 @@ from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
 from ..indi.pointing import HOUR
-from ..indi.simulating import simulate
+from ..indi.simulator import simulate
 from ..indi.two_axes import TwoAxes, draw_errors
 from . import PORT
 from .alpaca_server import AlpacaServer

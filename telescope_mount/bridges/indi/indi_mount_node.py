@@ -15,7 +15,7 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, s
 
 from .goto_mount import BridgeError
 from .indi_driver import MountDriver
-from .indi_params import SERVER_PARAMS
+from .indi_sources import SERVER_PARAMS
 from .pointing import check_kind
 
 PARAMS = (

@@ -15,8 +15,7 @@ from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
-from .indi_params import SERVER_PARAMS
-from .indi_sources import SolvedSky, TrueSky
+from .indi_sources import SERVER_PARAMS, SolvedSky, TrueSky
 from .seen import StarField
 
 #: of what is looked at, whoever tells it

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from msg_tools.node import Param
 from pointing_model.mounts import is_beyond
 
+from . import PORT
 from .client import IndiClient, IndiError
 from .goto_mount import BridgeError
 from .indi_camera import IndiCamera
@@ -210,3 +212,12 @@ class SolvedSky(IndiSource):
                           found.frame or ICRS, time)
         return self.field.miss_of(time, self.field.looks_at(
             time, float(ra), float(dec), bool(is_beyond(self._second))))
+
+
+SERVER_PARAMS = (
+    Param('host', 'localhost', 'where the INDI server runs', fixed=True),
+    Param('port', PORT, 'its port', 1, 65535, fixed=True),
+    Param('device', '', 'name of the telescope there; empty: the only one', fixed=True),
+    Param('axes', '', 'property of the driver with the axis angles and its two elements, in '
+          'degrees, NAME:FIRST,SECOND; empty: MOUNT_AXES', fixed=True),
+)

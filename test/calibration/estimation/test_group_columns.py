@@ -8,11 +8,11 @@ from calibration.analysis.fit import fit_harmonics, fit_terms
 from calibration.estimation import least_squares
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.least_squares import weighted_solve
-from calibration.estimation.markov_noise import neighbour_noise
 from calibration.estimation.step_scan import (
     LocalColumns,
     clipped,
     detect,
+    neighbour_noise,
     probabilities_by_chance,
     robust_fit,
 )

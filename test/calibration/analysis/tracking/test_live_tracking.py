@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 from drifting_rows import MOUNT, START, rows
 
-from calibration.analysis.tracking.live_tracking import LiveTracking
-from calibration.analysis.tracking.tracked_night import KEY, TrackedNight, difference_of
+from calibration.analysis.tracking.tracked_night import (
+    KEY,
+    LiveTracking,
+    TrackedNight,
+    difference_of,
+)
 from calibration.calibration_state import CalibrationState
 from calibration.report.track_wording import problems
 from calibration.report.wording import worded
