@@ -22,7 +22,8 @@ from msg_tools import convert, topics
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run_messages import run_to_cloud
-from telescope_mount.log_check import _Count, _read
+from telescope_mount.log_check import _read
+from telescope_mount.log_comparison import LogComparison
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'pointing_model' / 'observing'))
 
@@ -74,7 +75,7 @@ def night(stars, seed, exposure, frequency, damping, length=1.0):
             bench.frequency, bench.damping, bench.length = frequency, damping, length
             bench.until(lambda: not bench.plan.busy, 400000)
         assert bench.plan.progress.state == 'done', bench.plan.text
-        check = _Count()
+        check = LogComparison()
         _read(BagReader(Path(folder) / 'bag'), '/mount/', check)
     offsets = np.array([np.array(row.offsets()).ravel() for row in bench.rows]) / ARCSEC
     return (offsets, bench.plan.progress.lost, (bench.stamp - bench.begin) * 1e-9 / stars,

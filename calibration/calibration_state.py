@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import kept_words
 from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
@@ -14,8 +13,7 @@ from pointing_model.zero_drift import Following
 from .analysis.encoders.count_drift import zero_following
 from .analysis.encoders.cross_check import cross_check
 from .analysis.external_check import power_on_check, split_half, ways
-from .analysis.fit_result import named
-from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen, rows_of_terms
+from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen
 from .analysis.held_out import held_out_steps
 from .analysis.sky_model import origin_of_night, with_errors
 from .analysis.tracking import BATCH, TRACK
@@ -29,17 +27,12 @@ from .distrust import contradiction, notes_of, reasons
 from .publication import BlindStars, ModelWithZeros
 from .report.encoder_wording import cross_check_texts
 from .report.fit_wording import comparison_sentence, origin_sentence
+from .report.night_document import fit_report
 from .report.wording import wording
-from .report.zero_wording import zero_document
 from .row_table import RowTable
-from .rows import check_mount, counts, for_fitting
+from .rows import check_mount, for_fitting
 from .star_requests import StarRequests
 
-REPORT_FORMAT = 'telescope_mount/calibration_report'
-REPORT_VERSION = 1
-
-#: the first coefficients, with correlations in the report: of all they grow with the square
-CORRELATED = 40
 NO_HARMONICS = HarmonicChoice()
 
 
@@ -308,7 +301,7 @@ class CalibrationState:
             The physical terms, or the harmonics that were asked for, for pointing with
             `active_zeros`; where a fit is worse on blind stars, the model that was active.
         report : dict
-            See `REPORT_FORMAT`; JSON-ready.
+            See `report.night_document`; JSON-ready.
 
         Raises
         ------
@@ -394,34 +387,18 @@ class CalibrationState:
         if harmonics:
             published = self._harmonics.label(self._degree), lambda rows, recipe: recipe.fit(
                 rows, self._harmonics, self._degree)
-        else:
-            notes += map(wording, fitted.open_directions)
-        notes += [f'row {row["row"]} left out: {row["reason"]}' for row in fitted.excluded]
-        rejected = fitted.rejected_stars(rows)
-        notes += map(wording, [*named(rejected), *fitted.freedom_findings])
-        stars, first = rows.select(~is_for_zero(rows)), self._first_zeros(rows)
+        first, way = self._first_zeros(rows), ways(self.zeros.values())
+        stars = rows.select(~is_for_zero(rows))
         return {
-            'format': REPORT_FORMAT, 'version': REPORT_VERSION,
-            'last_stamp_ns': self.last_stamp, **rows.mount.entries(),
-            **counts(rows),
-            'zeros': list(map(zero_document, self.zeros.values())),
-            'changes': [{'from': before, 'to': after, **zero_document(change)}
-                        for before, after, change in zero_changes(
-                            observed, sorted(self.zeros), fitted.model)],
-            'zeros_in_force': fitted.zeros.to_list(),
-            'terms': rows_of_terms(fitted.model) if harmonics else fitted.term_rows(),
-            'correlations': fitted.correlations[:CORRELATED, :CORRELATED].tolist(),
-            'condition': fitted.condition,
-            'rejected': len(fitted.rejected),
-            **({'outliers': [one.evidence for one in rejected]} if rejected else {}),
-            **({'degrees_of_freedom': fitted.degrees_of_freedom} if fitted.few else {}),
+            'last_stamp_ns': self.last_stamp,
+            **fit_report(rows, fitted, self.zeros, zero_changes(
+                observed, sorted(self.zeros), fitted.model), bool(harmonics), notes),
             'steps': held_out_steps(
                 rows, self._recipe, split_half(stars, self._split_seed), self.reference, first,
-                ways(self.zeros.values()), notes, published),
+                way, notes, published),
             'external_check': power_on_check(
                 rows, self.reference, first if self.zeros else {}, self.zeros, zero_change, notes,
                 published and ('harmonics of', published[1])),
-            'noise_arcsec': [s / ARCSEC for s in fitted.scatter],
             'witnesses': self._cross_check(observed, fitted.model, homings),
             'notes': notes,
             **({'harmonics': harmonics} if harmonics else {}),

@@ -2,11 +2,9 @@
 
 import copy
 import json
-from collections import Counter, deque
+from collections import deque
 from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from calibration.analysis.encoders.cross_check import (
     axis_homings,
@@ -29,6 +27,7 @@ from pointing_model.runs.run_messages import cloud_to_run
 from telescope_mount.observing.clocks import offset_of
 
 from .log_check_rows import RAW, Pairing, at_time, began_anew
+from .log_comparison import LogComparison, same_document
 from .runs import declared_by
 
 #: what the encoders said of their marks around a fit, so many are tried for its report
@@ -79,7 +78,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
             f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])} (a simulator '
             f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
             'which cannot be told apart; start the whole graph anew with it, in another folder')
-    check = _Count()
+    check = LogComparison()
     rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
@@ -99,71 +98,6 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     check.unchecked += log.problems
     return {'checked': dict(check.checked), 'differences': check.differences,
             'unchecked': check.unchecked, 'damaged': bool(log.problems)}
-
-
-class _Count:
-    """Counts what was compared, and keeps a line for what differs."""
-
-    def __init__(self):
-        self.checked = Counter()
-        self.differences = []
-        self.unchecked = []
-
-    def compare(self, kind, logged, computed, where):
-        """Compare texts, or numbers bit by bit."""
-        self.checked[kind] += 1
-        if isinstance(logged, str):
-            same = _same(logged, computed)
-        else:
-            logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
-            same = logged.shape == computed.shape and np.array_equal(
-                logged, computed, equal_nan=True)
-        if not same:
-            self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
-
-
-#: entries of a document that say its numbers in a sentence: another version in other words
-_WORDS = ('statement', 'text')
-
-
-def _same(logged, computed):
-    """Whether two texts are the same; of documents, whether all but their sentences is."""
-    if logged == computed or logged is None or computed is None:
-        return logged == computed
-    try:
-        return _without_words(json.loads(logged)) == _without_words(json.loads(computed))
-    except ValueError:
-        return False
-
-
-def _without_words(value):
-    if isinstance(value, dict):
-        return {key: _without_words(one) for key, one in value.items() if key not in _WORDS}
-    return [_without_words(one) for one in value] if isinstance(value, list) else value
-
-
-def _difference(logged, computed):
-    if isinstance(logged, str):
-        try:
-            return _first_difference(*(_without_words(json.loads(text))
-                                       for text in (logged, computed or 'null')))
-        except ValueError:
-            return 'another text'
-    return f'logged {logged.tolist()}, computed {computed.tolist()}'
-
-
-def _first_difference(a, b, path=''):
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in [*a, *(k for k in b if k not in a)]:
-            if key not in a or key not in b:
-                return f'{path}{key} is only in one of them'
-            if a[key] != b[key]:
-                return _first_difference(a[key], b[key], f'{path}{key}.')
-    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        for number, (one, other) in enumerate(zip(a, b)):
-            if one != other:
-                return _first_difference(one, other, f'{path}{number}.')
-    return f'{path.rstrip(".") or "document"}: logged {str(a)[:60]}, computed {str(b)[:60]}'
 
 
 # --- the log, read once --------------------------------------------------------------------------
@@ -356,7 +290,7 @@ class _Replay:
             model, report = state.fit(homings)
             tried = state, model, json.dumps(report)
             first = first or tried
-            if logged is None or _same(logged, tried[-1]):
+            if logged is None or same_document(logged, tried[-1]):
                 break
         else:
             tried = first

@@ -15,10 +15,10 @@ from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ, Mount, is_beyond
 
 from .cause_words import still_open
-from .diagnosis_sections import about, axes_note
 from .effect_words import EffectTold, title_of, told_of
 from .method_words import plain_name, signs_sentences
 from .page_parts import value_and_error
+from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals
 from .wording import paragraph, wording

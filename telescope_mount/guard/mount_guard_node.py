@@ -3,76 +3,28 @@
 import sys
 import time
 from contextlib import suppress
-from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 
 from msg_tools import convert, topics
-from msg_tools.node import Param
-from msg_tools.node_lifecycle import ACTIVATION, AUTOSTART, ManagedNode
+from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
 from msg_tools.node_process import run_node
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.places import Site
-from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
+from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
 from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .goto import GotoKeeper
+from .guard_params import PARAMS
 from .keeper import ERROR, LATE, STILL, WARN, GuardSettings, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
 
-
-def _travel(name, which):
-    return Param(name, '', f'ends of the travel of the {which} axis, turns counted: -270,270; '
-                 'empty: what mounts of this kind have [deg]',
-                 check=lambda text: parse_pair(text, 'both ends in degrees'), fixed=True)
-
-
-PARAMS = (
-    AUTOSTART, KIND_OF_MOUNT,
-    # a mount stays where it is, and limits in the sky are computed for that
-    *(replace(param, fixed=True) for param in SKY_PARAMS[:3]),
-    _travel('first_travel_deg', 'first'),
-    _travel('second_travel_deg', 'second'),
-    Param('first_rate_deg_s', 4.0, 'largest speed of the first axis [deg/s]', 1e-3, 360.0,
-          fixed=True),
-    Param('second_rate_deg_s', 4.0, 'largest speed of the second axis [deg/s]', 1e-3, 360.0,
-          fixed=True),
-    Param('first_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
-          fixed=True),
-    Param('second_acceleration_deg_s2', 2.0, 'its largest acceleration [deg/s^2]', 1e-3, 3600.0,
-          fixed=True),
-    Param('least_elevation_deg', 10.0, 'the tube never points lower [deg]', -90.0, 90.0,
-          fixed=True),
-    Param('horizon', '', 'corners of the skyline, azimuth and elevation: 0 12, 45 20.5, 180 8; or '
-          'a file with one on each line [deg]', check=parse_horizon, fixed=True),
-    *(Param(limit.parameter, limit.distance_deg, f'least distance from {limit.name}, on the way '
-            'too; 0: it is no matter [deg]', 0.0, 90.0, fixed=True) for limit in SKY_LIMITS),
-    Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
-          'acceleration, and no track asks for more than it; 0: in any order, and all of it',
-          0.0, 1.0, fixed=True),
-    Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
-          'safe on any turn is allowed', fixed=True),
-    Param('renew_s', 0.5, 'between commands, each of which ends at rest; 0: the whole track at '
-          'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
-    Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
-          3600.0, fixed=True),
-    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
-          'the track alone, and any way in between must be free', fixed=True),
-    Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
-          fixed=True),
-    Param('request_timeout_s', 0.45, 'a request that is not renewed for so long is over [s]', 0.05,
-          60.0, fixed=True),
-    Param('behind_deg', 2.0, 'an axis so far from where it was sent is stopped [deg]', 0.01, 180.0,
-          fixed=True),
-    Param('park_deg', '', 'angles of both axes at which the mount is parked: 180,80 [deg]',
-          check=lambda text: parse_pair(text, 'the angles of both axes in degrees'), fixed=True),
-)
 #: steady seconds between looks at it all
 LOOK = 0.05
 #: s in which a node of a graph finds the others

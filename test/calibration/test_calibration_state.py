@@ -5,7 +5,8 @@ import pytest
 
 from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.analysis.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
-from calibration.calibration_state import REPORT_FORMAT, CalibrationState
+from calibration.calibration_state import CalibrationState
+from calibration.report.night_document import FORMAT
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
@@ -237,7 +238,7 @@ def test_the_same_rows_give_the_same_bits():
         model, report = collected.fit()
         texts.append((model.to_json(), json.dumps(report)))
     assert texts[0] == texts[1]
-    assert json.loads(texts[0][1])['format'] == REPORT_FORMAT
+    assert json.loads(texts[0][1])['format'] == FORMAT
 
 
 def test_the_seed_decides_who_is_held_out():

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from calibration.analysis.harmonic_fit import HarmonicChoice, fit_chosen
-from calibration.calibration_state import CORRELATED, CalibrationState
+from calibration.calibration_state import CalibrationState
+from calibration.report.night_document import CORRELATED
 from calibration.row_table import RowTable
 from pointing_model.runs.run import PointingRun
 from test.calibration.test_calibration_state import night

@@ -25,7 +25,8 @@ from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import PHYSICAL
 from telescope_mount.cli import main
-from telescope_mount.log_check import _calibrate, _Count, _Rows, verify_log
+from telescope_mount.log_check import _calibrate, _Rows, verify_log
+from telescope_mount.log_comparison import LogComparison
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -272,7 +273,7 @@ def reported(rows, report):
 
 
 def differences(rows):
-    check = _Count()
+    check = LogComparison()
     _calibrate(rows, CalibrationState(), {}, check)
     assert check.unchecked == []
     return check.differences
@@ -333,7 +334,7 @@ def test_stars_that_were_asked_for_are_asked_for_again():
     assert session.requests.document == asked[-1]
     logged = [texts[0], texts[1].replace('az_deg', 'ra_deg'), *texts[2:]]
     rows.said['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
-    check = _Count()
+    check = LogComparison()
     _calibrate(rows, CalibrationState(), {}, check)
     assert check.checked['stars asked for'] == len(texts)
     assert [line.partition(' of ')[0] for line in check.differences] == ['stars asked for']

@@ -12,7 +12,8 @@ from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
-from telescope_mount.log_check import _Count, _read
+from telescope_mount.log_check import _read
+from telescope_mount.log_comparison import LogComparison
 from telescope_mount.observing.pairing import RATE_OVER, Exposures, centred
 
 SECOND = 10**9
@@ -65,7 +66,7 @@ def night(tmp_path_factory):
                 bag.add_topic(f'/mount/{topic.name}', topic.type)
                 bag.write(f'/mount/{topic.name}', serialize_message(change(topic, message)),
                           START + i, START + i)
-        check = _Count()
+        check = LogComparison()
         _read(BagReader(folder / name), '/mount/', check)
         return check
 

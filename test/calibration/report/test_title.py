@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.report.diagnosis_sections import about, axes_note
+from calibration.report.provenance import about, axes_note
 from calibration.report.residual_axes import driver_of
 from msg_tools.units import DEG, wrap
 from pointing_model.context import Context

@@ -1,0 +1,71 @@
+"""What of a log is the same as what is computed from it again."""
+
+import json
+from collections import Counter
+
+import numpy as np
+
+
+class LogComparison:
+    """Counts what was compared, and keeps a line for what differs."""
+
+    def __init__(self):
+        self.checked = Counter()
+        self.differences = []
+        self.unchecked = []
+
+    def compare(self, kind, logged, computed, where):
+        """Compare texts, or numbers bit by bit."""
+        self.checked[kind] += 1
+        if isinstance(logged, str):
+            same = same_document(logged, computed)
+        else:
+            logged, computed = (np.asarray(v, dtype=float) for v in (logged, computed))
+            same = logged.shape == computed.shape and np.array_equal(
+                logged, computed, equal_nan=True)
+        if not same:
+            self.differences.append(f'{kind} of {where}: {_difference(logged, computed)}')
+
+
+#: entries of a document that say its numbers in a sentence: another version in other words
+_WORDS = ('statement', 'text')
+
+
+def same_document(logged, computed):
+    """Whether two texts are the same; of documents, whether all but their sentences is."""
+    if logged == computed or logged is None or computed is None:
+        return logged == computed
+    try:
+        return _without_words(json.loads(logged)) == _without_words(json.loads(computed))
+    except ValueError:
+        return False
+
+
+def _without_words(value):
+    if isinstance(value, dict):
+        return {key: _without_words(one) for key, one in value.items() if key not in _WORDS}
+    return [_without_words(one) for one in value] if isinstance(value, list) else value
+
+
+def _difference(logged, computed):
+    if isinstance(logged, str):
+        try:
+            return _first_difference(*(_without_words(json.loads(text))
+                                       for text in (logged, computed or 'null')))
+        except ValueError:
+            return 'another text'
+    return f'logged {logged.tolist()}, computed {computed.tolist()}'
+
+
+def _first_difference(a, b, path=''):
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(k for k in b if k not in a)]:
+            if key not in a or key not in b:
+                return f'{path}{key} is only in one of them'
+            if a[key] != b[key]:
+                return _first_difference(a[key], b[key], f'{path}{key}.')
+    if isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        for number, (one, other) in enumerate(zip(a, b)):
+            if one != other:
+                return _first_difference(one, other, f'{path}{number}.')
+    return f'{path.rstrip(".") or "document"}: logged {str(a)[:60]}, computed {str(b)[:60]}'
