@@ -27,10 +27,16 @@ from pointing_model.sky.skyline import parse_horizon
 
 from .analysis.encoders.cross_check import axis_homings
 from .analysis.external_check import ways
-from .analysis.held_out import steps_of
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
+from .report.calibration_words import (
+    finding_sentence,
+    fit_sentence,
+    refusal_sentences,
+    rows_sentence,
+    zero_sentence,
+)
 from .report.encoder_wording import MARKS_UNKNOWN
 from .report.zero_wording import zero_statement
 
@@ -49,8 +55,7 @@ class Calibration(MountNode):
         self._skyline = parse_horizon(self.value('horizon'))
         self._model_name = identity(reference.to_json() if reference else '')
         self._spoke = False  # a zero or a model is published
-        self._alarms = []
-        self._finding = self._refused = self._contradiction = ''  # for the diagnostics
+        self._finding = self._refused = ''  # for the diagnostics
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
         self._marks = None  # what the incremental encoder says of them
@@ -114,11 +119,7 @@ class Calibration(MountNode):
         self._say(last_update(night))
 
     def _take_up_rows(self):
-        zeros = self._state.zeros
-        self._taken_up = [
-            f'{self._state.taken.kept} observations', f'zeros by '
-            f'{ways(zeros.values()) or "Polaris"} of power-ons '
-            + (', '.join(map(str, sorted(zeros))) or 'none')]
+        self._taken_up = [rows_sentence(self._state.taken, self._state.zeros)]
         self._say_taken_up()
 
     def _say_taken_up(self):
@@ -191,10 +192,8 @@ class Calibration(MountNode):
     def _refuse(self, response, error):
         """Why a service has not done its work; the report of a fit is published all the same."""
         response.message = str(error)
-        if isinstance(error, Contradiction):
-            self._contradiction = response.message
-            if error.report is not None:
-                self._send_report(error.report)
+        if isinstance(error, Contradiction) and error.report is not None:
+            self._send_report(error.report)
         self._say(response.message)
 
     def _work_zero(self):
@@ -208,11 +207,7 @@ class Calibration(MountNode):
             # the zero goes with the model that it is relative to
             self._send_model(self._dated(self._state.tonight.reference))
         self._publish_zero(zero)
-        first, second = zero.mount.names.axes
-        done = (
-            f'zero of power-on {run} by {zero.by}: {first} {zero.az / ARCSEC:+.2f} +- '
-            f'{zero.sigma_az / ARCSEC:.2f} arcsec, {second} {zero.el / ARCSEC:+.2f} +- '
-            f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
+        done = zero_sentence(run, zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
         if few:
             done += f'; {zero.n - zero.rejected} exposures only'
@@ -263,22 +258,16 @@ class Calibration(MountNode):
     def _work_fit(self):
         self._say('fitting')
         model, report = self._state.fit(self._homings())
-        self._contradiction = ''
         self._send_report(report)
         self._publish_model(model)
         give_back()
-        step = steps_of(report)[-1]
-        done = (f'{report["stars"]} stars fitted; ' + (
-            f'{step["step"]}: {step["held_out"]["radial"]:.2f} arcsec radial on stars held out'
-            if step else 'too few to hold some of them out')
-                + (f'; {report["rejected"]} rejected' if report['rejected'] else ''))
+        done = fit_sentence(report)
         if 'refused' in report:
-            done = self._refused = report['refused']
+            self._refused = done
         self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
         return done
 
     def _send_report(self, report):
-        self._alarms = report['witnesses']['alarms']
         self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
@@ -300,7 +289,6 @@ class Calibration(MountNode):
             self._say('diagnosing')
             found = await self._long.run('diagnosing', partial(
                 state.find_effects, self.value('alpha'), site, until))
-            self._contradiction = ''
             state.apply(found, site, until)
             self._publish_request()  # before its model
             response.message, response.success = self._diagnosed(found), True
@@ -363,11 +351,7 @@ class Calibration(MountNode):
         if self._state.tonight.report is not None:  # its alarms are others with another model
             self._send_report(self._state.tonight.report)
         self._publish_model(found.model)
-        self._finding = document['verdict']
-        if document['applied']:
-            self._finding += ': ' + ', '.join(document['applied'])
-        self._refused = '; '.join(f'not published: {entry["why"]}'
-                                  for entry in document['refused'])
+        self._finding, self._refused = finding_sentence(document), refusal_sentences(document)
         return self._finding
 
     def _say_finding(self, done, document):
@@ -386,8 +370,9 @@ class Calibration(MountNode):
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
         from .report.track_wording import problems
-        tracking = self._state.tonight.tracking
-        found = [*([self._contradiction] if self._contradiction else []), *self._alarms,
+        state = self._state.tonight
+        tracking = state.tracking
+        found = [*([str(state.contradiction)] if state.contradiction else []), *state.alarms,
                  *([MARKS_UNKNOWN] if self._unjudged() else []),
                  *([self._refused] if self._refused else []),
                  *(problems(tracking) if tracking else [])]

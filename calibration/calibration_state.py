@@ -6,29 +6,28 @@ import numpy as np
 
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import kept_words
-from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
+from pointing_model.zero import Zeros, zeros_in_force
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 
 from .analysis.encoders.count_drift import zero_following
 from .analysis.encoders.cross_check import cross_check
-from .analysis.external_check import power_on_check, split_half, ways
-from .analysis.harmonic_fit import HarmonicChoice, Recipe, fit_chosen
-from .analysis.held_out import held_out_steps
+from .analysis.harmonic_fit import HarmonicChoice
 from .analysis.sky_model import origin_of_night, with_errors
 from .analysis.tracking import BATCH, TRACK
-from .analysis.zero.power_on_zeros import (
-    night_zeros,
-    zero_change,
-    zero_changes,
-    zero_from_exposures,
-)
+from .analysis.zero.power_on_zeros import night_zeros, zero_from_exposures
 from .distrust import contradiction, notes_of, reasons
+from .night_fit import (
+    expected_error,
+    first_zeros,
+    fit_night,
+    fit_terms_of,
+    recipe_of,
+    report_of,
+)
 from .publication import BlindStars, ModelWithZeros
 from .report.encoder_wording import cross_check_texts
 from .report.fit_wording import comparison_sentence, origin_sentence
-from .report.night_document import fit_report
-from .report.wording import wording
 from .row_table import RowTable
 from .rows import check_mount, for_fitting
 from .star_requests import StarRequests
@@ -79,6 +78,8 @@ class CalibrationState:
         That was published last: of `active`, with all that whoever points with it must know.
     terms : ModelWithZeros or None
         The terms alone, as the last fit found them.
+    contradiction : Contradiction or None
+        Why the last fit or diagnosis has given no model.
     report : dict or None
         Of the last fit, the encoders checked again with the model that came after it.
     encoder_zeros : EncoderZeros, StarOffsets or None
@@ -97,7 +98,7 @@ class CalibrationState:
         self.zeros, self.terms, self._degree = Zeros(), None, None
         self.fitted = self.active = self.replaced = self.model = None
         self.since = 0
-        self.report = self.encoder_zeros = None
+        self.report = self.encoder_zeros = self.contradiction = None
         self._homings, self._diagnosis = (), None
         self.tracking, self.requests = None, StarRequests()
         if mode == TRACK:
@@ -241,10 +242,6 @@ class CalibrationState:
         fitted = self.fitted and self.fitted.zeros.get(newest.run)
         return replace(newest, covariance=fitted.covariance) if fitted else newest
 
-    def _first_zeros(self, rows):
-        """Zero of each power-on by its exposures; where there is none, the one before it."""
-        return self.zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
-
     # --- the active model -------------------------------------------------------------------------
 
     def take_up(self, model):
@@ -287,9 +284,6 @@ class CalibrationState:
 
         Rows with ``check`` 1 are left out: see `rows`.
 
-        The terms are fitted together with the change of the zero from power-on to power-on, to
-        stars and exposures for the zero alike: these fix most of the change, the stars help.
-
         Parameters
         ----------
         homings : iterable of cross_check.Homing
@@ -310,30 +304,30 @@ class CalibrationState:
         Contradiction
             What is known speaks against a model of these rows: nothing has become active.
         """
-        self.refuse_falsified()
+        self._refuse_contradicted()
         origin = origin_of_night(for_fitting(self.observations()))
         self._errors = (origin and origin.holds) or self._errors
-        observed = for_fitting(self.observations())
-        follows = zero_following(observed)
-        rows = follows.corrected(observed)
-        notes = notes_of(self.observations())
+        rows, how = self.observations(), (self._harmonics, self._split_seed)
+        notes = notes_of(rows)
         if kept := kept_words(self.rows.power_on_numbers, self.rows.power_ons):
             notes.append(f'the fit is {kept}')
-        terms = self._fit_terms(rows)
-        self.terms = ModelWithZeros(terms.model, terms.zeros)
-        fitted, harmonics, misfits = self._fit_harmonics(rows, terms, notes)
-        report = self._report(observed, rows, fitted, harmonics, homings, notes)
+        night = fit_night(rows, self.zeros, *how)
+        self.terms = ModelWithZeros(night.terms.model, night.terms.zeros)
+        self._degree = night.harmonics and night.harmonics['degree']
+        report = report_of(night, self.zeros, self.reference, *how, notes)
+        report |= {'last_stamp_ns': self.last_stamp,
+                   'witnesses': self._cross_check(night.observed, night.chosen.model, homings),
+                   'expected': expected_error(night, self.zeros, self._harmonics)}
         if origin is not None:
             report['origin_of_errors'] = origin.document()
-            notes.append(origin_sentence(origin))
-        report['expected'] = None if misfits else self._expected_error(rows, fitted.zeros)
-        if follows:
-            report[FOLLOWS] = follows.document()
-        new = ModelWithZeros(self._with_provenance(fitted.model, report), fitted.zeros, follows)
-        notes[:] = map(rows.mount.names.say, notes)
-        if why := contradiction(self.observations(), report):
-            raise Contradiction(why, report)
-        self._homings = homings
+            report['notes'].append(origin_sentence(origin))
+        if night.follows:
+            report[FOLLOWS] = night.follows.document()
+        report['notes'] = list(map(self.mount.names.say, report['notes']))
+        self._refuse_contradicted(report)
+        self.contradiction, self._homings = None, homings
+        new = ModelWithZeros(self._with_provenance(night.chosen.model, report),
+                             night.chosen.zeros, night.follows)
         kept = self.active is not None and not self._replaces(new, report)
         self.report = report
         if kept:
@@ -343,73 +337,18 @@ class CalibrationState:
             self._activate(new, new.published(), len(self.rows))
         return self.model, report
 
-    def refuse_falsified(self):
-        """`Contradiction` where too many of the rows are not to be trusted."""
-        if why := contradiction(self.observations()):
-            raise Contradiction(why)
+    def _refuse_contradicted(self, report=None):
+        """`Contradiction` where what is known speaks against a model of these rows."""
+        if why := contradiction(self.observations(), report):
+            self.contradiction = Contradiction(why, report)
+            raise self.contradiction
 
-    def _fit_terms(self, rows):
-        """Terms, and the zero of each power-on that belongs to them, a FitResult."""
-        from .analysis.diagnosis import check_columns
-        check_columns(rows.select(~is_for_zero(rows)))
-        return self._recipe(rows).terms(rows)
-
-    def _fit_harmonics(self, rows, terms, notes):
-        """The harmonics that were asked for, else the terms.
-
-        Returns
-        -------
-        fitted : FitResult
-        section : dict or None
-            Of the report.
-        misfits : int
-            Rows that are outliers to the harmonics alone.
-        """
-        if not self._harmonics:
-            return terms, None, 0
-        fitted, section, findings = fit_chosen(rows, self._harmonics, self._recipe(rows), terms,
-                                               self._split_seed)
-        self._degree = section['degree']
-        misfits = int(np.count_nonzero(fitted.weights[terms.weights > 0.0] == 0.0))
-        if misfits:
-            notes.append(f'{misfits} rows are outliers to the harmonics, and not to the terms: '
-                         'how wrong they are on fresh stars is not said')
-        notes += map(wording, findings)
-        return fitted, section, misfits
-
-    def _recipe(self, rows):
-        """The zero of the first power-on by its exposures, those after it from there on."""
-        return Recipe(self._first_zeros(rows)[rows['run'].min()])
-
-    def _report(self, observed, rows, fitted, harmonics, homings, notes):
-        """Of a fit to `rows`, which are `observed` without what the counts have drifted."""
-        published = None
-        if harmonics:
-            published = self._harmonics.label(self._degree), lambda rows, recipe: recipe.fit(
-                rows, self._harmonics, self._degree)
-        first, way = self._first_zeros(rows), ways(self.zeros.values())
-        stars = rows.select(~is_for_zero(rows))
-        return {
-            'last_stamp_ns': self.last_stamp,
-            **fit_report(rows, fitted, self.zeros, zero_changes(
-                observed, sorted(self.zeros), fitted.model), bool(harmonics), notes),
-            'steps': held_out_steps(
-                rows, self._recipe, split_half(stars, self._split_seed), self.reference, first,
-                way, notes, published),
-            'external_check': power_on_check(
-                rows, self.reference, first if self.zeros else {}, self.zeros, zero_change, notes,
-                published and ('harmonics of', published[1])),
-            'witnesses': self._cross_check(observed, fitted.model, homings),
-            'notes': notes,
-            **({'harmonics': harmonics} if harmonics else {}),
-        }
-
-    def _expected_error(self, rows, zeros):
-        from .night_diagnosis import expected_of_fit, with_zero
-        expected = expected_of_fit(rows, zeros, self._harmonics.base(self._degree))
-        if zeros.newest.run not in self.zeros:
-            expected = with_zero(expected, zeros.newest, rows.select(~is_for_zero(rows)))
-        return expected
+    @property
+    def alarms(self):
+        """Of the last report, what the encoders and the sky disagree on; sentences."""
+        refused = self.contradiction and self.contradiction.report
+        report = refused or self.report
+        return report['witnesses']['alarms'] if report else []
 
     def _with_provenance(self, model, report):
         expected = {'expected': report['expected']} if report['expected'] else {}
@@ -472,7 +411,7 @@ class CalibrationState:
             As of `fit`.
         """
         from .night_diagnosis import diagnose_night
-        self.refuse_falsified()
+        self._refuse_contradicted()
         rows = self.observations(until)
         start = self._start_of_diagnosis(rows)
         found = diagnose_night(rows, start, self._source(), alpha, site,
@@ -493,7 +432,7 @@ class CalibrationState:
         rows = self.observations(until)
         if found.start.model is not None:
             self.fitted = found.start
-        self._diagnosis = found
+        self._diagnosis, self.contradiction = found, None
         self._activate(found.chosen, found.model, len(rows))
         self._check_encoders_again(rows)
         self.requests.begin(self, found, site, until)
@@ -510,13 +449,14 @@ class CalibrationState:
         """
         follows, old = zero_following(rows.select(rows['star'] >= 0)), self.fitted
         if old is None:
-            return ModelWithZeros(None, self._first_zeros(rows), follows)
+            return ModelWithZeros(None, first_zeros(self.zeros, rows), follows)
         if not set(follows.axes) > set(old.follows.axes):
             return old
         rows_of_fit = for_fitting(follows.corrected(rows))
-        fitted = self._fit_terms(rows_of_fit)
+        fitted = fit_terms_of(self.zeros, rows_of_fit)
         if self._harmonics:
-            fitted = self._recipe(rows_of_fit).fit(rows_of_fit, self._harmonics, self._degree)
+            fitted = recipe_of(self.zeros, rows_of_fit).fit(
+                rows_of_fit, self._harmonics, self._degree)
         new = ModelWithZeros(replace(
             old.model, terms=fitted.model.terms, covariance=fitted.model.covariance,
             harmonics=fitted.model.harmonics), fitted.zeros, follows)

@@ -10,11 +10,10 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
-from pointing_model.zero import NO_ZERO, is_for_zero
+from pointing_model.zero import NO_ZERO
 from pointing_model.zero_drift import KEY as FOLLOWS
 
 from .analysis.diagnosis import Diagnosis, diagnose
-from .analysis.diagnosis.expected_error import expected_error_of_terms
 from .estimation.comparison import FEWEST
 from .publication import (
     UNJUDGED,
@@ -28,7 +27,7 @@ from .report.diagnosis_document import diagnosis_document
 from .report.encoder_wording import count_drift_line
 from .report.fit_wording import comparison_sentence
 from .report.wording import wording
-from .rows import stars_without_zeros, without_zeros
+from .rows import stars_without_zeros
 
 FORMAT = 'telescope_mount/diagnosis'
 VERSION = 1
@@ -217,47 +216,6 @@ def _without_effects(document, active, replaced, compared, why):
             'effects': names, 'why': why, 'judgement': compared.to_dict(),
             'found': document['effects']}],
         'notes': [*document['notes'], f'{", ".join(names)} {why}']}
-
-
-def expected_of_fit(rows, zeros, base='physical'):
-    """Error to be expected of a fit on fresh stars, as `Diagnosis.expected`, or None.
-
-    Parameters
-    ----------
-    rows : PointingRun
-        That were fitted, with columns `star` and `run`.
-    zeros : Zeros
-        That belong to the fit.
-    base : str
-        What was fitted, see `diagnosis.base.Base.parse`.
-    """
-    stars = rows.select(~is_for_zero(rows))
-    return expected_error_of_terms(without_zeros(stars, zeros), base) if len(stars) else None
-
-
-def with_zero(expected, zero, rows):
-    """The error to be expected where the zero is as uncertain as a few stars leave it.
-
-    Parameters
-    ----------
-    expected : dict or None
-        As of `expected_of_fit`.
-    zero : RunZero
-        Of the power-on in which is pointed, with its covariance.
-    rows : PointingRun
-        Where: as these lie on the sky.
-
-    Returns
-    -------
-    dict or None
-        With the variance of the zero; the upper limit with three times as much, which it exceeds
-        in one case of twenty where both axes are as uncertain, in one of twelve where one is alone.
-    """
-    if expected is None or not np.isfinite(zero.sigma).all():
-        return expected
-    more = float(np.mean(np.cos(rows['el'])**2) * zero.sigma[0]**2 + zero.sigma[1]**2) / ARCSEC**2
-    return {**expected, 'rms_arcsec': float(np.sqrt(expected['rms_arcsec']**2 + more)),
-            'high_arcsec': float(np.sqrt(expected['high_arcsec']**2 + 3.0 * more))}
 
 
 def _shifted(zeros, result, model):

@@ -84,7 +84,7 @@ def test_checks_are_of_the_harmonics_that_are_published(monkeypatch):
     def fit(own, degree):
         """As if that one predicted best."""
         monkeypatch.setattr(
-            'calibration.calibration_state.fit_chosen', lambda rows, choice, *rest: fit_chosen(
+            'calibration.night_fit.fit_chosen', lambda rows, choice, *rest: fit_chosen(
                 rows, dataclasses.replace(choice, degree=degree), *rest))
         return own.fit()[1]['external_check']
     parts = PointingRun.concatenate(by_nights(2))

@@ -1,0 +1,213 @@
+"""The fit of a night to its own rows, and the report of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.runs.run import PointingRun
+from pointing_model.zero import NO_ZERO, is_for_zero
+from pointing_model.zero_drift import Following
+
+from .analysis.encoders.count_drift import zero_following
+from .analysis.external_check import power_on_check, split_half, ways
+from .analysis.fit_result import FitResult
+from .analysis.harmonic_fit import Recipe, fit_chosen
+from .analysis.held_out import held_out_steps
+from .analysis.zero.power_on_zeros import zero_change, zero_changes
+from .report.night_document import fit_report
+from .report.wording import wording
+from .rows import for_fitting, without_zeros
+
+
+@dataclass
+class NightFit:
+    """A fit of the rows of a night.
+
+    Attributes
+    ----------
+    observed, rows : PointingRun
+        That fits may see, as they were observed; as they were fitted, without what the counts
+        have drifted.
+    follows : Following
+        Which zeros follow the absolute encoder for it.
+    terms : FitResult
+        The terms, and the zero of each power-on that belongs to them.
+    chosen : FitResult
+        The harmonics where some were asked for, else `terms`.
+    harmonics : dict or None
+        What the report tells of them.
+    misfits : int
+        Rows that are outliers to the harmonics alone.
+    notes : list of str
+    """
+
+    observed: PointingRun
+    rows: PointingRun
+    follows: Following
+    terms: FitResult
+    chosen: FitResult
+    harmonics: dict | None
+    misfits: int
+    notes: list
+
+    @property
+    def stars(self):
+        """Its rows without the exposures for zeros."""
+        return self.rows.select(~is_for_zero(self.rows))
+
+
+def first_zeros(zeros, rows):
+    """Zero of each power-on by its exposures; where there is none, the one before it."""
+    return zeros.carried(map(int, np.unique(rows['run'])), first=NO_ZERO)
+
+
+def recipe_of(zeros, rows):
+    """The zero of the first power-on by its exposures, those after it from there on."""
+    return Recipe(first_zeros(zeros, rows)[rows['run'].min()])
+
+
+def fit_terms_of(zeros, rows):
+    """Terms, and the zero of each power-on that belongs to them, a FitResult."""
+    from .analysis.diagnosis import check_columns
+    check_columns(rows.select(~is_for_zero(rows)))
+    return recipe_of(zeros, rows).terms(rows)
+
+
+def fit_night(observations, zeros, harmonics, seed):
+    """Fit the terms, and the harmonics that were asked for.
+
+    The terms are fitted together with the change of the zero from power-on to power-on, to
+    stars and exposures for the zero alike: these fix most of the change, the stars help.
+
+    Parameters
+    ----------
+    observations : PointingRun
+        All of the night.
+    zeros : Zeros
+        By their exposures alone.
+    harmonics : HarmonicChoice
+    seed : int
+        Of the choice of the stars that are held out.
+
+    Returns
+    -------
+    NightFit
+
+    Raises
+    ------
+    ValueError
+        Too few stars.
+    """
+    observed = for_fitting(observations)
+    follows = zero_following(observed)
+    rows = follows.corrected(observed)
+    terms = fit_terms_of(zeros, rows)
+    out = NightFit(observed, rows, follows, terms, terms, None, 0, [])
+    if not harmonics:
+        return out
+    out.chosen, out.harmonics, findings = fit_chosen(
+        rows, harmonics, recipe_of(zeros, rows), terms, seed)
+    out.misfits = int(np.count_nonzero(out.chosen.weights[terms.weights > 0.0] == 0.0))
+    if out.misfits:
+        out.notes.append(f'{out.misfits} rows are outliers to the harmonics, and not to the terms: '
+                         'how wrong they are on fresh stars is not said')
+    out.notes += map(wording, findings)
+    return out
+
+
+def report_of(night, zeros, reference, harmonics, seed, notes):
+    """What a fit says, and each kind of model on stars that it did not see.
+
+    Parameters
+    ----------
+    night : NightFit
+    zeros, harmonics, seed
+        With which it was made.
+    reference : PointingModel or None
+        Of an earlier night.
+    notes : list of str
+        Of what was before the fit.
+
+    Returns
+    -------
+    dict
+        See `report.night_document`; JSON-ready.
+    """
+    rows, published, notes = night.rows, None, [*notes, *night.notes]
+    if night.harmonics:
+        degree = night.harmonics['degree']
+        published = harmonics.label(degree), lambda rows, recipe: recipe.fit(
+            rows, harmonics, degree)
+    first = first_zeros(zeros, rows)
+    return {
+        **fit_report(rows, night.chosen, zeros, zero_changes(
+            night.observed, sorted(zeros), night.chosen.model), bool(night.harmonics), notes),
+        'steps': held_out_steps(
+            rows, lambda part: recipe_of(zeros, part), split_half(night.stars, seed), reference,
+            first, ways(zeros.values()), notes, published),
+        'external_check': power_on_check(
+            rows, reference, first if zeros else {}, zeros, zero_change, notes,
+            published and ('harmonics of', published[1])),
+        'notes': notes,
+        **({'harmonics': night.harmonics} if night.harmonics else {}),
+    }
+
+
+def expected_error(night, zeros, harmonics):
+    """Error to be expected on fresh stars, as `Diagnosis.expected`, or None.
+
+    Parameters
+    ----------
+    night : NightFit
+    zeros, harmonics
+        With which it was made.
+    """
+    if night.misfits:
+        return None
+    expected = expected_of_fit(night.rows, night.chosen.zeros, harmonics.base(
+        night.harmonics and night.harmonics['degree']))
+    newest = night.chosen.zeros.newest
+    return expected if newest.run in zeros else with_zero(expected, newest, night.stars)
+
+
+def expected_of_fit(rows, zeros, base='physical'):
+    """Error to be expected of a fit on fresh stars, as `Diagnosis.expected`, or None.
+
+    Parameters
+    ----------
+    rows : PointingRun
+        That were fitted, with columns `star` and `run`.
+    zeros : Zeros
+        That belong to the fit.
+    base : str
+        What was fitted, see `diagnosis.base.Base.parse`.
+    """
+    from .analysis.diagnosis.expected_error import expected_error_of_terms
+    stars = rows.select(~is_for_zero(rows))
+    return expected_error_of_terms(without_zeros(stars, zeros), base) if len(stars) else None
+
+
+def with_zero(expected, zero, rows):
+    """The error to be expected where the zero is as uncertain as a few stars leave it.
+
+    Parameters
+    ----------
+    expected : dict or None
+        As of `expected_of_fit`.
+    zero : RunZero
+        Of the power-on in which is pointed, with its covariance.
+    rows : PointingRun
+        Where: as these lie on the sky.
+
+    Returns
+    -------
+    dict or None
+        With the variance of the zero; the upper limit with three times as much, which it exceeds
+        in one case of twenty where both axes are as uncertain, in one of twelve where one is alone.
+    """
+    if expected is None or not np.isfinite(zero.sigma).all():
+        return expected
+    more = float(np.mean(np.cos(rows['el'])**2) * zero.sigma[0]**2 + zero.sigma[1]**2) / ARCSEC**2
+    return {**expected, 'rms_arcsec': float(np.sqrt(expected['rms_arcsec']**2 + more)),
+            'high_arcsec': float(np.sqrt(expected['high_arcsec']**2 + 3.0 * more))}
