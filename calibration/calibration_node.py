@@ -17,8 +17,7 @@ from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
 from msg_tools.node_process import give_back, run_node
 from msg_tools.status import Progress, handover_rows
-from msg_tools.units import ARCSEC
-from pointing_model.calibration_messages import text_to_pair, zero_to_joints
+from pointing_model.calibration_messages import expected_to_joints, text_to_pair, zero_to_joints
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
@@ -26,19 +25,25 @@ from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 
 from .analysis.encoders.cross_check import axis_homings
-from .analysis.external_check import ways
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
 from .report.calibration_words import (
     finding_sentence,
     fit_sentence,
+    headline,
     refusal_sentences,
+    restart_sentence,
     rows_sentence,
+    state_details,
     zero_sentence,
+    zero_values,
 )
 from .report.encoder_wording import MARKS_UNKNOWN
-from .report.zero_wording import zero_statement
+
+PUBLISHED = (topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
+             topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
+             topics.TRACKING, topics.APART)
 
 
 class Calibration(MountNode):
@@ -59,16 +64,8 @@ class Calibration(MountNode):
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
         self._marks = None  # what the incremental encoder says of them
-        self._zero_pub = self.publisher(topics.ZERO)
-        self._expected_pub = self.publisher(topics.ZERO_EXPECTED)
-        self._expected_of = None  # the power-on whose zero was told last
-        self._model_pub = self.publisher(topics.MODEL)
-        self._report_pub = self.publisher(topics.CALIBRATION_REPORT)
-        self._diagnosis_pub = self.publisher(topics.DIAGNOSIS)
-        self._status_pub = self.publisher(topics.CALIBRATION_STATUS)
-        self._table_pub = self.publisher(topics.CALIBRATION_TABLE)
-        self._tracking_pub = self.publisher(topics.TRACKING)
-        self._request_pub = self.publisher(topics.APART)
+        self._expected_of = None  # the power-on whose expected zero is published
+        self._pubs = {topic.name: self.publisher(topic) for topic in PUBLISHED}
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         for topic, call in ((topics.OBSERVATION, self._on_observation),
@@ -84,6 +81,13 @@ class Calibration(MountNode):
         self.serve('~/cancel', self._long.cancel)
         self.every(1.0, self._tell_stage)
         self._say('knows nothing of the night yet: no observation, no zero, no model')
+
+    def _publish(self, topic, content):
+        """A message, a text or a document."""
+        if isinstance(content, dict):
+            content = json.dumps(content)
+        self._pubs[topic.name].publish(
+            String(data=content) if isinstance(content, str) else content)
 
     def _on_observation(self, message):
         run = self._rows(message)
@@ -115,7 +119,7 @@ class Calibration(MountNode):
         self._send_model(model)
         self._send_zero(zero)
         night = state.tracking.night
-        self._tracking_pub.publish(String(data=json.dumps(worded(night.document()))))
+        self._publish(topics.TRACKING, worded(night.document()))
         self._say(last_update(night))
 
     def _take_up_rows(self):
@@ -123,9 +127,7 @@ class Calibration(MountNode):
         self._say_taken_up()
 
     def _say_taken_up(self):
-        model = ('the active model' if self._state.tonight.model is not None else
-                 'no model is known until the next fit')
-        self._say(f'started in the middle of a night: took up {", ".join(self._taken_up)}; {model}')
+        self._say(restart_sentence(self._taken_up, self._state.tonight.model))
 
     def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
@@ -134,7 +136,7 @@ class Calibration(MountNode):
         text, stamp, zero = text_to_pair(message.data)
         if text:
             self._state.take_up(PointingModel.from_json(text))
-            self._model_pub.publish(String(data=text))
+            self._publish(topics.MODEL, text)
         self._model_name, self._spoke = identity(text), True
         self._send_zero(zero, stamp)
         self._taken_up.append('the active zero')
@@ -146,7 +148,7 @@ class Calibration(MountNode):
             self._observer = progress
             return
         run = self._state.observations()
-        self._table_pub.publish(run_to_cloud(run, self._state.last_stamp))
+        self._publish(topics.CALIBRATION_TABLE, run_to_cloud(run, self._state.last_stamp))
         self._say('gave the rows of the night to an observer that has none',
                   **handover_rows(len(run), self._observer))
 
@@ -175,7 +177,7 @@ class Calibration(MountNode):
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
-        self._status_pub.publish(convert.status(
+        self._publish(topics.CALIBRATION_STATUS, convert.status(
             level, self.get_fully_qualified_name(), text,
             **{**self._state.taken.rows(), **values}))
 
@@ -193,7 +195,7 @@ class Calibration(MountNode):
         """Why a service has not done its work; the report of a fit is published all the same."""
         response.message = str(error)
         if isinstance(error, Contradiction) and error.report is not None:
-            self._send_report(error.report)
+            self._publish(topics.CALIBRATION_REPORT, error.report)
         self._say(response.message)
 
     def _work_zero(self):
@@ -205,44 +207,27 @@ class Calibration(MountNode):
         run, zero = self._state.calibrate_zero()
         if self.value('reference_age') and self._state.tonight.reference is not None:
             # the zero goes with the model that it is relative to
-            self._send_model(self._dated(self._state.tonight.reference))
+            self._send_model(self._state.tonight.dated_reference)
         self._publish_zero(zero)
-        done = zero_sentence(run, zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
-        if few:
-            done += f'; {zero.n - zero.rejected} exposures only'
+        done = zero_sentence(run, zero, few)
         self._say(done, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
-                  power_on=run, by=zero.by, exposures=zero.n, rejected=zero.rejected,
-                  azimuth_arcsec=f'{zero.az / ARCSEC:.3f}',
-                  elevation_arcsec=f'{zero.el / ARCSEC:.3f}',
-                  sigma_azimuth_arcsec=f'{zero.sigma_az / ARCSEC:.3f}',
-                  sigma_elevation_arcsec=f'{zero.sigma_el / ARCSEC:.3f}',
-                  contains=zero_statement(zero))
+                  **zero_values(run, zero))
         return done
-
-    def _dated(self, model):
-        return replace(model, provenance={
-            **model.provenance, 'last_stamp_ns': self._state.last_stamp})
 
     def _send_model(self, model):
         text = model.to_json()
         self._model_name, self._spoke = identity(text), True
-        self._model_pub.publish(String(data=text))
+        self._publish(topics.MODEL, text)
 
     def _expect_zero(self):
         """Once a power-on, from what the nights before it followed."""
         if not self.value('reference_age') or self._state.tonight.rows.newest == self._expected_of:
             return
         self._expected_of = number = self._state.tonight.rows.newest
-        found = self._state.expect()
-        if found is None:
-            return
-        axes = [found[axis] for axis in convert.AXES]
-        self._expected_pub.publish(convert.joint_state(
-            self._state.last_stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
-            effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
-                    for axis in axes],
-            frame=f'power_on_{number}', names=self._state.tonight.mount.names.keys))
+        if expected := self._state.expect():
+            self._publish(topics.ZERO_EXPECTED, expected_to_joints(
+                expected, number, self._state.last_stamp, self._state.tonight.mount.names.keys))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
@@ -251,14 +236,14 @@ class Calibration(MountNode):
 
     def _send_zero(self, zero, stamp=None):
         self._spoke = True
-        self._zero_pub.publish(zero_to_joints(
+        self._publish(topics.ZERO, zero_to_joints(
             zero, self._state.last_stamp if stamp is None else stamp,
             self._state.tonight.mount.names.keys))
 
     def _work_fit(self):
         self._say('fitting')
         model, report = self._state.fit(self._homings())
-        self._send_report(report)
+        self._publish(topics.CALIBRATION_REPORT, report)
         self._publish_model(model)
         give_back()
         done = fit_sentence(report)
@@ -266,9 +251,6 @@ class Calibration(MountNode):
             self._refused = done
         self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
         return done
-
-    def _send_report(self, report):
-        self._report_pub.publish(String(data=json.dumps(report)))
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
@@ -301,7 +283,7 @@ class Calibration(MountNode):
     def _publish_request(self):
         """How causes stand, if there is anything new."""
         if text := self._state.tonight.requests.news():
-            self._request_pub.publish(String(data=text))
+            self._publish(topics.APART, text)
 
     def _tell_stage(self):
         stage, self._long.stage = self._long.stage, ''
@@ -309,12 +291,9 @@ class Calibration(MountNode):
             self._say(f'{self._long.name}: {stage}')
 
     def _diagnosed(self, found):
-        document = found.document
-        from .report.diagnosis_words import verdict_sentences
-        from .report.effect_words import effects_told
         from .report.wording import paragraph
-        headline, _ = verdict_sentences(document, effects_told(found.diagnosis))
-        done = f'{self._publish_finding(found)}; {headline}'
+        document = found.document
+        done = f'{self._publish_finding(found)}; {headline(found)}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
             done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
@@ -347,9 +326,9 @@ class Calibration(MountNode):
     def _publish_finding(self, found):
         """Diagnosis, report, model and zero of a `NightDiagnosis`; what was found, in words."""
         document = found.document
-        self._diagnosis_pub.publish(String(data=json.dumps(document)))
+        self._publish(topics.DIAGNOSIS, document)
         if self._state.tonight.report is not None:  # its alarms are others with another model
-            self._send_report(self._state.tonight.report)
+            self._publish(topics.CALIBRATION_REPORT, self._state.tonight.report)
         self._publish_model(found.model)
         self._finding, self._refused = finding_sentence(document), refusal_sentences(document)
         return self._finding
@@ -380,16 +359,7 @@ class Calibration(MountNode):
 
     def details(self):
         """What has come."""
-        from .report.track_wording import details
-        state, zeros = self._state.tonight, self._state.zeros
-        asked = state.requests.document
-        return [('observations', str(self._state.taken.kept)),
-                ('power-ons with a zero', str(len(zeros))),
-                ('zeros by', ways(zeros.values()) or 'nothing yet'),
-                ('taken up', '; '.join(self._taken_up) or 'nothing: there from the start'),
-                ('diagnosis', self._finding or 'none yet'),
-                *([('causes told apart', asked['says'])] if asked else []),
-                *(details(state.tracking) if state.tracking else [])]
+        return state_details(self._state, self._taken_up, self._finding)
 
 
 def main(args=None):

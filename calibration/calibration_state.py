@@ -344,6 +344,12 @@ class CalibrationState:
             raise self.contradiction
 
     @property
+    def dated_reference(self):
+        """The model of an earlier night, as it is published with a zero relative to it."""
+        return replace(self.reference, provenance={
+            **self.reference.provenance, 'last_stamp_ns': self.last_stamp})
+
+    @property
     def alarms(self):
         """Of the last report, what the encoders and the sky disagree on; sentences."""
         refused = self.contradiction and self.contradiction.report

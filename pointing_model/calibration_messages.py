@@ -179,6 +179,32 @@ _FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?
                     rf'(?:\+(?P<by>{BY_STARS}))?')
 
 
+def expected_to_joints(expected, number, stamp, names=AXES):
+    """The change of a zero that is expected of a power-on.
+
+    Parameters
+    ----------
+    expected : dict
+        Of each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
+    number : int
+        Of the power-on.
+    stamp : int
+        ns.
+    names : sequence of str
+        Of the joints.
+
+    Returns
+    -------
+    sensor_msgs.msg.JointState
+        ``position`` the change since the last zero, ``effort`` its sigma; rad.
+    """
+    axes = [expected[axis] for axis in AXES]
+    return joint_state(
+        stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
+        effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
+                for axis in axes], frame=f'power_on_{number}', names=names)
+
+
 def zero_to_joints(zero, ns, names=AXES):
     """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
 

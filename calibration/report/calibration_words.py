@@ -1,17 +1,30 @@
-"""What the services of the calibration answer, in sentences."""
+"""What the calibration answers and says of its state, in sentences."""
 
 from msg_tools.units import ARCSEC
 
 from ..analysis.external_check import ways
 from ..analysis.held_out import steps_of
+from .zero_wording import zero_statement
 
 
-def zero_sentence(run, zero):
-    """Of a MeasuredZero that was set in power-on `run`."""
+def zero_sentence(run, zero, few=False):
+    """Of a MeasuredZero that was set in power-on `run`, by few exposures or enough."""
     first, second = zero.mount.names.axes
     return (f'zero of power-on {run} by {zero.by}: {first} {zero.az / ARCSEC:+.2f} +- '
             f'{zero.sigma_az / ARCSEC:.2f} arcsec, {second} {zero.el / ARCSEC:+.2f} +- '
-            f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}')
+            f'{zero.sigma_el / ARCSEC:.2f} arcsec, relative to {zero.reference}'
+            + (f'; {zero.n - zero.rejected} exposures only' if few else ''))
+
+
+def zero_values(run, zero):
+    """The same by keys, for the status."""
+    return {
+        'power_on': run, 'by': zero.by, 'exposures': zero.n, 'rejected': zero.rejected,
+        'azimuth_arcsec': f'{zero.az / ARCSEC:.3f}',
+        'elevation_arcsec': f'{zero.el / ARCSEC:.3f}',
+        'sigma_azimuth_arcsec': f'{zero.sigma_az / ARCSEC:.3f}',
+        'sigma_elevation_arcsec': f'{zero.sigma_el / ARCSEC:.3f}',
+        'contains': zero_statement(zero)}
 
 
 def fit_sentence(report):
@@ -31,6 +44,13 @@ def finding_sentence(document):
     return f'{document["verdict"]}: {applied}' if applied else document['verdict']
 
 
+def headline(found):
+    """Of a `NightDiagnosis`."""
+    from .diagnosis_words import verdict_sentences
+    from .effect_words import effects_told
+    return verdict_sentences(found.document, effects_told(found.diagnosis))[0]
+
+
 def refusal_sentences(document):
     """Why effects of a diagnosis are not in the model; '' where all are."""
     return '; '.join(f'not published: {entry["why"]}' for entry in document['refused'])
@@ -40,3 +60,23 @@ def rows_sentence(taken, zeros):
     """What was taken up in the middle of a night: `taken` rows, and the zeros that they give."""
     return (f'{taken.kept} observations, zeros by {ways(zeros.values()) or "Polaris"} of power-ons '
             + (', '.join(map(str, sorted(zeros))) or 'none'))
+
+
+def restart_sentence(taken_up, model):
+    """What a calibration has that was started anew: `taken_up` (list of str), `model` or None."""
+    known = 'no model is known until the next fit' if model is None else 'the active model'
+    return f'started in the middle of a night: took up {", ".join(taken_up)}; {known}'
+
+
+def state_details(state, taken_up, finding):
+    """Of a CalibrationState or NightSeries, for the diagnostics: pairs of str."""
+    from .track_wording import details
+    tonight, zeros = state.tonight, state.zeros
+    asked = tonight.requests.document
+    return [('observations', str(state.taken.kept)),
+            ('power-ons with a zero', str(len(zeros))),
+            ('zeros by', ways(zeros.values()) or 'nothing yet'),
+            ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
+            ('diagnosis', finding or 'none yet'),
+            *([('causes told apart', asked['says'])] if asked else []),
+            *(details(tonight.tracking) if tonight.tracking else [])]
