@@ -23,6 +23,7 @@ from calibration.analysis.diagnosis.discrimination import (
     ONE_CAUSE,
     Discrimination,
 )
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 
 START, EACH = 1.7e9 - 9.0 * 3600.0, 80.0  # s: night for hours
@@ -221,11 +222,11 @@ def scenario(name, args):
                 bank.get(m) and bank.get(m) == bank.get(name) for m in q.stays))
             on, _, _ = asked_for(name, seed, size, args, first, -1.0)
             out['early'] += on.state == ONE_CAUSE and is_right(name, on, bank)
-            out['more'] += any(q.needed.values())
+            out['more'] += any(one.kind != 'alike on all stars' for one in q.needed.values())
         else:
             out['open'] += 1
         if args.verbose:
-            print('   ', seed, round(size, 1), members, taken, right, judged.sentence())
+            print('   ', seed, round(size, 1), members, taken, right, wording(judged.finding()))
         judged, taken = anywhere(name, seed, size, args, first)
         if judged.state == ONE_CAUSE:
             out['any right' if is_right(name, judged, bank) else 'any wrong'] += 1

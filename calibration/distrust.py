@@ -6,13 +6,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .analysis.camera_faults import (
-    FROZEN_CAMERA,
-    SAME_ROWS,
-    TURNED_CAMERA,
-    frozen_rows,
-    turned_rows,
-)
+from .analysis.camera_faults import SAME_ROWS, frozen_rows, turned_rows
 
 #: so large a part of the observations that is not to be trusted speaks against all of them
 MOST_DISTRUSTED = 1.0 / 3.0
@@ -20,6 +14,8 @@ MOST_DISTRUSTED = 1.0 / 3.0
 #: and the model cannot both be lived with
 CONTRADICTED = 10.0
 
+TURNED_CAMERA = 'what the camera measured fits the pointing with {} alone'
+FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
 #: rows from which their scatter tells something
 _FEW = 8
 #: noise of a centroid that the air leaves, 1 sigma of an axis, rad: image motion in short exposures

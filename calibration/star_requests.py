@@ -6,6 +6,7 @@ import numpy as np
 
 from pointing_model.calibration_messages import CANNOT, CAUSES_FORMAT, CAUSES_VERSION
 
+from .report.wording import worded
 from .rows import stars_without_zeros
 
 #: that a star may be asked for later; whether there is so much time knows who observes
@@ -70,8 +71,8 @@ class StarRequests:
             if state.rows.forgotten != self._forgotten:
                 raise ValueError('some that were diagnosed are of a power-on that is not kept any '
                                  'more (kept_power_ons); diagnose again')
-            found = self._causes.judge(
-                stars_without_zeros(state.observations(until), *self._stars)).to_dict()
+            found = worded(self._causes.judge(
+                stars_without_zeros(state.observations(until), *self._stars)).to_dict())
         except (ValueError, np.linalg.LinAlgError) as err:
             found = {'state': CANNOT, 'says': f'the stars cannot be judged: {err}',
                      'request': None, 'sets': []}

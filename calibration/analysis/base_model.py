@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from .finding import Finding
+
 
 @dataclass(frozen=True)
 class BaseModel:
@@ -17,7 +19,7 @@ class BaseModel:
     path : Path
     model : PointingModel
         As it was read.
-    notes : list of str
+    notes : list of str or Finding
     """
 
     path: Path
@@ -39,7 +41,6 @@ class BaseModel:
         ValueError
             It is no such file, declares no term, or is of another mount.
         """
-        from pointing_model.effects.base import readable
         from pointing_model.mounts import told
         from pointing_model.runs.model_files import read_model
         loaded = read_model(path, mount)
@@ -50,8 +51,8 @@ class BaseModel:
             raise ValueError(f'{path} has no term to fit anew')
         out = cls(Path(path), loaded.model, list(loaded.notes))
         if out.held is not None:
-            out.notes.append(f'held as {path} has it, not fitted anew: '
-                             f'{", ".join(map(readable, out._held()))}')
+            out.notes.append(Finding('held model', causes=tuple(out._held()),
+                                     evidence={'file': str(path)}))
         return out
 
     @property

@@ -23,11 +23,9 @@ SENSES = {
     'turned by -90 deg': ((1, 1), (-1, 1)),
     'half the scale': ((-1, 0), (0, -1)),
 }
-TURNED_CAMERA = 'what the camera measured fits the pointing with {} alone'
 #: rows in a row with the same miss distance within so much are of a camera that measures nothing;
 #: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
 SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
-FROZEN_CAMERA = 'the camera said the same miss distance in {} observations in a row or more'
 #: fewer rows are not judged, and so many at least are called wrong
 LEAST, FEWEST = 12, 2
 #: by so much a turned camera must explain the rows better, in squares of the noise, of which one

@@ -218,7 +218,7 @@ def _check_frame(run, solved):
     where = run.meta.get('source', 'the run')
     if len(run) < FEW:
         if not solved.declared:
-            _undeclared(run, f'{len(run)} rows cannot tell it')
+            raise _undeclared(run, f'{len(run)} rows cannot tell it')
         return
     if len(run) > _ROWS:
         lines = run.lines[np.linspace(0, len(run) - 1, _ROWS).astype(int)]
@@ -235,16 +235,17 @@ def _check_frame(run, solved):
     gain = taken.misfit - best.misfit
     if np.exp(gain) > _BETTER and 2 * len(run) * gain > _LIKELIER and best.rms_arcsec < _FITS:
         _refuse_others(run, best)
-        said = 'the file says' if solved.declared else 'no frame is declared; taken are'
         left = 'do not fit' if lost else f'leave {taken.rms_arcsec:.1f} arcsec'
         raise ValueError(
-            f'{where}: {said} {taken.what}, where the seven terms {left}; as {best.what} the '
+            f'{where}: ' + ('the file says' if solved.declared else
+                            'no frame is declared; taken are')
+            + f' {taken.what}, where the seven terms {left}; as {best.what} the '
             f'places leave {best.rms_arcsec:.1f} arcsec. Nothing was concluded; '
             f'{_advice(run, best)}')
     if not solved.declared:
         if -2 * len(run) * gain < _TOLD:
-            _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
-                        f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
+            raise _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
+                              f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
         run.meta['notes'].append(Finding(
             'frame taken', causes=(taken.what, best.what), before=taken.rms_arcsec,
             after=best.rms_arcsec))
@@ -271,7 +272,7 @@ def _said(run, frame):
 
 def _undeclared(run, why):
     where = 'in the YAML' if run.meta.get('format') == 'images' else 'above the header row'
-    raise ValueError(
+    return ValueError(
         f'{run.meta.get("source", "the run")}: no frame of ra_deg, dec_deg is declared, and {why}; '
         f'write {_said(run, "ICRS")} (or J2000, of date, ...) {where}')
 

@@ -3,6 +3,7 @@
 from datetime import datetime, timezone
 
 from msg_tools.units import ARCSEC
+from pointing_model.effects.base import readable
 from pointing_model.mounts import OF_MOUNT, ON_SKY
 
 from .row_wording import far_text
@@ -165,6 +166,9 @@ KINDS = {
     'rows not judged': lambda found: (
         'no row was judged by the others: a wrong one may be among them; observe more'),
     'implausible term': lambda found: implausible_term(found.evidence),
+    'held model': lambda found: (
+        f'held as {found["file"]} has it, not fitted anew: '
+        + ', '.join(map(readable, found.causes))),
     'rejected star': _rejected_star,
     'more stars rejected': lambda found: f'{found.size} rows more are rejected',
     'open direction': lambda found: f'the stars do not determine {found["direction"]}',

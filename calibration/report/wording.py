@@ -4,6 +4,7 @@ from calibration.analysis.finding import Finding
 
 from . import (
     diagnosis_wording,
+    discrimination_wording,
     encoder_wording,
     fit_wording,
     row_wording,
@@ -17,6 +18,7 @@ KINDS = {
     **fit_wording.KINDS, **row_wording.KINDS, **diagnosis_wording.KINDS,
     **track_wording.KINDS, **encoder_wording.KINDS,
     **zero_wording.KINDS, **season_wording.KINDS,
+    **discrimination_wording.KINDS,
 }
 
 

@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from msg_tools.units import DEG
 
+from ..finding import Finding
 from .next_observations import (
     MIN_GAP,
     SHORT,
@@ -158,10 +159,14 @@ class Pair:
         right = 1.0 / (1.0 + np.exp(-0.5 * behind))
         self._right = right, 1.0 - right
 
-    def later(self, hours):
-        """When its points can be observed, of those that shall be so many hours later: words."""
-        return (f'stars {self._hours:g} h later' if self._hours <= hours else
-                f'stars of the next night, {self._hours:g} h later')
+    def is_soon(self, hours):
+        """Whether its points can be observed in the same night, so many hours later."""
+        return self._hours <= hours
+
+    @property
+    def hours(self):
+        """Until the last of its points can be observed."""
+        return self._hours
 
     def differ(self):
         """By how much the two differ at each point, squared, in units of its noise, shape (m,).
@@ -194,7 +199,7 @@ class Pair:
 
 
 def needed(make, stars):
-    """What else would tell a pair apart, in words; '' where nothing that is known here would.
+    """A Finding on what else would discriminate a pair.
 
     Parameters
     ----------
@@ -203,18 +208,22 @@ def needed(make, stars):
     stars : int
         That are taken there.
     """
-    for words, options in (
-            ('stars from 10 deg of elevation on', {'low_deg': 10.0}),
-            ('brighter and fainter stars', {'any_magnitude': True}),
-            ('', {'hours': 2.0, 'only_later': True}), ('', {'hours': 8.0, 'only_later': True}),
-            (f'stars {_KELVIN:g} K warmer', {'warmer': _KELVIN}),
-            (f'stars {_KELVIN:g} K colder', {'warmer': -_KELVIN}),
-            ('something fast, as a satellite', {'faster': _FAST})):
+    for kind, size, options in (
+            ('low stars needed', 10.0, {'low_deg': 10.0}),
+            ('magnitudes needed', None, {'any_magnitude': True}),
+            ('later stars needed', None, {'hours': 2.0, 'only_later': True}),
+            ('later stars needed', None, {'hours': 8.0, 'only_later': True}),
+            ('warmer stars needed', _KELVIN, {'warmer': _KELVIN}),
+            ('warmer stars needed', -_KELVIN, {'warmer': -_KELVIN}),
+            ('fast target needed', None, {'faster': _FAST})):
         pair = make(**options)
         if pair.chance(stars) >= ENOUGH:
-            return words or pair.later(options['hours'])
+            if 'hours' in options:
+                size = pair.hours
+            return Finding(kind, size, unit='', evidence={
+                'tonight': 'hours' not in options or pair.is_soon(options['hours'])})
     pair = make()
     for more in (2, 4):
         if pair.chance(more * stars) >= ENOUGH:
-            return f'about {more * stars} such stars'
-    return ''
+            return Finding('more stars needed', more * stars, unit='stars')
+    return Finding('alike on all stars')

@@ -17,8 +17,8 @@ from calibration.estimation.select import SET_WIDTH
 from calibration.estimation.selection_problem import SelectionProblem
 from pointing_model.calibration_messages import ASKS, CANNOT, ONE_CAUSE
 from pointing_model.effects import smooths
-from pointing_model.effects.base import readable
 
+from ..finding import Finding
 from .alternatives import likelihood_ratio
 from .diagnosis_base import observations
 from .discriminating_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
@@ -43,8 +43,8 @@ class CauseSet:
         That may still be told from the best, and those that no star here is likely to tell.
     same : list of str
         Of `stays`: of the same mechanism as the best, and no other cause.
-    needed : dict of str to str
-        Of the nearest that stay what would tell them, '' where nothing would that is known here.
+    needed : dict of str to Finding
+        Of the nearest that stay what would tell them.
     """
 
     best: str
@@ -61,24 +61,18 @@ class CauseSet:
             return ASKS
         return CANNOT if set(self.stays) - set(self.same) else ONE_CAUSE
 
-    def sentence(self):
-        """How it stands, for people."""
-        if self.state == ONE_CAUSE:
-            return f'one cause is left: {readable(self.best)}'
-        if self.state == ASKS:
-            return (f'{readable(self.best)}, or '
-                    + ', '.join(f'{readable(n)} ({d:.1f} behind)' for n, d in self.open.items()))
-        others = ' or '.join(readable(n) for n in self.stays if n not in self.same)
-        return (f'{readable(self.best)} or {others} cannot be told from here; '
-                + ', '.join(f'{readable(name)}: ' + (f'it needs {what}' if what else
-                                                     'on all stars they look alike')
-                            for name, what in self.needed.items()))
+    def finding(self):
+        """How it stands."""
+        causes = self.open or [name for name in self.stays if name not in self.same]
+        kind = {ONE_CAUSE: 'one cause left', ASKS: 'causes open', CANNOT: 'causes alike here'}
+        return Finding(kind[self.state], unit='', causes=(self.best, *causes), evidence={
+            'behind': self.open, 'needed': self.needed})
 
     def to_dict(self):
-        """JSON-ready."""
+        """For JSON, with findings."""
         return {'state': self.state, 'best': self.best, 'out': self.out, 'open': self.open,
                 'stays': self.stays, 'same': self.same, 'needed': self.needed,
-                'says': self.sentence()}
+                'says': self.finding()}
 
 
 @dataclass
@@ -104,13 +98,13 @@ class CauseStanding:
         states = {q.state for q in self.questions}
         return next((s for s in (ASKS, CANNOT) if s in states), ONE_CAUSE)
 
-    def sentence(self):
-        """For people."""
-        return '; '.join(q.sentence() for q in self.questions)
+    def finding(self):
+        """How all stand."""
+        return Finding('sets of causes', evidence={'sets': [q.finding() for q in self.questions]})
 
     def to_dict(self):
-        """JSON-ready."""
-        return {'state': self.state, 'says': self.sentence(), 'request': self.request,
+        """For JSON, with findings."""
+        return {'state': self.state, 'says': self.finding(), 'request': self.request,
                 'sets': [q.to_dict() for q in self.questions]}
 
 
@@ -236,9 +230,9 @@ class Discrimination:
         row = points.request(j)
         row['separates'] = [question.best, nearest]
         row['differ_sigma'] = round(float(np.sqrt(differ[0][j])), 2)
-        row['why'] = (f'to tell {readable(question.best)} from {readable(nearest)}: '
-                      f'{pairs[0].behind:.1f} apart of {TOLD:g}, and here they differ by '
-                      f'{row["differ_sigma"]:.1f} sigma of a star')
+        row['why'] = Finding('star to discriminate', row['differ_sigma'], unit='sigma',
+                             causes=(question.best, nearest), evidence={
+                                 'behind': float(pairs[0].behind), 'told': TOLD})
         return row
 
 

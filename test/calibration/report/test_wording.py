@@ -6,18 +6,24 @@ from places import ROOT
 
 from calibration.report.wording import KINDS
 
-#: sentences still made in `calibration.estimation` and `calibration.analysis`; never more
-SENTENCES = 52
+#: names of the models that a report compares; never more
+SENTENCES = 5
+#: what a column, a clock or a place may be read as has its words beside it, as an effect has
+READINGS = ('readings', 'input_check', 'clock_and_site')
 JUDGED = [path for part in ('estimation', 'analysis')
           for path in sorted((ROOT / 'calibration' / part).rglob('*.py'))]
 _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
 
 
 def sentences(tree):
-    """Texts with a space and more than 25 characters that are no docstring and are not raised."""
+    """Texts with a space and more than 25 characters that are no docstring, no key and not raised.
+    """
     skipped, joined = set(), []
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Raise, ast.Assert)) or isinstance(node, ast.Call) and getattr(
+        if isinstance(node, ast.Dict):
+            skipped.update(map(id, node.keys))
+        if isinstance(node, (ast.Raise, ast.Assert)) or getattr(
+                getattr(node, 'func', None), 'id', '') == 'ValueError' or isinstance(node, ast.Call) and getattr(
                 node.func, 'attr', '') in _LOGGED:
             skipped.update(map(id, ast.walk(node)))
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
@@ -35,7 +41,8 @@ def sentences(tree):
 
 
 def test_no_more_sentences_are_made_where_rows_are_judged():
-    found = {path.relative_to(ROOT): sentences(ast.parse(path.read_text())) for path in JUDGED}
+    found = {path.relative_to(ROOT): sentences(ast.parse(path.read_text())) for path in JUDGED
+             if path.stem not in READINGS}
     assert sum(map(len, found.values())) <= SENTENCES, found
 
 

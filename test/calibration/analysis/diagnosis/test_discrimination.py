@@ -10,6 +10,7 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
 from calibration.analysis.diagnosis.discriminating_star import TOLD, Points
 from calibration.analysis.diagnosis.discrimination import Discrimination
+from calibration.report.wording import worded, wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.calibration_messages import ASKS, CANNOT, ONE_CAUSE
@@ -75,8 +76,8 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         assert asked.request['approach_az'] == 0 and asked.request['after_hours'] is None
         # where the two differ: beside the elevations of the first run
         assert not 35.0 < asked.request['el_deg'] < 60.0
-        assert 'and here they differ by' in asked.request['why']
-        json.dumps(asked.to_dict())
+        assert 'and here they differ by' in wording(asked.request['why'])
+        json.dumps(worded(asked.to_dict()))
         judged, taken = mount.told(apart)
         (question,) = judged.questions
         assert (judged.state, question.best) == (ONE_CAUSE, cause) and 1 <= taken <= 15
@@ -120,8 +121,8 @@ def test_what_no_star_can_tell_is_said_with_what_could():
     (question,) = judged.questions
     assert {question.best, *question.stays} >= {
         'elevation_zero_with_temperature', 'elevation_zero_with_time'}
-    assert ' K ' in question.needed[next(iter(question.needed))]
-    assert 'cannot be told from here' in judged.sentence()
+    assert ' K ' in wording(question.needed[next(iter(question.needed))])
+    assert 'cannot be told from here' in wording(judged.finding())
 
 
 def test_what_makes_no_difference_is_not_asked_for():

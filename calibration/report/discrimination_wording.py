@@ -1,0 +1,50 @@
+"""Words for causes that explain a run equally well, and for what would discriminate them."""
+
+from pointing_model.effects.base import readable
+
+
+def _names(names, between):
+    return between.join(map(readable, names))
+
+
+def _open(found):
+    best, *others = found.causes
+    return f'{readable(best)}, or ' + ', '.join(
+        f'{readable(name)} ({found["behind"][name]:.1f} behind)' for name in others)
+
+
+def _alike(found):
+    best, *others = found.causes
+    needed = ', '.join(
+        f'{readable(name)}: ' + (KINDS[one.kind](one) if one.kind == 'alike on all stars'
+                                 else f'it needs {KINDS[one.kind](one)}')
+        for name, one in found['needed'].items())
+    return f'{readable(best)} or {_names(others, " or ")} cannot be told from here; {needed}'
+
+
+def _star(found):
+    best, nearest = map(readable, found.causes)
+    return (f'to tell {best} from {nearest}: {found["behind"]:.1f} apart of {found["told"]:g}, and '
+            f'here they differ by {found.size:.1f} sigma of a star')
+
+
+def _later(found):
+    night = '' if found['tonight'] else ' of the next night,'
+    return f'stars{night} {found.size:g} h later'
+
+
+KINDS = {
+    'one cause left': lambda found: f'one cause is left: {readable(found.causes[0])}',
+    'causes open': _open,
+    'causes alike here': _alike,
+    'sets of causes': lambda found: '; '.join(KINDS[one.kind](one) for one in found['sets']),
+    'star to discriminate': _star,
+    'low stars needed': lambda found: f'stars from {found.size:g} deg of elevation on',
+    'magnitudes needed': lambda found: 'brighter and fainter stars',
+    'later stars needed': _later,
+    'warmer stars needed': lambda found: (
+        f'stars {abs(found.size):g} K {"warmer" if found.size > 0.0 else "colder"}'),
+    'fast target needed': lambda found: 'something fast, as a satellite',
+    'more stars needed': lambda found: f'about {found.size} such stars',
+    'alike on all stars': lambda found: 'on all stars they look alike',
+}
