@@ -23,7 +23,8 @@ def sentences(tree):
         if isinstance(node, ast.Dict):
             skipped.update(map(id, node.keys))
         if isinstance(node, (ast.Raise, ast.Assert)) or getattr(
-                getattr(node, 'func', None), 'id', '') == 'ValueError' or isinstance(node, ast.Call) and getattr(
+                getattr(node, 'func', None), 'id', '') == 'ValueError' or isinstance(
+                    node, ast.Call) and getattr(
                 node.func, 'attr', '') in _LOGGED:
             skipped.update(map(id, ast.walk(node)))
         elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
