@@ -6,8 +6,7 @@ from encoder_reading.axis_reader import AxisReader, read_frames
 from encoder_reading.frame_readings import FrameReadings
 
 from .ccd import LinearCCD
-from .disturbance import stamp_delays
-from .encoder_scale import ZeroDrift, disc_angle, tilted_angle
+from .encoder_scale import ZeroDrift, disc_angle, stamp_delays, tilted_angle
 
 
 class AbsoluteEncoder:

@@ -1,4 +1,4 @@
-"""How far the axes stay behind their demand: `scenario_disturbances.Drive` at work."""
+"""How far the axes stay behind their demand: `scenario.Drive` at work."""
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss

@@ -1,4 +1,4 @@
-"""What every encoder has in common: a disc off its centre, and a zero that moves."""
+"""What every encoder has in common: a disc off its centre, a zero that moves, late stamps."""
 
 import numpy as np
 
@@ -194,3 +194,31 @@ class SineSignals:
         x, y = -p.offset_cos / (gain * wide), -p.offset_sin / (gain * high)
         askew = p.quadrature_error
         return np.hypot(x, (y - x * np.sin(askew)) / np.cos(askew)) < 1.0
+
+
+def stamp_delays(params, seed, device, stamps):
+    """By how much the stamp of a message is later than its reading, beside the mean latency.
+
+    Parameters
+    ----------
+    params : scenario_encoders.EncoderScale
+        Of an axis.
+    seed : int
+    device : str
+        Name of the encoder, without axis: both axes are in one message.
+    stamps : ndarray of int, shape (n,)
+        ns.
+
+    Returns
+    -------
+    float or ndarray, shape (n,)
+        s: white, with mean 0, and in a share of the messages an exponential delay on top.
+    """
+    delay = 0.0
+    if params.stamp_jitter > 0.0:
+        delay = params.stamp_jitter * keyed_noise.normal(seed, device, 'stamp jitter', stamps)
+    if params.late_stamps > 0.0:
+        late = keyed_noise.uniform(seed, device, 'late stamps', stamps) < params.late_stamps
+        delay = delay - late * params.late_by * np.log(
+            keyed_noise.uniform(seed, device, 'how late', stamps))
+    return delay

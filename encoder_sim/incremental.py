@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import keyed_noise
-from .disturbance import pulses, stamp_delays
-from .encoder_scale import SineSignals, ZeroDrift, disc_angle, tilted_angle
+from .encoder_scale import SineSignals, ZeroDrift, disc_angle, stamp_delays, tilted_angle
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6
@@ -221,8 +220,9 @@ class IncrementalEncoder:
 
     def _spurious(self, stamps, angles):
         """`_Passages` where there is no mark: what a disturbance makes of the index signal."""
-        moments = pulses(self.seed, self._device, 'spurious index', self.params.spurious_index,
-                         int(stamps[0]), int(stamps[-1]))
+        moments = keyed_noise.pulses(
+            self.seed, self._device, 'spurious index', self.params.spurious_index,
+            int(stamps[0]), int(stamps[-1]))
         row = np.searchsorted(stamps, moments)
         span, step = np.diff(stamps)[row - 1] * 1e-9, np.diff(angles)[row - 1]
         part = (moments - stamps[row - 1]) * 1e-9 / span

@@ -16,6 +16,8 @@ _STEP, _MULTIPLY_1, _MULTIPLY_2 = map(np.uint64, _NUMBERS)
 _SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
 _ALL = 2**64 - 1
 _FEW = 8  # numbers of one key up to which Python's integers are quicker
+#: in which at most one pulse happens, ns: of 1 Hz one in 200 is lost
+_CELL = 10_000_000
 
 
 @lru_cache(maxsize=1024)
@@ -125,3 +127,28 @@ def normal(seed, device, purpose, keys, size=None):
         return (radius * np.cos(phase)).reshape(np.shape(keys))
     out = np.concatenate([radius * np.cos(phase), radius * np.sin(phase)], axis=1)
     return out[:, :size].reshape((*np.shape(keys), size))
+
+
+def pulses(seed, device, purpose, rate, begin, end):
+    """Moments of a Poisson process.
+
+    Parameters
+    ----------
+    seed, device, purpose
+        As for `uniform`.
+    rate : float
+        Mean number a second, 1/s; of two within 10 ms one is left out.
+    begin, end : int
+        ns; pulses after `begin`, up to and with `end`.
+
+    Returns
+    -------
+    ndarray of int
+        ns, rising; a stretch of time has the same ones, whatever it is a part of.
+    """
+    cells = np.arange(begin // _CELL, end // _CELL + 1)
+    happens = uniform(seed, device, purpose, cells) < -np.expm1(-rate * _CELL * 1e-9)
+    cells = cells[happens]
+    place = uniform(seed, device, f'moment of {purpose}', cells)
+    moments = cells * _CELL + (place * _CELL).astype(np.int64)
+    return moments[(moments > begin) & (moments <= end)]

@@ -21,7 +21,7 @@ def motion_sigma(seeing, elevation, exposure, wavelength):
 
     Parameters
     ----------
-    seeing : scenario_disturbances.Seeing
+    seeing : scenario.Seeing
     elevation : ndarray
         rad.
     exposure, wavelength : float
@@ -77,7 +77,7 @@ class WanderingRefraction:
 
     Parameters
     ----------
-    layers : scenario_disturbances.AirLayers
+    layers : scenario.AirLayers
     constant : float
         Of the refraction: constant times tan z, rad.
     seed : int

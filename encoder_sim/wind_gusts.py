@@ -1,4 +1,4 @@
-"""The wind on the simulated mount: `scenario_disturbances.Wind` by time and direction."""
+"""The wind on the simulated mount: `scenario.Wind` by time and direction."""
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class WindLoad:
 
     Parameters
     ----------
-    params : scenario_disturbances.Wind
+    params : scenario.Wind
     seed : int
     mount : pointing_model.mounts.Mount
         How the axes stand.
