@@ -16,6 +16,7 @@ from .analysis.harmonic_fit import Recipe, fit_chosen
 from .analysis.held_out import held_out_steps
 from .analysis.zero.power_on_zeros import zero_change, zero_changes
 from .report.night_document import fit_report
+from .report.night_wording import labelled_checks, labelled_steps
 from .report.wording import wording
 from .rows import for_fitting, without_zeros
 
@@ -143,12 +144,12 @@ def report_of(night, zeros, reference, harmonics, seed, notes):
     return {
         **fit_report(rows, night.chosen, zeros, zero_changes(
             night.observed, sorted(zeros), night.chosen.model), bool(night.harmonics), notes),
-        'steps': held_out_steps(
+        'steps': labelled_steps(held_out_steps(
             rows, lambda part: recipe_of(zeros, part), split_half(night.stars, seed), reference,
-            first, ways(zeros.values()), notes, published),
-        'external_check': power_on_check(
+            first, ways(zeros.values()), notes, published)),
+        'external_check': labelled_checks(power_on_check(
             rows, reference, first if zeros else {}, zeros, zero_change, notes,
-            published and ('harmonics of', published[1])),
+            published and ('harmonics', published[1]))),
         'notes': notes,
         **({'harmonics': night.harmonics} if night.harmonics else {}),
     }

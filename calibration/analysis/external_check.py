@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import BY_POLARIS, NO_ZERO, is_for_zero, zero_in_force
+from pointing_model.zero import NO_ZERO, is_for_zero, zero_in_force
 
 from ..rows import by_run
 from .fit import fit_terms
@@ -133,25 +133,24 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     notes : list of str
         Gets a line where a power-on has too few stars.
     other : (str, callable), optional
-        Another kind of model: its name, such as ``harmonics of``, and ``fit(rows, recipe)``, which
+        Another kind of model: its name, such as ``harmonics``, and ``fit(rows, recipe)``, which
         gives a FitResult.
 
     Returns
     -------
     list of dict
-        ``check``, a sentence, and the RMS as `rms_of` gives it.
+        ``of`` (the kind of model), ``fitted`` and ``tried`` (numbers of power-ons; None: of the
+        earlier night, of tonight), ``by`` (the way the zero was set), ``renewed`` (with that zero,
+        not the old one), and the RMS as `rms_of` gives it.
     """
     stars = rows.select(~is_for_zero(rows))
     if not first:
         return []
     if reference is not None:
-        label = 'model of the earlier night on all stars of tonight'
-        way = ways(measured.values())
-        way = way if way == BY_POLARIS else f'the zero by {way}'
-        return [{'check': f'{label}, before {way}',
-                 **rms_of(reference, stars, zero_in_force(reference))},
-                {'check': f'{label}, after {way}', **rms_of(reference, stars, first)}]
-    kinds = [('model of', lambda part, zero: fit_terms(part, zero=zero).model)]
+        return [{'of': 'model', 'fitted': None, 'tried': None, 'by': ways(measured.values()),
+                 'renewed': renewed, **rms_of(reference, stars, zero)}
+                for renewed, zero in ((False, zero_in_force(reference)), (True, first))]
+    kinds = [('model', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
@@ -174,9 +173,9 @@ def _from_to(then, later, before, after, old, way, change, kinds, notes):
             notes.append(f'external check: {err}')
             continue
         new = old.plus(*change(both, before, after, model).angles)
-        label = f'{kind} power-on {before:.0f} on the stars of power-on {after:.0f}'
-        out.append({'check': f'{label}, with the old zero', **rms_of(model, stars, old)})
-        out.append({'check': f'{label}, zero by {way}', **rms_of(model, stars, new)})
+        out += [{'of': kind, 'fitted': int(before), 'tried': int(after), 'by': way,
+                 'renewed': renewed, **rms_of(model, stars, zero)}
+                for renewed, zero in ((False, old), (True, new))]
     return out
 
 

@@ -3,7 +3,7 @@
 from msg_tools.units import ARCSEC
 
 from ..analysis.external_check import ways
-from ..analysis.held_out import steps_of
+from .night_wording import steps_of
 from .zero_wording import zero_statement
 
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from ..analysis.held_out import BOTH, RAW, steps_of
 from .drawing import Panel, limit_of, svg
+from .night_wording import BOTH, RAW, steps_of
 from .page_parts import figure, folded, listed, number, pair, section, table
 
 #: nodes of which all that they say is shown

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.analysis.harmonic_fit import HarmonicChoice
-from calibration.analysis.held_out import BOTH, HARMONICS, RAW, TERMS, ZEROED
 from calibration.calibration_state import CalibrationState
 from calibration.report.night_document import FORMAT
+from calibration.report.night_wording import BOTH, HARMONICS, RAW, TERMS, ZEROED
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec
@@ -131,7 +131,7 @@ def test_the_fit_finds_the_mount_and_predicts_stars_that_it_did_not_see():
         assert found[name]['value_arcsec'] == pytest.approx(
             MOUNT.terms[name] / ARCSEC, abs=4 * found[name]['sigma_arcsec'])
     steps = {step['step']: step for step in report['steps']}
-    assert list(steps) == [RAW, ZEROED, *HARMONICS, TERMS, BOTH]
+    assert list(steps) == [RAW, ZEROED, *HARMONICS.values(), TERMS, BOTH]
     assert steps[RAW]['held_out']['radial'] > steps[ZEROED]['held_out']['radial'] > 10
     assert 0.4 < steps[TERMS]['held_out']['radial'] < 1.2  # the noise: 0.7
     assert steps[TERMS]['used']['n'] + steps[TERMS]['held_out']['n'] == 120
@@ -208,7 +208,7 @@ def test_a_zero_by_its_own_exposures_is_as_well_known_as_they_say():
 def test_without_any_zero_all_stars_are_fitted_as_they_are():
     model, report = session(night(n=60, second=False)[:1], zeros=False).fit()
     assert report['zeros'] == [] and report['external_check'] == []
-    assert [step['step'] for step in report['steps']] == [RAW, *HARMONICS, TERMS, BOTH]
+    assert [step['step'] for step in report['steps']] == [RAW, *HARMONICS.values(), TERMS, BOTH]
     assert model.terms['IE'] / ARCSEC == pytest.approx(-170, abs=3)
 
 
