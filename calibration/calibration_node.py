@@ -59,7 +59,7 @@ class Calibration(MountNode):
         self._state = state_of({param.name: self.value(param.name) for param in PARAMS}, reference)
         self._skyline = parse_horizon(self.value('horizon'))
         self._model_name = identity(reference.to_json() if reference else '')
-        self._spoke = False  # a zero or a model is published
+        self._has_published = False  # a zero or a model is published
         self._finding = self._refused = ''  # for the diagnostics
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
@@ -75,7 +75,7 @@ class Calibration(MountNode):
                             (topics.IN_FORCE, self._on_active)):
             self.subscribe(topic, self._long.waiting(call))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
-                           ('judge', self._work_judge)):
+                           ('judge', self._work_blind_check)):
             self.create_service(Trigger, name, partial(self._answer, work))
         self.create_service(Trigger, 'diagnose', self._on_diagnose)
         self.serve('~/cancel', self._long.cancel)
@@ -131,13 +131,13 @@ class Calibration(MountNode):
 
     def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
-        if self._spoke or self.value('reference_age'):
+        if self._has_published or self.value('reference_age'):
             return
         text, stamp, zero = text_to_pair(message.data)
         if text:
             self._state.take_up(PointingModel.from_json(text))
             self._publish(topics.MODEL, text)
-        self._model_name, self._spoke = identity(text), True
+        self._model_name, self._has_published = identity(text), True
         self._send_zero(zero, stamp)
         self._taken_up.append('the active zero')
         self._say_taken_up()
@@ -164,13 +164,13 @@ class Calibration(MountNode):
         if self.value('reference_age'):
             self._state.season.update_marks(axis_homings(self._marks, 0))
 
-    def _unjudged(self):
+    def _marks_unknown(self):
         """Whether an incremental encoder is there that tells nothing of its marks."""
         return self._marks is None and self.count_publishers(
             self.resolve_topic_name(topics.INCREMENTAL.name)) > 0
 
     def _homings(self):
-        if self._unjudged():
+        if self._marks_unknown():
             return None
         # an encoder that has lost its zero since says so itself
         run = self._state.tonight.rows.newest
@@ -217,7 +217,7 @@ class Calibration(MountNode):
 
     def _send_model(self, model):
         text = model.to_json()
-        self._model_name, self._spoke = identity(text), True
+        self._model_name, self._has_published = identity(text), True
         self._publish(topics.MODEL, text)
 
     def _expect_zero(self):
@@ -235,7 +235,7 @@ class Calibration(MountNode):
                                 started=self._state.tonight.started(zero.run)))
 
     def _send_zero(self, zero, stamp=None):
-        self._spoke = True
+        self._has_published = True
         self._publish(topics.ZERO, zero_to_joints(
             zero, self._state.last_stamp if stamp is None else stamp,
             self._state.tonight.mount.names.keys))
@@ -302,8 +302,8 @@ class Calibration(MountNode):
         self._say_finding(done, document)
         return done
 
-    def _work_judge(self):
-        found = self._state.tonight.judge(site_of(self.value('site')))
+    def _work_blind_check(self):
+        found = self._state.tonight.check_on_blind_stars(site_of(self.value('site')))
         self._publish_finding(found)
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
@@ -352,7 +352,7 @@ class Calibration(MountNode):
         state = self._state.tonight
         tracking = state.tracking
         found = [*([str(state.contradiction)] if state.contradiction else []), *state.alarms,
-                 *([MARKS_UNKNOWN] if self._unjudged() else []),
+                 *([MARKS_UNKNOWN] if self._marks_unknown() else []),
                  *([self._refused] if self._refused else []),
                  *(problems(tracking) if tracking else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]

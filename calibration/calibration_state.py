@@ -469,7 +469,7 @@ class CalibrationState:
         compared = BlindStars(rows).compare(old, new)
         return new if compared is None or compared.holds else old
 
-    def judge(self, site=None):
+    def check_on_blind_stars(self, site=None):
         """The active model before blind stars that came after the diagnosis that has made it.
 
         Parameters
@@ -489,9 +489,9 @@ class CalibrationState:
         """
         if self._diagnosis is None:
             raise ValueError('nothing was diagnosed that could be judged; diagnose first')
-        from .night_diagnosis import judge_again
+        from .night_diagnosis import check_on_blind_stars
         rows = self.observations()
-        found = self._diagnosis = judge_again(
+        found = self._diagnosis = check_on_blind_stars(
             self._diagnosis, self.active, self.replaced, BlindStars(rows, site, self.since),
             self.last_stamp)
         if found.chosen is not self.active:

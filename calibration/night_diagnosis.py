@@ -160,7 +160,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     return NightDiagnosis(start, chosen._replace(model=model), model, document, result)
 
 
-def judge_again(found, active, replaced, blind, stamp):
+def check_on_blind_stars(found, active, replaced, blind, stamp):
     """A diagnosis judged by blind stars that came after its model was published.
 
     Parameters

@@ -322,7 +322,7 @@ class _Replay:
         site = None if not degrees else {
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
         state = self.state.tonight
-        found = (state.judge(site) if again
+        found = (state.check_on_blind_stars(site) if again
                  else state.diagnose(document.get('alpha', 0.01), site))
         self.compare_request()
         if document:

@@ -162,7 +162,7 @@ def headline_of(report):
     Parameters
     ----------
     report : dict
-        Of `CalibrationSession.fit`.
+        Of `CalibrationState.fit`.
 
     Returns
     -------

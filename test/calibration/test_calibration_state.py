@@ -391,7 +391,7 @@ def test_blind_stars_after_a_diagnosis_are_known_as_such_when_rows_before_it_go(
         collected.add(block, number * 10**9)
     assert set(collected.observations()['run']) == {2.0, 3.0}
     # the 5 that were there before are no judges
-    assert collected.judge().document['judged']['rows'] == 12
+    assert collected.check_on_blind_stars().document['judged']['rows'] == 12
 
 
 def test_a_zero_after_the_fit_goes_with_the_active_model():

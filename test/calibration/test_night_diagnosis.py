@@ -247,7 +247,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert 'stays in force' in headline and any('Not published' in text for text in sentences)
     json.dumps(document, allow_nan=False)
     # and there is nothing to take back
-    told = night.judge()
+    told = night.check_on_blind_stars()
     assert told.document['judged']['taken_back'] is False
     assert told.model.terms == fitted.terms and told.document['verdict'] == 'withheld'
 
@@ -290,11 +290,11 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     published = night.diagnose(site=SITE)
     assert published.document['published']
     assert 'elevation_zero_with_time' in published.document['applied']
-    few = night.judge(site=SITE)
+    few = night.check_on_blind_stars(site=SITE)
     assert few.document['judged']['why'].startswith('not judged: 0 blind stars')
     assert few.model.effects == published.model.effects
     night.add(later, 9 * 10**9)
-    taken = night.judge(site=SITE)
+    taken = night.check_on_blind_stars(site=SITE)
     judged = taken.document['judged']
     assert judged['taken_back'] and judged['rows'] == 25
     assert judged['why'].startswith('taken back: 25 rows')
@@ -306,7 +306,7 @@ def test_blind_stars_take_back_a_model_that_is_worse():
     assert taken.model.provenance['last_stamp_ns'] == 9 * 10**9
     assert taken.model.provenance['judged'] == 'taken back'
     # once more: the one before is in force
-    assert night.judge(site=SITE).document['judged']['taken_back'] is False
+    assert night.check_on_blind_stars(site=SITE).document['judged']['taken_back'] is False
 
 
 @pytest.fixture(scope='module')
@@ -322,13 +322,13 @@ def amended():
 def test_blind_stars_leave_a_good_model_in_force(amended):
     (stars, *_, later), night, amended = amended
     night.add(later, 9 * 10**9)
-    held = night.judge(site=SITE)
+    held = night.check_on_blind_stars(site=SITE)
     assert held.document['judged']['why'].startswith('holds: 20 rows')
     assert held.model.effects == amended.model.effects
     assert held.model.terms == amended.model.terms
     assert held.document['verdict'] == 'identified'
     with pytest.raises(ValueError, match='diagnose first'):
-        session(stars, fit=False).judge()
+        session(stars, fit=False).check_on_blind_stars()
 
 
 def test_a_diagnosis_as_of_then_knows_no_later_rows(amended):
@@ -337,7 +337,7 @@ def test_a_diagnosis_as_of_then_knows_no_later_rows(amended):
     again = night.diagnose(site=SITE, until=3 * 10**9)
     assert then.document == again.document
     assert then.model.terms == again.model.terms
-    assert night.judge(site=SITE).document['judged']['rows'] == 20
+    assert night.check_on_blind_stars(site=SITE).document['judged']['rows'] == 20
 
 
 def test_a_fit_that_is_worse_does_not_replace_the_model_in_force():
@@ -437,6 +437,6 @@ def test_to_harmonics_alone_the_tilt_of_the_axis_lacks():
     assert before > 2.0 * after and after < 1.6
     blind = block(20, 7, check=1.0)
     night.add(blind, 10**11)
-    judged = night.judge(SITE)
+    judged = night.check_on_blind_stars(SITE)
     assert not judged.document['judged']['taken_back']
     assert judged.model.harmonics.says_as(found.model.harmonics)

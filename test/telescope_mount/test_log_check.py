@@ -305,7 +305,7 @@ def test_what_was_taken_back_is_taken_back_again():
     found = session.diagnose()
     said(session, rows, found.model, found.document)
     more(session, rows, run, 120)
-    found = session.judge()
+    found = session.check_on_blind_stars()
     said(session, rows, found.model, found.document)
     assert found.document['judged']['taken_back']
     assert differences(rows) == []

@@ -230,7 +230,7 @@ def test_what_the_blind_stars_have_seen_decides_too():
     found = night_session.diagnose()
     assert list(Following.of(found.model).axes) == ['el'] and found.document['published']
     night_session.add(rows.select(np.arange(166, 226)), 1000)
-    judged = night_session.judge().document['judged']
+    judged = night_session.check_on_blind_stars().document['judged']
     assert judged['rows'] == 60 and not judged['taken_back']
     assert judged['radial']['after_arcsec'] < 0.8 * judged['radial']['before_arcsec']
 
