@@ -15,8 +15,7 @@ from .analysis.fit_result import FitResult
 from .analysis.harmonic_fit import Recipe, fit_chosen
 from .analysis.held_out import held_out_steps
 from .analysis.zero.power_on_zeros import zero_change, zero_changes
-from .report.night_document import fit_report
-from .report.night_wording import labelled_checks, labelled_steps
+from .report.night_document import fit_report, labelled_checks, labelled_steps
 from .report.wording import wording
 from .rows import for_fitting, without_zeros
 

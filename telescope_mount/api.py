@@ -205,9 +205,9 @@ class RunDiagnosis:
     def sentences(self):
         """The verdict for people: a headline, and what follows from it; list of str."""
         from calibration.report.diagnosis_words import verdict_sentences
-        from calibration.report.effect_words import effects_told
+        from calibration.report.effect_words import effect_summaries
         from calibration.report.wording import paragraph
-        headline, more = verdict_sentences(self.document, effects_told(self.result),
+        headline, more = verdict_sentences(self.document, effect_summaries(self.result),
                                            caution=paragraph(self.result.cautions))
         return [headline, *more]
 

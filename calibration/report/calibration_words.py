@@ -3,7 +3,7 @@
 from msg_tools.units import ARCSEC
 
 from ..analysis.external_check import ways
-from .night_wording import steps_of
+from .night_document import steps_of
 from .zero_wording import zero_statement
 
 
@@ -47,8 +47,8 @@ def finding_sentence(document):
 def headline(found):
     """Of a `NightDiagnosis`."""
     from .diagnosis_words import verdict_sentences
-    from .effect_words import effects_told
-    return verdict_sentences(found.document, effects_told(found.diagnosis))[0]
+    from .effect_words import effect_summaries
+    return verdict_sentences(found.document, effect_summaries(found.diagnosis))[0]
 
 
 def refusal_sentences(document):

@@ -9,7 +9,15 @@ from pointing_model.mount_kinds import kind_of
 from . import diagnosis_sections as page
 from .cause_words import counted, open_causes
 from .diagnosis_view import view_of
-from .diagnosis_words import FITTED, Said, best_pair, count_sentence, floor_words, led, told_verdict
+from .diagnosis_words import (
+    FITTED,
+    Said,
+    best_pair,
+    count_sentence,
+    floor_words,
+    led,
+    verdict_summary,
+)
 from .drawing import clean
 from .method_words import STAYS, causes_of, model_words, proposals, way_size
 from .page_parts import cards, folded, listed, said, section, verdict, whole
@@ -117,7 +125,7 @@ def _meta(view):
 def _verdict(view):
     document = view.document
     name = document['verdict']
-    told = told_verdict(document, [e.told for e in view.effects], caution=view.caution)
+    told = verdict_summary(document, [e.told for e in view.effects], caution=view.caution)
     badge = name
     if view.effects and name in ('ambiguous', 'identified'):
         badge = 'ambiguous' if any(

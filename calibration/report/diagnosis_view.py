@@ -15,7 +15,7 @@ from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import ALTAZ, Mount, is_beyond
 
 from .cause_words import still_open
-from .effect_words import EffectTold, title_of, told_of
+from .effect_words import EffectSummary, title_of, told_of
 from .method_words import plain_name, signs_sentences
 from .page_parts import value_and_error
 from .provenance import about, axes_note
@@ -34,7 +34,7 @@ class FoundEffect:
     Attributes
     ----------
     name : str
-    told : EffectTold
+    told : EffectSummary
     facts : list of (str, str)
     fitted : ndarray, shape (2, n), optional
         What it moves in each row, arcsec on the sky.
@@ -48,7 +48,7 @@ class FoundEffect:
     """
 
     name: str
-    told: EffectTold
+    told: EffectSummary
     facts: list
     fitted: np.ndarray | None = None
     driver: Driver | None = None

@@ -103,14 +103,14 @@ class Verdict:
                 *(one.text for one in self.rest)]
 
 
-def told_verdict(document, effects=(), limit=5, caution=''):
+def verdict_summary(document, effects=(), limit=5, caution=''):
     """The verdict of a diagnosis, and what it bought: the same for page, command, node and Python.
 
     Parameters
     ----------
     document : dict
         `Diagnosis.to_dict()`.
-    effects : sequence of EffectTold
+    effects : sequence of EffectSummary
         Of its effects, in their order; the largest is told first.
     limit : int
         Effects that are told; the others are counted.
@@ -162,8 +162,8 @@ def _told(document, effects, limit, caution):
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
-    """`told_verdict` as a headline (str) and sentences (list of str)."""
-    verdict = told_verdict(document, effects, limit, caution)
+    """`verdict_summary` as a headline (str) and sentences (list of str)."""
+    verdict = verdict_summary(document, effects, limit, caution)
     return verdict.headline, verdict.sentences
 
 

@@ -22,7 +22,7 @@ _MOST_OF_TURN = 2.0 / 3.0
 
 
 @dataclass
-class EffectTold:
+class EffectSummary:
     """An effect in words.
 
     Attributes
@@ -63,18 +63,18 @@ class EffectTold:
         return ' '.join([self.head, *self.more])
 
 
-def effects_told(diagnosis):
+def effect_summaries(diagnosis):
     """What a night assistant understands of each effect of a `Diagnosis`.
 
     Returns
     -------
-    list of EffectTold
+    list of EffectSummary
     """
     return [told_of(diagnosis, found) for found in diagnosis.effects]
 
 
 def told_of(diagnosis, found):
-    """`EffectTold` of one `DiagnosedEffect`."""
+    """`EffectSummary` of one `DiagnosedEffect`."""
     context = diagnosis.observations.context
     e = found.fitted.effect
     fitted = effect_offsets(found)
@@ -114,7 +114,7 @@ def told_of(diagnosis, found):
                     f'within {memory:g}° of motion (its memory)'
                     + (', or sooner or later: these rows do not tell.' if open_
                        else ': a short move shows less of it.'))
-    return EffectTold(seen, rms, [*filter(None, more), *_of_approach(diagnosis, e)],
+    return EffectSummary(seen, rms, [*filter(None, more), *_of_approach(diagnosis, e)],
                       float(np.ptp(values)) if len(values) else None, own)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .drawing import Panel, limit_of, svg
-from .night_wording import BOTH, RAW, steps_of
+from .night_document import BOTH, RAW, steps_of
 from .page_parts import figure, folded, listed, number, pair, section, table
 
 #: nodes of which all that they say is shown

@@ -1,7 +1,10 @@
-"""What a calibration's fit of a night publishes, for JSON."""
+"""What the fit of a night publishes, for JSON, and labels of what its checks compare."""
 
 from msg_tools.units import ARCSEC
+from pointing_model.terms import PHYSICAL
+from pointing_model.zero import BY_POLARIS
 
+from ..analysis import held_out as kinds
 from ..analysis.fit_result import named
 from ..analysis.harmonic_fit import rows_of_terms
 from ..rows import counts
@@ -11,6 +14,24 @@ from .zero_wording import zero_document
 FORMAT, VERSION = 'telescope_mount/calibration_report', 1
 #: the first coefficients, with correlations in the report: of all they grow with the square
 CORRELATED = 40
+
+RAW = 'as the encoders read'
+TERMS = f'{len(PHYSICAL)} physical terms'
+BOTH = f'{TERMS}, then 13 harmonics'
+_EARLIER = 'model of the earlier night'
+_ZERO_SET, _PUBLISHED = 'zero set on ', 'published: '
+ZEROED = _ZERO_SET + BY_POLARIS
+#: what E is in paper 000's harmonics -> its label
+HARMONICS = {
+    'zenith': '13 harmonics, E read as zenith distance',
+    'printed': '13 harmonics, E read as printed',
+}
+_LABELS = {
+    kinds.RAW: lambda of: RAW, kinds.REFERENCE: lambda of: _EARLIER,
+    kinds.ZEROED: lambda of: _ZERO_SET + of, kinds.HARMONICS: HARMONICS.get,
+    kinds.TERMS: lambda of: TERMS, kinds.BOTH: lambda of: BOTH,
+    kinds.PUBLISHED: lambda of: _PUBLISHED + of,
+}
 
 
 def fit_report(rows, fitted, zeros, changes, harmonic, notes):
@@ -53,3 +74,39 @@ def fit_report(rows, fitted, zeros, changes, harmonic, notes):
         **({'degrees_of_freedom': fitted.degrees_of_freedom} if fitted.few else {}),
         'noise_arcsec': [s / ARCSEC for s in fitted.scatter],
     }
+
+
+def labelled_steps(steps):
+    """Entries of `held_out.held_out_steps` with ``step``, a label, for the document."""
+    return [{'step': _LABELS[one['kind']](one['of']), 'used': one['used'],
+             'held_out': one['held_out']} for one in steps]
+
+
+def labelled_checks(checks):
+    """Entries of `external_check.power_on_check` with ``check``, a label, for the document."""
+    own = ('of', 'fitted', 'tried', 'by', 'renewed')
+    return [{'check': _check_label(*(one[key] for key in own)),
+             **{key: value for key, value in one.items() if key not in own}} for one in checks]
+
+
+def _check_label(of, fitted, tried, by, renewed):
+    if fitted is None:
+        way = by if by == BY_POLARIS else f'the zero by {by}'
+        return f'{_EARLIER} on all stars of tonight, {"after" if renewed else "before"} {way}'
+    zero = f'zero by {by}' if renewed else 'with the old zero'
+    return f'{of} of power-on {fitted} on the stars of power-on {tried}, {zero}'
+
+
+def steps_of(report):
+    """The first step, the zero set, and the model that was published; None of what is not there.
+
+    Returns
+    -------
+    tuple of (dict or None)
+    """
+    steps = report.get('steps') or []
+    first = steps[0] if steps else None
+    zeroed = next((step for step in steps if step['step'].startswith(_ZERO_SET)), None)
+    last = next((step for step in reversed(steps) if step['step'].startswith(_PUBLISHED)), None) \
+        or next((step for step in steps if step['step'] == TERMS), None)
+    return first, zeroed, last

@@ -8,7 +8,7 @@ from pointing_model.zero import BY_POLARIS
 from ..analysis.diagnosis.row_counts import excluded_of_fit, fit_row_counts, row_word
 from ..analysis.harmonic_fit import READ_AS
 from .fit_wording import UNDETERMINED, origin_sentence
-from .night_wording import RAW
+from .night_document import RAW
 from .row_wording import left_out_lines, outlier_sentence, used_sentence
 from .wording import wording
 

@@ -163,7 +163,7 @@ def show(found, console):
     from calibration.analysis.diagnosis.row_counts import row_word
     from calibration.report.diagnosis_document import diagnosis_document
     from calibration.report.diagnosis_words import floor_words, verdict_sentences
-    from calibration.report.effect_words import effects_told, title_of
+    from calibration.report.effect_words import effect_summaries, title_of
     from calibration.report.method_words import (
         choice_sentence,
         no_star_sentences,
@@ -176,7 +176,7 @@ def show(found, console):
     from pointing_model.effects.base import driver_word
     document, names = diagnosis_document(found), found.observations.run.mount.names
     first, second = names.columns
-    headline, sentences = verdict_sentences(document, effects_told(found), limit=20,
+    headline, sentences = verdict_sentences(document, effect_summaries(found), limit=20,
                                             caution=paragraph(found.cautions))
     console.print(used_sentence(document), markup=False)
     console.print(headline, style='bold', markup=False)

@@ -5,8 +5,7 @@ import pytest
 
 from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.calibration_state import CalibrationState
-from calibration.report.night_document import FORMAT
-from calibration.report.night_wording import BOTH, HARMONICS, RAW, TERMS, ZEROED
+from calibration.report.night_document import BOTH, FORMAT, HARMONICS, RAW, TERMS, ZEROED
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms_arcsec

@@ -14,7 +14,7 @@ from calibration.report.diagnosis_sections import exclusions, next_observations,
 from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
 from calibration.report.diagnosis_words import best_pair, verdict_sentences
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
-from calibration.report.effect_words import EffectTold, effects_told
+from calibration.report.effect_words import EffectSummary, effect_summaries
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
@@ -115,7 +115,7 @@ def way_start(diagnosis):
 def test_everything_is_in_it_in_order(page, diagnosis):
     headings = Inventory(page).headings
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
-    found, = effects_told(diagnosis)
+    found, = effect_summaries(diagnosis)
     assert headings == [
         f'{found.seen} ({arcsec(found.range_arcsec)} from lowest to highest, '
         f'{arcsec(found.rms_arcsec)} RMS on the sky), the only error found beyond the terms of '
@@ -139,7 +139,7 @@ def test_the_largest_of_several_is_told_once(diagnosis):
     found, = diagnosis.effects
     page = render(view_of(replace(diagnosis, effects=[found, found])))
     assert page.count(f'<b>{view_of(diagnosis).effects[0].name}.</b>') == 1
-    assert page.count(f'<b>{effects_told(diagnosis)[0].head}</b>') == 1
+    assert page.count(f'<b>{effect_summaries(diagnosis)[0].head}</b>') == 1
 
 
 def test_the_finding_is_said_in_plain_words(page, diagnosis):
@@ -160,7 +160,7 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
              'delta_bic': 9.0, 'look_at': 'the gear', 'effort': 1}
     open_ = replace(diagnosis, effects=[replace(found, causes=[
         cause, {**cause, 'cause': 'play', 'effort': 0}])])
-    told, = effects_told(open_)
+    told, = effect_summaries(open_)
     size = 2 * abs(found.fitted.coefficients[0]) / ARCSEC
     assert told.seen == ('The azimuth error has a difference by the direction of the last motion, '
                          f'{arcsec(size)} more on the sky after moving clockwise than '
@@ -171,7 +171,7 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
     derived = replace(open_, observations=replace(diagnosis.observations, run=PointingRun(
         run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
     assert 'no column of the file: it was derived from the order of the rows' in \
-        effects_told(derived)[0].sentence
+        effect_summaries(derived)[0].sentence
     assert 'One column for each; within it dots are moved sideways only' in page
 
 
@@ -226,7 +226,7 @@ def test_many_rows_stay_small():
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
                 rng.uniform(0, 6.28, n), el, before, after, np.ones(n, bool),
                 ['a star'] * n, [driver],
-                [FoundEffect('x', EffectTold('Y'), [], before - after, driver)], [], [])
+                [FoundEffect('x', EffectSummary('Y'), [], before - after, driver)], [], [])
     text = render(view)
     assert len(text) < 1_500_000
     assert '400 of 50000 rows are drawn' in text
@@ -290,7 +290,7 @@ def test_the_most_honest_pair_is_quoted():
     assert best_pair({'before': before, 'after': after})[1:] == (6.0, 2.0)
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
-    headline, sentences = verdict_sentences(document, [EffectTold('A is off')])
+    headline, sentences = verdict_sentences(document, [EffectSummary('A is off')])
     assert headline == ('A is off, the only error found beyond the terms of the model. With it in '
                         'the model 2.00″ remain on rows left out (6.00″ without, −67 %)')
     assert sentences[:2] == [
@@ -300,7 +300,7 @@ def test_the_most_honest_pair_is_quoted():
     # the one that takes off most is told first
     document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
                            for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
-    told = verdict_sentences(document, [EffectTold(name) for name in 'ABC'], limit=2)
+    told = verdict_sentences(document, [EffectSummary(name) for name in 'ABC'], limit=2)
     assert told[0].startswith('B, the largest of three errors beyond')
     assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
     assert told[1][1] == '1. B.'

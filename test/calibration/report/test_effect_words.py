@@ -14,7 +14,7 @@ from pointing_model.mounts import Mount
 
 
 def told(reach, contenders=(), order=2, size=(0.0, -10.0)):
-    """`EffectTold` of a wave of the hour angle, on rows to both sides of the meridian, degrees."""
+    """`EffectSummary` of a wave of the hour angle, rows to both sides of the meridian, deg."""
     rng = np.random.default_rng(1)
     mount = Mount.equatorial(33.0 * DEG)
     context = Context(np.linspace(-reach, reach, 40) * DEG, rng.uniform(-30.0, 70.0, 40) * DEG,

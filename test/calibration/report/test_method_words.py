@@ -5,8 +5,8 @@ import pytest
 from documents import CAUSES, contended, document
 from places import ROOT
 
-from calibration.report.diagnosis_words import figures_sentence, told_verdict, verdict_sentences
-from calibration.report.effect_words import EffectTold
+from calibration.report.diagnosis_words import figures_sentence, verdict_sentences, verdict_summary
+from calibration.report.effect_words import EffectSummary
 from calibration.report.method_words import (
     WORDS,
     choice_sentence,
@@ -48,7 +48,7 @@ def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
 
 def test_the_headline_says_what_is_wrong_and_what_remains():
     told = document(CAUSES, noise_floor_arcsec=3.9)
-    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
     assert headline == (
         'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
         'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
@@ -59,7 +59,7 @@ def test_the_headline_says_what_is_wrong_and_what_remains():
     assert way({**told, 'as_read_rms_arcsec': None}) == ''
     held = {'holdout_rms_arcsec': 5.0}
     told['before'], told['after'] = {**told['before'], **held}, {**told['after'], **held}
-    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
     assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
     assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
 
@@ -75,7 +75,7 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
     told = document(CAUSES, mount='german', wander=slow(62.6))
     told['effects'][0]['removes_rms_arcsec'] = 3.5
     told['after'] = {**told['after'], 'cv_rms_arcsec': 5.3}
-    headline, sentences = verdict_sentences(told, [EffectTold('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
     assert headline == (
         'The largest error moves slowly, with time or over the sky, and its cause is not known '
         '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
@@ -83,7 +83,7 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
         '(5.67″ without, −7 %): most of the error stays unexplained')
     assert sentences[0] == 'Neighbouring rows err alike.'
     small = {**told, 'wander': slow(3.0)}
-    headline, sentences = verdict_sentences(small, [EffectTold('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(small, [EffectSummary('The error has a wave', 3.5)])
     assert headline.startswith('The error has a wave') and 'only error found' in headline
     assert sentences[0].startswith('One effect') and 'Neighbouring rows err alike.' in sentences
 
@@ -131,7 +131,7 @@ def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
 def test_where_neighbours_err_alike_the_larger_figure_is_quoted_everywhere(slow, apart, quoted):
     told = document(CAUSES, wander={'slow': slow, 'text': 'it wanders'},
                     cv_contiguous={'before': 6.1, 'after': apart})
-    headline, sentences = verdict_sentences(told, [EffectTold('A')])
+    headline, sentences = verdict_sentences(told, [EffectSummary('A')])
     where = 'stretches of rows left out' if quoted == '5.30' else 'rows left out'
     assert f'{quoted}″ remain on {where} (' in headline
     assert figures_sentence(told).startswith(f'Quote {quoted}″, on {where}, ')
@@ -172,7 +172,7 @@ def test_effects_are_ranked_with_their_size():
     told = document(CAUSES)
     told['effects'] = [{'name': 'a', 'removes_rms_arcsec': 1.0, 'cv_gain_arcsec': 0.4,
                         'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
-    verdict = told_verdict(told, [EffectTold('A'), EffectTold('B')])
+    verdict = verdict_summary(told, [EffectSummary('A'), EffectSummary('B')])
     assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
     html = said(verdict.ranked, True)
     assert html.index('width:100%') < html.index('<b>A.</b>') < html.index('width:33%')
