@@ -14,7 +14,7 @@ class AlpacaStars(Source):
     ----------
     host, port, number
         As of `alpaca_telescope.AlpacaTelescope`.
-    field : telescope_mount.bridges.indi.seen.StarField
+    field : telescope_mount.bridges.indi.star_field.StarField
     rate : float
         Exposures a second.
     """

@@ -16,7 +16,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
 from .indi_sources import SERVER_PARAMS, SolvedSky, TrueSky
-from .seen import StarField
+from .star_field import StarField
 
 #: of what is looked at, whoever tells it
 FIELD_PARAMS = (

@@ -8,7 +8,7 @@ from pointing_model.mounts import Mount, through_pole
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.bridges.indi.pointing import place_of_date
-from telescope_mount.bridges.indi.seen import StarField
+from telescope_mount.bridges.indi.star_field import StarField
 from telescope_mount.observing.pairing import centred
 
 MOUNT = Mount.equatorial(DEFAULT_SITE.latitude, 'german')
