@@ -41,10 +41,6 @@ from .report.calibration_words import (
 )
 from .report.encoder_wording import MARKS_UNKNOWN
 
-PUBLISHED = (topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
-             topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
-             topics.TRACKING, topics.APART)
-
 
 class Calibration(MountNode):
     """Collects observations; publishes zero, model and report, latched."""
@@ -65,15 +61,25 @@ class Calibration(MountNode):
         self._taken_up = []  # from others, after a start in the middle of a night
         self._marks = None  # what the incremental encoder says of them
         self._expected_of = None  # the power-on whose expected zero is published
-        self._pubs = {topic.name: self.publisher(topic) for topic in PUBLISHED}
+        self._pubs = {
+            topics.ZERO.name: self.publisher(topics.ZERO),
+            topics.ZERO_EXPECTED.name: self.publisher(topics.ZERO_EXPECTED),
+            topics.MODEL.name: self.publisher(topics.MODEL),
+            topics.CALIBRATION_REPORT.name: self.publisher(topics.CALIBRATION_REPORT),
+            topics.DIAGNOSIS.name: self.publisher(topics.DIAGNOSIS),
+            topics.CALIBRATION_STATUS.name: self.publisher(topics.CALIBRATION_STATUS),
+            topics.CALIBRATION_TABLE.name: self.publisher(topics.CALIBRATION_TABLE),
+            topics.TRACKING.name: self.publisher(topics.TRACKING),
+            topics.APART.name: self.publisher(topics.APART),
+        }
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
-        for topic, call in ((topics.OBSERVATION, self._on_observation),
-                            (topics.OBSERVATIONS, self._on_table),
-                            (topics.HOMING, self._on_homing),
-                            (topics.OBSERVER_STATUS, self._on_observer),
-                            (topics.IN_FORCE, self._on_active)):
-            self.subscribe(topic, self._long.waiting(call))
+        waiting = self._long.waiting
+        self.subscribe(topics.OBSERVATION, waiting(self._on_observation))
+        self.subscribe(topics.OBSERVATIONS, waiting(self._on_table))
+        self.subscribe(topics.HOMING, waiting(self._on_homing))
+        self.subscribe(topics.OBSERVER_STATUS, waiting(self._on_observer))
+        self.subscribe(topics.IN_FORCE, waiting(self._on_active))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
                            ('judge', self._work_blind_check)):
             self.create_service(Trigger, name, partial(self._answer, work))

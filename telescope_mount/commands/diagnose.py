@@ -99,8 +99,9 @@ def _run(args):
     show(found, console)
     if base:
         from calibration.report.tables import base_table
+        from calibration.report.wording import wording
         console.print(base_table(base, found.model))
-        print_lines(console, 'note', base.notes)
+        print_lines(console, 'note', map(wording, base.notes))
     _write(args, found, console, base)
     return 2 if found.verdict == 'refused' else 0
 
