@@ -9,8 +9,6 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.zero_drift import interpolate
 
-from .zero_jumps import demand_of
-
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
 #: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
@@ -353,3 +351,14 @@ class Exposures:
                     not half or self._settled(stamp, half, tolerance, smear)):
                 return stamp, np.array(miss)
         return None
+
+
+def demand_of(track, stamp):
+    """Where a track (start, ns; times, s; angles, rad, (n, 2)) leads at a stamp, None outside."""
+    if track is None:
+        return None
+    start, times, angles = track
+    at = (stamp - start) * 1e-9
+    if not times[0] <= at <= times[-1]:
+        return None
+    return np.array([np.interp(at, times, axis) for axis in np.asarray(angles).T])

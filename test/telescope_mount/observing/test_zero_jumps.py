@@ -6,8 +6,8 @@ from live_bench import Live
 
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.observing.instrument_health import ABSOLUTE, MOUNT
-from telescope_mount.observing.instruments import Instruments
-from telescope_mount.observing.zero_jumps import ZeroJumps, demand_of
+from telescope_mount.observing.instruments import Instruments, ZeroJumps
+from telescope_mount.observing.pairing import demand_of
 
 SECOND = 10**9
 TRACK = 0, np.array([0.0, 60.0]), np.array([[1.0, 0.7], [1.0 + 900.0 * ARCSEC, 0.7]])
