@@ -184,7 +184,7 @@ def fit_tables(found):
         lines.append(f'sides of the pier: {origin_sentence(found.origin)}')
     if found.base:
         lines += [base_table(found.base, found.plain),
-                  *(f'note: {note}' for note in found.base.notes)]
+                  *(f'note: {wording(note)}' for note in found.base.notes)]
     return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
 
 
