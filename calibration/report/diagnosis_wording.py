@@ -3,6 +3,15 @@
 from pointing_model.effects.base import driver_word, readable, the
 
 
+def _first_answer(found):
+    rms = f'RMS of the rows fitted {found.before:.2f} arcsec'
+    if not found.causes:
+        return f'first answer: nothing found beyond chance; {rms}. Rows left out follow'
+    return (f'first answer: {"; ".join(map(readable, found.causes))}. {rms}, with '
+            f'{"it" if len(found.causes) == 1 else "them"} {found.after:.2f}. Not yet tried on '
+            'rows left out')
+
+
 def limit_words(kind):
     """Name -> words of each effect whose detection limit is told, of a `mount_kinds.MountKind`."""
     first, second = (f'a{"n" * (word[0] in "aeh")} {word}' for word in kind.axes)
@@ -114,6 +123,7 @@ KINDS = {
         f'{_figures(found)}: what was found may hold for these observations alone. Judge it on '
         'another run (--holdout) before you use it there.'),
     'rows searched': _rows_searched,
+    'first answer': _first_answer,
     'columns not taken': _columns_not_taken,
     'terms beside correlated noise': lambda found: (
         'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes each '

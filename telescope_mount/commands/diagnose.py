@@ -68,6 +68,7 @@ def run(args):
 
 def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
+    from calibration.report.wording import wording
     from msg_tools.forks import cores
 
     from ..runs import load_runs
@@ -94,12 +95,12 @@ def _run(args):
             progress(*what)
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
-                         sessions=args.sessions, progress=on, jobs=args.jobs or cores())
+                         sessions=args.sessions, progress=on, jobs=args.jobs or cores(),
+                         first_answer=lambda first: console.print(wording(first), markup=False))
     found.whole = not (base and base.held is not None)
     show(found, console)
     if base:
         from calibration.report.tables import base_table
-        from calibration.report.wording import wording
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
     _write(args, found, console, base)

@@ -151,7 +151,8 @@ def test_an_outlier_is_named_by_its_line_and_does_not_set_the_headline(tmp_path,
     for command in (['diagnose', run], ['fit', run]):
         assert main(command) == 0
         out = capsys.readouterr().out
-        assert out.startswith('59 of 60 rows used\n')
+        assert out.startswith('first answer: nothing found beyond chance; RMS of the rows')
+        assert '\n59 of 60 rows used\n' in out
         assert 'An outlier, left out: line 30 (169' in out and 'RMS with it 21' in out
         assert '218.' not in out.replace('RMS with it 218.', '')
 
@@ -163,7 +164,7 @@ def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
     assert main(['diagnose', run, '--json', str(tmp_path / 'd.json'),
                  '--report', str(tmp_path / 'd.html')]) == 2
     out = capsys.readouterr().out
-    assert out.startswith('36 of 60 rows used\n') and 'no effect is claimed' in out
+    assert '\n36 of 60 rows used\n' in out and 'no effect is claimed' in out
     result = json.loads((tmp_path / 'd.json').read_text())
     assert (result['verdict'], result['effects']) == ('refused', [])
     assert (result['rows_used'], result['rows_read']) == (36, 60)

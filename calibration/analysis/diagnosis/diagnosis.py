@@ -48,7 +48,7 @@ _MORE = 1.02  # what terms fitted beside a wander leave over those without, from
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
              most_rows=MOST_ROWS, sessions=None, partitions=None, progress=None,
-             jobs=1):
+             first_answer=None, jobs=1):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -84,6 +84,9 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     progress : callable, optional
         Is told what is being done, and of the cross-validation how many folds of how many (str,
         int, int; None where there is nothing to count).
+    first_answer : callable, optional
+        Called with a Finding as soon as the search is over, before alternatives and rows left out:
+        what it found, and the RMS of the rows fitted without and with it.
     jobs : int
         Folds of the cross-validation at a time, in processes that are forked: not where threads
         of a ROS node hold locks. The result is the same.
@@ -115,7 +118,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     if len(obs) > most_rows:
         obs = obs.thinned(most_rows, rng)
     result = _diagnosis(obs, base, alpha, rng, flips, folds if cross_validation else 0, partitions,
-                        progress or _silent, jobs)
+                        progress or _silent, first_answer, jobs)
     if left_open is not None:
         result = with_held_terms(result, left_open)
     result = refused_if_few(result)
@@ -146,13 +149,16 @@ def not_taken(context):
         'unnamed': any(name.startswith('auxiliary_') for name in names)})
 
 
-def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
+def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer, jobs):
     progress('looking for effects', 0, None)
     run = RunProblem(obs, base, alpha)
     problem = run.problem
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
-    choice = choose_model(problem, alpha, chance, partitions)
+    choice = choose(problem, alpha, chance, partitions)
+    if first_answer:
+        first_answer(_first_answer(problem, choice))
+    choice = compare_alternatives(problem, choice, alpha, chance, partitions)
     left = residual_correlation(problem, choice, alpha)
     # noise that goes along the sky is not told from what the direction does: terms do not rest on
     # its memory
@@ -191,6 +197,14 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, jobs):
             problem, obs, base, choice,
             [[one.group for one in some if one.entry['open']] for some in others])
     return result
+
+
+def _first_answer(problem, choice):
+    """What a search has found, and the RMS of the rows fitted without and with it, arcsec."""
+    before, after = (radial_arcsec(fit.raw.reshape(2, -1), fit.weights > 0.0)
+                     for fit in (problem.plain.fit([]), choice.fit))
+    return Finding('first answer', before=before, after=after, causes=tuple(
+        dict.fromkeys(c.effect(problem).name for c in choice.chosen)))
 
 
 def _add_errors(result, found, run, choice, errors, rng):
