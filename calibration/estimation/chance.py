@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from .candidates import best_of
-from .memory_test import SIMULATIONS, MemoryTest
+from .memory_test import SIMULATIONS, MemoryMask, MemoryTest
 
 #: rows with which a group's variance is moderated toward that of its axis: of a group on 100 rows
 #: its own counts half. The level does not hang on it (noise as 1/sin^2 E, alpha 0.05, false alarms
@@ -199,6 +199,16 @@ class Chance:
             self._memory_tests[key] = MemoryTest(problem, chosen, bank, groups,
                                                  self._simulated(key))
         return self._memory_tests[key].p(g)
+
+    def simulate(self, problem, chosen):
+        """Simulate runs with the noise beside a choice, for all parts of these rows to know."""
+        bank, key = problem.dictionary, frozenset(chosen)
+        mask = MemoryMask(problem, list(chosen), bank, problem.plain.fit(chosen), None)
+        groups = np.flatnonzero(mask.groups)
+        if len(groups) and key not in self._memory_tests:
+            self._memory_tests[key] = MemoryTest(problem, chosen, bank, groups, self._normal)
+        if key in self._memory_tests:
+            _ = self._memory_tests[key].by_chance
 
     def _simulated(self, key):
         """Noise to simulate runs with, or what the whole has found for a choice alike."""
