@@ -60,7 +60,7 @@ class CalibrationState:
         So many have their rows kept, the last ones; 0: all.
     mode : {'batch', 'track'}
         track: a model after each star too.
-    yesterday : cross_check_records.Witness, optional
+    yesterday : encoder_zeros.EncoderZeros or StarOffsets, optional
         How Polaris and the encoders stood to each other the night before.
 
     Attributes

@@ -61,7 +61,7 @@ class _BarReader:
 
         Returns
         -------
-        readings.Readings
+        PaperReadings
             EXACT or REJECTED, and no sigma: these methods correct and estimate nothing.
 
         Raises

@@ -81,7 +81,7 @@ class MountGeometry:
 
     Parameters
     ----------
-    mount : scenario.Mount
+    mount : scenario.MountErrors
     start : float
         Start of the night, UTC s, from which the drifts count.
     seed : int

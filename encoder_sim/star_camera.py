@@ -48,13 +48,13 @@ class Camera:
     ----------
     scenario : scenario.Scenario
     seed : int
-    site : sky.Site
+    site : places.Site
         Where the mount is, if the scenario does not say.
-    weather : sky.Weather
+    weather : places.Weather
         The same of the air.
     start : float
         Start of the night, UTC s, from which the temperature changes.
-    satellite : target.SatelliteTarget, optional
+    satellite : star_catalogue.SatelliteTarget, optional
         One more light in the sky, bright enough to be seen.
     exposure : float
         Length of an exposure, s, for the noise.

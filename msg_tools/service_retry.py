@@ -3,8 +3,8 @@
 A question that was sent before the last answer was given cannot follow from that answer: it is the
 same question once more, or one that waited in the network or behind the work. It gets the same
 answer. One that comes while the work is under way joins it. One that passed the answer on its way
-is known by its time and number: a `steps.Question` is asked again after `AGAIN` s, and another is
-not begun before `PASSED` s after such an answer. Any later one is a new question. What a client
+is known by its time and number: a `steps.ServiceCall` is asked again after `AGAIN` s, and another
+is not begun before `PASSED` s after such an answer. Any later one is a new question. What a client
 does in its place stands in `steps.call`.
 """
 

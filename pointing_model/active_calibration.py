@@ -190,7 +190,7 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
         from `here`.
     row : dict or None
         The observation before.
-    site : sky.Site
+    site : places.Site
     mount : Mount, optional
         Whose axes the angles are of.
 
@@ -283,7 +283,7 @@ class InForce:
     def take_model(self, text):
         """Take a model as its JSON text; ValueError where it is none, or of another mount.
 
-        Or where no mount has it: see `plausible.check_model`.
+        Or where no mount has it: see `calibration_messages.check_model`.
         """
         model, name = PointingModel.from_json(text), identity(text)
         check_model(model)
@@ -313,8 +313,8 @@ class InForce:
         Raises
         ------
         ValueError
-            No encoder has it, see `plausible.check_zero`; or it does not say what it is of, and
-            the one in force does.
+            No encoder has it, see `calibration_messages.check_zero`; or it does not say what it is
+            of, and the one in force does.
         """
         check_zero(zero)
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):

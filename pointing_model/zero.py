@@ -31,7 +31,7 @@ class RunZero:
         `model_document.identity` of the model that it goes with: with another it points
         elsewhere.
     by : str, optional
-        By which way it was got, see `zero_exposures.way_of`; None: Polaris, or not known.
+        By which way it was got, see `way_of`; None: Polaris, or not known.
     """
 
     az: float

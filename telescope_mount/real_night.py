@@ -57,7 +57,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     ------
     ValueError, OSError
         Bad input.
-    night.NightFailed
+    whole_night.NightFailed
         A node ended, or the plan could not be carried out.
     """
     plan = plan or real_plan(stars)

@@ -10,7 +10,8 @@ Columns (unknown cells empty; of others a note says that they are not used):
   ``temperature_c``, ``supply_v``, ``since_h`` (hours since the power-on before), ``side`` (of the
   mark: below and above, or +1 and -1).
 
-The file ``zeros.csv`` of `season_report.write_season` is one. A last row without zeros is tonight.
+The file ``zeros.csv`` of `zero_season_report.write_season` is one. A last row without zeros is
+tonight.
 """
 
 import difflib
@@ -172,8 +173,8 @@ def zero_file_causes(path):
     Returns
     -------
     dict
-        JSON-ready, as of `season_report.judge_season`: ``causes``, ``tonight``; and ``notes``, as
-        of `read_zeros`.
+        JSON-ready, as of `zero_season_report.judge_season`: ``causes``, ``tonight``; and
+        ``notes``, as of `read_zeros`.
 
     Raises
     ------

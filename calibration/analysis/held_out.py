@@ -32,7 +32,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
     first : Zeros
         By their exposures alone, of each power-on.
     way : str
-        By which way they were set (`check.ways`); '' where none was.
+        By which way they were set (`external_check.ways`); '' where none was.
     notes : list of str
         Gets a line where stars are too few for what was asked for.
     published : (str, callable), optional

@@ -194,21 +194,24 @@ class Chance:
             return 1.0
         if self._whole is not None and problem.base.own is not None:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
-        key = frozenset(chosen)
-        if key not in self._memory_tests:
-            self._memory_tests[key] = MemoryTest(problem, chosen, bank, groups,
-                                                 self._simulated(key))
-        return self._memory_tests[key].p(g)
+        return self._memory_test(problem, chosen, groups).p(g)
 
     def simulate(self, problem, chosen):
-        """Simulate runs with the noise beside a choice, for all parts of these rows to know."""
-        bank, key = problem.dictionary, frozenset(chosen)
-        mask = MemoryMask(problem, list(chosen), bank, problem.plain.fit(chosen), None)
-        groups = np.flatnonzero(mask.groups)
-        if len(groups) and key not in self._memory_tests:
-            self._memory_tests[key] = MemoryTest(problem, chosen, bank, groups, self._normal)
-        if key in self._memory_tests:
-            _ = self._memory_tests[key].by_chance
+        """Simulate runs with the noise beside a choice now, for all parts of these rows to know.
+
+        Where such noise can be mistaken for nothing there is nothing to simulate.
+        """
+        groups = np.flatnonzero(MemoryMask(problem, chosen, problem.dictionary,
+                                           problem.plain.fit(chosen), None).groups)
+        if len(groups):
+            self._memory_test(problem, chosen, groups).by_chance  # noqa: B018
+
+    def _memory_test(self, problem, chosen, groups):
+        key = frozenset(chosen)
+        if key not in self._memory_tests:
+            self._memory_tests[key] = MemoryTest(problem, chosen, problem.dictionary, groups,
+                                                 self._simulated(key))
+        return self._memory_tests[key]
 
     def _simulated(self, key):
         """Noise to simulate runs with, or what the whole has found for a choice alike."""

@@ -42,7 +42,7 @@ class FoundEffect:
     ranking : list of dict
         What else could stand in its place, best first, as in `DiagnosisView`.
     own : ndarray, shape (2, n), optional
-        What of `fitted` no term and no other effect takes up, see `summary.its_own`.
+        What of `fitted` no term and no other effect takes up, see `page_figures.its_own`.
     gradual, fades : bool
         It is reached little by little after a reversal; on the sky it is smaller higher up.
     """

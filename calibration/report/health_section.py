@@ -169,7 +169,7 @@ def headline_of(report):
     headline : str or None
         None where nothing was fitted.
     bars : list
-        As of `parts.gains`.
+        As of `page_parts.gains`.
     numbers : list of (float, str)
     """
     first, zeroed, last = steps_of(report)

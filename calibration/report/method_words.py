@@ -388,7 +388,7 @@ def signs_sentences(alike, names, written=None):
     ----------
     alike : sequence of str
         `Diagnosis.columns_alike`.
-    names : mounts.Names
+    names : mount_kinds.MountKind
     written : str, optional
         Format of the file, as ``meta['format']`` of its run.
 

@@ -156,7 +156,7 @@ def on_horizon(run):
 
 
 def of_mount(mount):
-    """A mount, and what x and y, and its axes, are called: keywords of `residuals.Residuals`."""
+    """A mount and the names of x, y and its axes: keywords of `residual_figures.Residuals`."""
     first, second = mount.names.axes
     return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
             'place_words': (first, second)}

@@ -21,7 +21,7 @@ def write_page(judged, path, files=None):
 
     Parameters
     ----------
-    judged : judged.SeasonJudged
+    judged : season_judgement.SeasonJudged
     path : str or Path
     files : iterable of Path, optional
         From which it is made: where it comes from is told with their sums.
@@ -40,7 +40,7 @@ def render(judged, more=''):
 
     Parameters
     ----------
-    judged : judged.SeasonJudged
+    judged : season_judgement.SeasonJudged
     more : str
         HTML at the end.
 

@@ -20,7 +20,7 @@ def write_page(tracked, path, files=None):
 
     Parameters
     ----------
-    tracked : of_run.TrackedRun
+    tracked : run_track.TrackedRun
     path : str or Path
     files : iterable of Path, optional
         From which it is made: where it comes from is told with their sums.
@@ -39,7 +39,7 @@ def render(tracked, more=''):
 
     Parameters
     ----------
-    tracked : of_run.TrackedRun
+    tracked : run_track.TrackedRun
     more : str
         HTML at the end.
 
@@ -148,7 +148,7 @@ def _term(tracked, hours, i):
 
 
 def tracking_lines(document):
-    """Lines of the document of `night.TrackedNight`.
+    """Lines of the document of `tracked_night.TrackedNight`.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def frame(time, site):
     ----------
     time : ndarray, shape () or (n,)
         UTC, seconds since 1970-01-01.
-    site : sky.Site
+    site : places.Site
 
     Returns
     -------

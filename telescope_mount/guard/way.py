@@ -43,7 +43,7 @@ def lead(judge, cubic, state, circles=()):
 
     Returns
     -------
-    (list of (float, float), track.Cubic) or None
+    (list of (float, float), axis_track.Cubic) or None
         Points as of `around`, none where the straight slew is allowed; the track on its turn.
     """
     for track in (cubic, *judge.other_turns(cubic, state)):
@@ -63,8 +63,8 @@ def around(judge, cubic, state, circles=()):
 
     Parameters
     ----------
-    judge : judging.Judge
-    cubic : track.Cubic
+    judge : track_judgement.Judge
+    cubic : axis_track.Cubic
         The track, on the turn that the mount takes.
     state : motion.AxisState
         At rest.

@@ -17,8 +17,8 @@ class Conditions(NamedTuple):
 
     Attributes
     ----------
-    site : sky.Site
-    air : sky.Weather
+    site : places.Site
+    air : places.Weather
         With the temperature of now.
     here : ndarray, shape (2,)
         Where the encoders stand, rad.

@@ -20,7 +20,7 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     way : callable
         ``way(here, there)``: by how much the first axis turns.
     slews : float
-        What their length counts beside all else; see `pace.weight_of_slews`.
+        What their length counts beside all else; see `weight_of_slews`.
 
     Returns
     -------

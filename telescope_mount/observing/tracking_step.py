@@ -190,7 +190,7 @@ def choose_next(model, az, el, here, exposure, waited, rate):
 
     Returns
     -------
-    next_star.Choice
+    next_star.NextStar
     """
     return next_star(model.later(waited), az, el, here, (az, el), sigma=model.noise,
                      exposure_s=exposure, slew=SlewTime((rate, rate)))

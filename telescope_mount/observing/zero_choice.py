@@ -65,7 +65,7 @@ class ZeroChoice:
         Now, UTC s.
     site, weather : Site, Weather
     mount : Mount
-    axes : star_choice.Limits
+    axes : star_choice.AxisLimits
         How far its axes turn.
     model : PointingModel or None
         In force.
@@ -98,7 +98,7 @@ class ZeroChoice:
     # --- which way ----------------------------------------------------------------------------
 
     def way(self, n):
-        """By Polaris or by stars, a `zero_stars.Way`; `n` exposures."""
+        """By Polaris or by stars, a `zero_stars.ZeroMethod`; `n` exposures."""
         if not self._polaris_is_allowed():
             return ZeroMethod(False, 'the guard does not let the tube look at Polaris')
         for rows, why in ((self._now, 'as the exposures of this power-on so far'),

@@ -322,7 +322,7 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         Seconds that the exposures take: a star stays within the limits so long.
     start : (float, float), optional
         Axis angles where the mount stands, radians.
-    limits : star_choice.Limits
+    limits : star_choice.AxisLimits
         Of the axes; `max_el` is then as of `star_choice.choose_stars`.
 
     Returns

@@ -390,6 +390,27 @@ def test_the_arrows_inside_a_package_run_one_way():
             assert not {n for other in others for n in of(found, other)}, path
 
 
+def test_a_class_that_a_docstring_names_is_in_the_module_that_it_names():
+    trees = {path: ast.parse(path.read_text()) for path in sources(*BELOW)}
+    # what a module defines, or hands on
+    known = {(path.parent.name if path.stem == '__init__' else path.stem, name)
+             for path, tree in trees.items() for node in tree.body
+             for name in ([node.name] if isinstance(node, ast.ClassDef) else
+                          re.findall(r'\b[A-Z]\w+', ast.unparse(node).split('\n')[0]))}
+    named, wrong = 0, []
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                continue
+            for module, name in re.findall(r'(?:`|: |^ *)([a-z_]+)\.([A-Z]\w+)(?=`|,|$)',
+                                           ast.get_docstring(node) or '', flags=re.M):
+                named += 1
+                if (module, name) not in known and not hasattr(sys.modules.get(module), name):
+                    wrong.append(f'{path.relative_to(ROOT)}: {module}.{name}')
+    assert named > 50
+    assert not wrong, "\n".join(wrong)
+
+
 def test_every_package_has_its_place():
     tree = ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8'))
     parts = next(item.value for item in tree.body

@@ -28,7 +28,7 @@ _DRAWS = 19999  # outliers anywhere, behind the chance of slips
 #: rows of one star: so many rows, seconds and radians apart at most, beside the sky's own turning
 _LAGS, _MINUTES, _PLACE, _SIDEREAL = 6, 900.0, 60.0 * ARCSEC, 7.3e-5
 _SOON = 60.0  # s between two rows of one star, at most, where rows have no times
-_SETS = ('physical', 'standard6', 'index')  # of `mounts.Names`
+_SETS = ('physical', 'standard6', 'index')  # of `mount_kinds.MountKind`
 
 
 @dataclass(frozen=True)

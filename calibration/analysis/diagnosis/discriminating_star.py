@@ -1,7 +1,7 @@
 """The star that tells the members of a set apart best, and whether any star can.
 
 What stars are expected to add to 2 ln(likelihood ratio) between two members is what the wrong one
-cannot follow of the right one, each in turn taken as right (`next_observations.View`). The sum
+cannot follow of the right one, each in turn taken as right (`next_observations.Prospect`). The sum
 comes with noise of twice its root (Box and Hill 1967, on discriminating models).
 """
 
@@ -113,7 +113,7 @@ class Points:
         return out
 
     def request(self, j):
-        """Point `j` as what to observe, see `apart.Judgement`."""
+        """Point `j` as what to observe, see `discrimination.CauseStanding`."""
         c, drivers = self.context, self._drivers
         sides = {f'approach_{axis}': int(c.columns[f'approach_{axis}'][j])
                  if {f'approach_{axis}', f'before_{axis}'} & drivers else 0

@@ -58,7 +58,7 @@ class ReadingFit:
     tilt : float
         Of the first axis, radians.
     terms : tuple of str
-    names : mounts.Names
+    names : mount_kinds.MountKind
     """
 
     reading: Reading

@@ -158,7 +158,7 @@ class Reading:
         ----------
         zero : float
             Azimuth zero that the fit gave, radians.
-        names : mounts.Names
+        names : mount_kinds.MountKind
         """
         of_azimuths = names is ALTAZ.names
         words = {'a': names.axes[0], 'e': names.axes[1],
@@ -223,7 +223,7 @@ def without_signs(alike, names=ALTAZ.names):
     ----------
     alike : sequence of str
         As of `input_check.ColumnCheck.alike`.
-    names : mounts.Names
+    names : mount_kinds.MountKind
 
     Returns
     -------

@@ -100,7 +100,7 @@ def candidates(season, day, declared=()):
 
     Parameters
     ----------
-    season : nights.Nights
+    season : season_nights.Nights
     day : ndarray, shape (n,)
         Since the first night.
     declared : sequence of (float, str)

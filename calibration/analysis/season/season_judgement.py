@@ -74,7 +74,7 @@ class SeasonJudged:
     def model(self):
         """`PointingModel` of the night to come: the terms foretold with their covariance.
 
-        In its provenance stands what a tracked night begins with, see `tracking.opening`.
+        In its provenance stands what a tracked night begins with, see `tracking.warm_start`.
         """
         told = {}
         if all(night.run is not None for night in self.season.nights):

@@ -120,8 +120,8 @@ def zero_from_exposures(exposures, reference, *, encoder='enc', model=None, run=
     Parameters
     ----------
     exposures : PointingRun
-        All of its rows are for the zero, see `zero_exposures.is_for_zero`. Without ``sigma_x`` and
-        ``sigma_y`` their scatter gives their noise.
+        All of its rows are for the zero, see `pointing_model.zero.is_for_zero`. Without
+        ``sigma_x`` and ``sigma_y`` their scatter gives their noise.
     reference : PointingRun or PointingModel
         Exposures of an earlier power-on, or a model whose prediction is the zero that its IA and
         IE stand for; the model's covariance enters the result's.
