@@ -13,6 +13,7 @@ the project's simulated camera; `--noise` takes another, `--sky elevation` other
 """
 
 import argparse
+import pickle
 import time
 from collections import Counter
 
@@ -240,7 +241,7 @@ def say_speed(count):
             begin = time.process_time()
             tracker.star(night.stamps[k], night.az[k], night.el[k], *night.offsets[k], ARCSEC)
             took.append(time.process_time() - begin)
-            size.append(len(tracker.state()) if k % 16 == 15 else 0)
+            size.append(len(pickle.dumps(tracker)) if k % 16 == 15 else 0)
     night = size[-night.count:]
     print(f'\none update with {K} terms and {len(tracker.facts)} rates: mean '
           f'{1e3 * np.mean(took):.2f} ms, 99 % {1e3 * np.quantile(took, 0.99):.2f} ms (<= 1); '

@@ -21,7 +21,7 @@ from .kalman import innovation_of, log_det_of, predict, update, whitening_of
 _SHORTEST = 1e-3
 #: share of all from where a history goes on
 _LEAST = 1e-5
-#: of a weight that is nothing, so that it can be written as a number
+#: logarithm of a weight that is nothing
 _NOTHING = -700.0
 #: cause of a change: the row itself is an outlier
 OUTLIER = -1
@@ -308,29 +308,6 @@ class GaussianSum:
                 self.unseen[number] = 0.0
         nothing = 1.0 - sum(chances) - (self._outliers if is_star else 0.0)
         return causes, np.log([max(nothing, 1e-3), *chances]), np.array(sides)
-
-    # --- what is kept -------------------------------------------------------------------------
-
-    def state(self):
-        """All that changes, JSON-ready; `restore` gives it back to the bit."""
-        return {'means': self.means.tolist(), 'covariances': self.covariances.tolist(),
-                'log_weights': self.log_weights.tolist(), 'unseen': self.unseen.tolist(),
-                'count': self.count, 'evidence': self.evidence, 'home': self.home.tolist(),
-                'stories': [[list(change) for change in history] for history in self.histories]}
-
-    def restore(self, state):
-        """Go on where `state` was taken, by a filter that was made alike."""
-        means = np.array(state['means'], dtype=float)
-        if means.ndim != 3 or means.shape[1:] != self.means.shape[1:]:
-            raise ValueError(f'state of a filter with other terms or rates, {means.shape[1:]}, '
-                             f'than this one, {self.means.shape[1:]}; begin anew')
-        self.means, self.home = means, np.array(state['home'], dtype=float)
-        self.covariances = np.array(state['covariances'], dtype=float)
-        self.log_weights = np.array(state['log_weights'], dtype=float)
-        self.unseen = np.array(state['unseen'], dtype=float)
-        self.count, self.evidence = int(state['count']), float(state['evidence'])
-        self.histories = [tuple(Change(*pair) for pair in history)
-                          for history in state['stories']]
 
 
 def mixture(weights, means, covariances):

@@ -202,18 +202,3 @@ class FilterConsistency:
         """The verdict, and the ratio that it rests on."""
         return Finding('filter consistency', unit='', evidence={
             'verdict': self.verdict, 'tested': self.tested})
-
-    def state(self):
-        """JSON-ready."""
-        return {'noise': self.noise, 'walk': self.walk, 'verdict': self.verdict,
-                'tested': self.tested, 'last': self._last}
-
-    @classmethod
-    def of_state(cls, state):
-        """That of which `state` was taken."""
-        out = cls()
-        out.noise, out.walk = float(state['noise']), float(state['walk'])
-        out.verdict, out._last = state['verdict'], state['last']
-        tested = state.get('tested')  # logs of before do not have it
-        out.tested = tested and tuple(tested)
-        return out

@@ -4,6 +4,7 @@ A smoother along the history that the whole night makes likely, for each hypothe
 the mean of them.
 """
 
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from ...estimation.dynamics import Jump, Together
 from ...estimation.gaussian_sum import OUTLIER, mixture
 from ...estimation.kalman import Rows, forward, smoothed
 from .motion_causes import night_to_night, power_on_change
-from .tracker import HOUR, WRONG, Tracker
+from .tracker import HOUR, WRONG
 
 #: what a sensor shows before its first reading, 1 sigma, rad
 _ANYTHING = 3600.0 * ARCSEC
@@ -68,7 +69,7 @@ def smooth(tracker, night):
     -------
     SmoothedNight
     """
-    live = Tracker.of_state(tracker.state())
+    live = deepcopy(tracker)
     rows, jumps, decided = [], [], {}
     for measurement in night:
         number, since, noise = live.stars, live.stamp, live.consistency.noise

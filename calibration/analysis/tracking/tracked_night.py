@@ -6,6 +6,7 @@ after a restart and from the log.
 """
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -122,11 +123,11 @@ class TrackedNight:
 
     def keep(self):
         """Keep measurements from now on, for `smoothed`."""
-        self.measurements, self._at_first = [], self._tracker.state()
+        self.measurements, self._at_first = [], deepcopy(self._tracker)
 
     def smoothed(self):
         """The night by all of its measurements since `keep`, a `SmoothedNight`."""
-        return smooth(Tracker.of_state(self._at_first), self.measurements)
+        return smooth(self._at_first, self.measurements)
 
     @property
     def stars(self):

@@ -7,19 +7,16 @@
 `x, y` is encoder - catalogue on the sky with the star centred, as `PointingRun.offsets` has it
 (zero taken off). Whoever pointed through a model and measured a miss distance has
 ``model.offsets(az, el) + miss``. All that a tracker becomes follows from its measurements in order,
-to the bit: `state` and `of_state` go on where it was.
+to the bit: a copy of it, or one that was pickled, goes on where it was.
 """
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
-from pointing_model.model_document import from_document
-from pointing_model.model_document import to_json as model_to_json
 from pointing_model.mounts import told
 from pointing_model.terms import design
 
@@ -46,7 +43,6 @@ _FAR, _ROUNDS = 30.0 * ARCSEC, 3
 _FLOOR = 0.5 * ARCSEC
 HOUR = 3.6e12  # ns
 WRONG = 'wrong star'
-FORMAT, VERSION = 'telescope_mount/tracking', 1
 
 
 class Tracker:
@@ -112,9 +108,8 @@ class Tracker:
         self._rates, self.facts = rate_hypotheses(self._names, self.mount, sensors, settings)
         whole = np.zeros((n, n))
         whole[:k, :k] = covariance
-        self._given_weights = None if rate_weights is None else [float(v) for v in rate_weights]
         self.filter = GaussianSum(
-            np.zeros(n), whole, self._rates, self._given_weights,
+            np.zeros(n), whole, self._rates, rate_weights,
             jumps=jumps_of(self._names, self.mount, sensors, settings), outliers=settings.wrong,
             outlier_sigma=settings.wrong_sigma, turn_h=settings.turn_h, most=settings.most,
             depth=settings.depth,
@@ -427,57 +422,6 @@ class Tracker:
         moved = np.zeros(len(far))
         moved[:len(before)] = [self.plain.terms[name] - value for name, value in before.items()]
         self.filter.shift(moved)
-
-    # --- what is kept -------------------------------------------------------------------------
-
-    def state(self):
-        """All that it is, as a JSON text; `of_state` gives it back to the bit."""
-        return json.dumps({
-            'format': FORMAT, 'version': VERSION, 'model': json.loads(model_to_json(self.plain)),
-            'witnesses': self.sensors, 'settings': asdict(self.settings),
-            'given_weights': self._given_weights, 'stamp': self.stamp, 'star': self._last_star,
-            'reference': self.reference, 'confidence': self.consistency.state(),
-            'waiting': self._undecided, 'said': self._said,
-            'notes': [asdict(note) for note in self.notes], 'bank': self.filter.state()})
-
-    @classmethod
-    def of_state(cls, text, mount=None):
-        """The tracker that wrote a `state`.
-
-        Parameters
-        ----------
-        text : str
-        mount : Mount, optional
-            That is observed.
-
-        Raises
-        ------
-        ValueError
-            It is no such state, of a later version, damaged, or of another mount.
-        """
-        try:
-            kept = json.loads(text)
-        except ValueError as error:
-            raise ValueError(f'state of a tracking filter is not JSON: {error}') from None
-        if not isinstance(kept, dict) or kept.get('format') != FORMAT:
-            raise ValueError(f'not the state of a tracking filter: no format {FORMAT!r}')
-        if kept.get('version') != VERSION:
-            raise ValueError(f'state of a tracking filter of version {kept.get("version")!r}, '
-                             f'this program reads {VERSION}; begin anew')
-        try:
-            out = cls(from_document(kept['model']), kept['stamp'], mount=mount,
-                      sensors=kept['witnesses'], settings=TrackingSettings(**kept['settings']),
-                      rate_weights=kept['given_weights'])
-            out.filter.restore(kept['bank'])
-            out._last_star, out.reference = kept['star'], kept['reference']
-            out.consistency = FilterConsistency.of_state(kept['confidence'])
-            out._undecided = [tuple(pair) for pair in kept['waiting']]
-            out._said = [tuple(pair) for pair in kept['said']]
-            out.notes = [Finding(**note) for note in kept['notes']]
-        except (KeyError, TypeError) as error:
-            raise ValueError(f'state of a tracking filter is damaged: {error}') from None
-        out._take_consistency()
-        return out
 
 
 def model_of_fit(fit):
