@@ -186,7 +186,7 @@ class Remapped(Processes):
         for old, new in self.remaps.get(spec.name, {}).items():
             arguments += ['-r', f'{old}:={new}']
         self.running[spec.name] = self._fork_server.start(
-            name=spec.name, module=spec.module, modules=[spec.module], arguments=arguments,
+            name=spec.name, modules=[spec.module], arguments=arguments,
             environment=self.environment, log=str(self.folder / f'{spec.name}.log'))
 
 

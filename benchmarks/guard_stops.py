@@ -121,8 +121,8 @@ def start(name, *extra):
     elif name == 'commander':
         words = [__file__, '--commander', *extra]
     elif name == 'mount_guard':
-        words = ['-m', 'telescope_mount.guard.mount_guard_node', *space, '--params-file',
-                 EXAMPLES / 'toy_telescope.yaml']
+        words = ['-m', 'msg_tools.node_process', 'telescope_mount.guard.mount_guard_node', *space,
+                 '--params-file', EXAMPLES / 'toy_telescope.yaml']
     else:
         words = [EXAMPLES / f'{name}.py', *space, '-p', f'port:={PORT}']
     return subprocess.Popen([sys.executable, *map(str, words)], env=env,

@@ -109,7 +109,8 @@ class Graph:
             words = [__file__, '--commander', *map(str, extra), self.every]
         else:
             spec = self._specs[name]
-            words = ['-m', spec.module, '--ros-args', '-r', '__ns:=/mount']
+            words = ['-m', 'msg_tools.node_process', spec.module, '--ros-args', '-r',
+                     '__ns:=/mount']
             for key, value in spec.parameters.items():
                 # the site is the default one, and the sky the same for all
                 words += ['-p', f'{key}:={value!r}' if not isinstance(value, str)

@@ -164,8 +164,8 @@ def record(kind, seconds, rate):
                        'ROS_DOMAIN_ID': str(lock.number), 'ROS_LOG_DIR': name,
                        **dds_environment(lock.number)}
         logger = subprocess.Popen(
-            [sys.executable, '-m', 'msg_tools.mcap_logger_node', '--ros-args', '-r',
-             '__ns:=/mount', '-p', f'folder:={name}/log'], env=environment)
+            [sys.executable, '-m', 'msg_tools.node_process', 'msg_tools.mcap_logger_node',
+             '--ros-args', '-r', '__ns:=/mount', '-p', f'folder:={name}/log'], env=environment)
         source = subprocess.Popen(
             [sys.executable, __file__, '--source', kind, str(seconds), str(rate)],
             env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

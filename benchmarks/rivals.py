@@ -18,7 +18,7 @@ import numpy as np
 from telescope_mount import domain
 from telescope_mount.dds import dds_environment
 
-MODULE = 'pointing_model.pointing_corrector_node'
+COMMAND = [sys.executable, '-m', 'msg_tools.node_process', 'pointing_model.pointing_corrector_node']
 #: s in which a second one must have ended, else it is counted as mixed with the first
 PATIENCE = 30.0
 #: s after which a node that started has imported and is in the graph; nothing says so outside it
@@ -27,7 +27,7 @@ SETTLED = 2.0
 
 def start():
     """A node, once it is a node of the graph (its imports take longer than discovery)."""
-    return subprocess.Popen([sys.executable, '-m', MODULE], stdin=subprocess.DEVNULL,
+    return subprocess.Popen(COMMAND, stdin=subprocess.DEVNULL,
                             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -82,7 +82,7 @@ def again(watched, sign):
 def alone():
     """Seconds from start to end of a node that refuses a parameter: interpreter and imports."""
     began = time.monotonic()
-    subprocess.run([sys.executable, '-m', MODULE, '--ros-args', '-p', 'model_fil:=1'],
+    subprocess.run([*COMMAND, '--ros-args', '-p', 'model_fil:=1'],
                    stdin=subprocess.DEVNULL, capture_output=True)
     return time.monotonic() - began
 

@@ -1,7 +1,6 @@
 """The calibration: sets the zero on Polaris or stars and fits the pointing model, when asked."""
 
 import json
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
-from msg_tools.node_process import give_back, run_node
+from msg_tools.node_process import give_back
 from msg_tools.status import Progress, handover_rows
 from pointing_model.calibration_messages import expected_to_joints, text_to_pair, zero_to_joints
 from pointing_model.effects import declared_graduation
@@ -366,12 +365,3 @@ class Calibration(MountNode):
     def details(self):
         """What has come."""
         return state_details(self._state, self._taken_up, self._finding)
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount calibration``."""
-    sys.exit(run_node(Calibration, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -4,14 +4,12 @@ The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a reje
 Velocities are differenced from two readings that follow each other within a second.
 """
 
-import sys
 from dataclasses import fields
 
 import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
-from msg_tools.node_process import run_node
 
 from .axis_reader import MOUNTS, AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of
@@ -93,12 +91,3 @@ class FrameReader(MountNode):
     def required(self):
         """It needs images."""
         return {self.resolve_topic_name(topics.ABSOLUTE_FRAME.name)}
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount frame_reader``."""
-    sys.exit(run_node(FrameReader, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -5,7 +5,6 @@ The effort of a reading is its quality: 0 exact, 1 corrected, 2 rejected; a reje
 
 import dataclasses
 import math
-import sys
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -14,7 +13,6 @@ from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.node_process import run_node
 from msg_tools.power_on import PowerOn, since
 
 from .absolute import AbsoluteEncoder
@@ -101,12 +99,3 @@ class AbsoluteEncoders(MountedDevice):
         """It needs axes to sit on, and in place of its own reader another."""
         other = set() if self._output else {self._frame_pub.topic_name}
         return super().required() | other
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount absolute_encoder``."""
-    sys.exit(run_node(AbsoluteEncoders, args))
-
-
-if __name__ == '__main__':
-    main()

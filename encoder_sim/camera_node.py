@@ -1,12 +1,9 @@
 """The star camera: measures how far the brightest star of the field is from the boresight."""
 
-import sys
-
 import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.sky.sky_params import SKY_PARAMS, sky_of
 from pointing_model.sky.star_catalogue import satellite_target
@@ -100,12 +97,3 @@ class StarCamera(MountedDevice):
     def details(self):
         """Exposures without a star."""
         return [('exposures without a star', str(self._without))]
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount camera``."""
-    sys.exit(run_node(StarCamera, args))
-
-
-if __name__ == '__main__':
-    main()

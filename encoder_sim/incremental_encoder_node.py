@@ -1,14 +1,11 @@
 """The incremental encoders of both axes: count from their reference marks, which drift."""
 
-import sys
-
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
-from msg_tools.node_process import run_node
 from msg_tools.power_on import PowerOn, since
 from msg_tools.units import ARCSEC
 
@@ -145,12 +142,3 @@ class IncrementalEncoders(MountedDevice):
                      (f'{axis} mark error [counts]', f'{status.mark_error:.0f}'),
                      (f'{axis} supply [V]', f'{status.supply:.3f}')]
         return rows
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount incremental_encoder``."""
-    sys.exit(run_node(IncrementalEncoders, args))
-
-
-if __name__ == '__main__':
-    main()

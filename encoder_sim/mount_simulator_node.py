@@ -1,7 +1,6 @@
 """The mount simulator: drives the axes, publishes their true angles, and is the clock."""
 
 import json
-import sys
 import time
 
 import numpy as np
@@ -15,7 +14,6 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
-from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE
 
@@ -272,12 +270,3 @@ class MountSimulator(ManagedNode):
             return [(DiagnosticStatus.WARN, f'{self._open_loop} pointings with the servo open: no '
                      'reading of the incremental encoder')]
         return []
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount mount_simulator``."""
-    sys.exit(run_node(MountSimulator, args))
-
-
-if __name__ == '__main__':
-    main()

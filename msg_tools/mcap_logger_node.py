@@ -2,7 +2,6 @@
 
 import copy
 import json
-import sys
 import time
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from .bag.parameter_query import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
-from .node_process import run_node
 from .readiness import AWAITED
 from .topics import Topic
 
@@ -288,12 +286,3 @@ class McapLogger(MountNode):
             size = int.from_bytes(self._model[4:8], 'little')
             model = (('model.json', 'application/json', self._model[8:7 + size]),)
         self._recorder.close(*model)
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount mcap_logger``."""
-    sys.exit(run_node(McapLogger, args))
-
-
-if __name__ == '__main__':
-    main()

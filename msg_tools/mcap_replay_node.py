@@ -1,7 +1,6 @@
 """The replay: publishes a log again, byte for byte, in its order."""
 
 import re
-import sys
 import time
 
 import rclpy
@@ -14,7 +13,6 @@ from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
 from .convert import to_stamp
 from .node import MountNode, Param
-from .node_process import run_node
 from .topics import Topic, make_qos
 
 #: messages after which a replay as fast as possible waits for the subscribers
@@ -337,12 +335,3 @@ class McapReplay(MountNode):
 
 def _depth(topic):
     return min(max(topic.qos[0]['depth'] if topic.qos else 10, 1), 100_000)
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount mcap_replay``."""
-    sys.exit(run_node(McapReplay, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -178,7 +178,8 @@ def node_of(module):
 
 def main():
     """Run the nodes of the modules that the first argument names."""
-    sys.exit(run_nodes([node_of(module) for module in sys.argv[1].split(',')]))
+    nodes = [node_of(module) for module in sys.argv[1].split(',')]
+    sys.exit(run_nodes(nodes) if len(nodes) > 1 else run_node(*nodes))
 
 
 #: glibc's mallopt: from how many bytes on a block is a map of its own

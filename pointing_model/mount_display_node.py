@@ -1,6 +1,5 @@
 """What RViz and Foxglove draw: the mount as it stands, where it looks, where it is sent."""
 
-import sys
 import time
 
 import numpy as np
@@ -10,7 +9,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
-from msg_tools.node_process import run_node
 
 from .mount_shape import ROOT, STANDS, frames_of, parts_of, placed, urdf
 from .sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
@@ -125,12 +123,3 @@ def _marker(stamp, number, kind, colour, size):
 
 def _point(values):
     return Point(**dict(zip('xyz', map(float, values))))
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount mount_display``."""
-    sys.exit(run_node(MountDisplay, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -1,14 +1,11 @@
 """The pointing corrector: a wanted direction in, encoder demands and their sigma out."""
 
-import sys
-
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
-from msg_tools.node_process import run_node
 from msg_tools.power_on import start_of
 from msg_tools.units import ARCSEC, wrap
 
@@ -163,12 +160,3 @@ class PointingCorrector(MountNode):
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),
                 ('zero follows', self._in_force.following() or 'nothing')]
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount pointing_corrector``."""
-    sys.exit(run_node(PointingCorrector, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -1,6 +1,5 @@
 """The run player: publishes a measured pointing run as an observer publishes a night."""
 
-import sys
 import time
 
 import numpy as np
@@ -11,7 +10,6 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
-from msg_tools.node_process import run_node
 from msg_tools.readiness import unmatched
 from msg_tools.status import Progress, Taken
 from msg_tools.steps import Steps, call
@@ -217,12 +215,3 @@ class RunPlayer(MountNode):
         return [('file', self.value('file')), ('state', self._state[0]), ('step', self._step),
                 ('rows published', str(self._sent)),
                 ('kept out', str(int(np.sum(self._run['check'] != 0.0))))]
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount run_player``."""
-    sys.exit(run_node(RunPlayer, args))
-
-
-if __name__ == '__main__':
-    main()

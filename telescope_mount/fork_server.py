@@ -4,8 +4,8 @@ Eight interpreters that each import numpy, rclpy and the messages take longer th
 one of 30 stars takes 1.3 times the processor time and 0.8 s more without this (4.5 for 3.4 s). It
 can go when an interpreter with rclpy begins in 0.1 s.
 
-Requests come on the connection whose file descriptor is its argument, a dict each: module,
-arguments, name, environment, file for the output, and all modules to import. It answers
+Requests come on the connection whose file descriptor is its argument, a dict each: modules
+of nodes, arguments, name, environment, file for the output. It answers
 ``{'started': pid}``, later ``{'ended': pid, 'code': code}``. A command that has not used ROS yet
 forks it from itself, else it is a program.
 """
@@ -45,8 +45,10 @@ def preload():
     import rclpy
     from rclpy.type_support import check_for_type_support
 
-    from msg_tools import node_process as running  # noqa: F401
-    from msg_tools import topics
+    from msg_tools import (
+        node_process,  # noqa: F401
+        topics,
+    )
     for topic in topics.ALL:
         check_for_type_support(topic.message)
     rclpy.get_rmw_implementation_identifier()  # loads DDS
@@ -80,8 +82,9 @@ def run_node(request):
         os.environ.clear()
         os.environ.update(request['environment'])
         prepare(request['modules'])
-        sys.argv = [request['module'], *request['arguments']]
-        import_module(request['module']).main()
+        from msg_tools import node_process
+        sys.argv = [request['name'], ','.join(request['modules']), *request['arguments']]
+        node_process.main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)

@@ -237,18 +237,14 @@ class Processes:
             groups.setdefault(spec.process or spec.name, []).append(spec)
         for name, group in groups.items():
             raise_noted()
-            if len(group) == 1:
-                self.start(group[0])
-            else:
-                self._start(name, 'msg_tools.node_process', group,
-                            ','.join(spec.module for spec in group))
+            self._start(name, group)
 
     def start(self, spec):
         """Start a `graph.NodeSpec` in a process of its own."""
-        self._start(spec.name, spec.module, [spec])
+        self._start(spec.name, [spec])
 
-    def _start(self, name, module, specs, *arguments):
-        arguments = [*arguments, '--ros-args', '-r', f'__ns:={NAMESPACE}']
+    def _start(self, name, specs):
+        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
         for spec in specs:
             params = self.folder / f'{spec.name}.params.yaml'
             params.write_text(yaml.safe_dump(
@@ -258,8 +254,7 @@ class Processes:
         if self.params_file:
             arguments += ['--params-file', str(self.params_file)]
         self.running[name] = self._fork_server.start(
-            name=name, module=module, modules=[spec.module for spec in specs],
-            arguments=arguments,
+            name=name, modules=[spec.module for spec in specs], arguments=arguments,
             environment=self.environment, log=str(self.folder / f'{name}.log'))
 
     def start_script(self, path):

@@ -14,7 +14,6 @@ from msg_tools.signals import on_end
 on_end(lambda *_: os._exit(0))
 
 import sys  # noqa: E402 (what is imported from here on may be interrupted)
-from importlib import import_module  # noqa: E402
 
 from .parent import end_with_parent  # noqa: E402
 from .threads import ONE_THREAD  # noqa: E402
@@ -25,15 +24,17 @@ end_with_parent()
 
 
 def __getattr__(name):
-    """The ``main`` of a node, by the name of its executable."""
+    """What runs a node, by the name of its executable."""
     from .graph import NODES
     if name not in NODES:
         raise AttributeError(f'{__name__} has no executable {name}')
     try:
-        return import_module(NODES[name]).main
+        from msg_tools.node_process import node_of, run_node
+        node = node_of(NODES[name])
     except ImportError as error:
         from .ros import missing
         line = missing(error, name)
         if line is None:
             raise
         sys.exit(f'error: {line}')
+    return lambda: sys.exit(run_node(node))

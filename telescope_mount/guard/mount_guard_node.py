@@ -1,6 +1,5 @@
 """The mount guard: what is asked for on `request` goes to the mount on `command`, if it may."""
 
-import sys
 import time
 from contextlib import suppress
 
@@ -9,7 +8,6 @@ from rclpy.duration import Duration
 
 from msg_tools import convert, topics
 from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
-from msg_tools.node_process import run_node
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.places import Site
@@ -333,12 +331,3 @@ class MountGuard(ManagedNode):
 def _site(node):
     latitude, longitude, height = (node.value(param.name) for param in SKY_PARAMS[:3])
     return Site(latitude * DEG, longitude * DEG, height)
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount mount_guard``."""
-    sys.exit(run_node(MountGuard, args))
-
-
-if __name__ == '__main__':
-    main()

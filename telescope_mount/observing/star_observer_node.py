@@ -3,7 +3,6 @@
 Here are parameters, topics and time; what is done stands in `observing`, which knows no ROS.
 """
 
-import sys
 import time
 from dataclasses import replace
 from functools import partial
@@ -17,7 +16,6 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
-from msg_tools.node_process import run_node
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
@@ -451,12 +449,3 @@ class StarObserver(MountNode):
                 ('zero follows', self._in_force.following() or 'nothing'),
                 ('clocks', self._sequencer.clocks[0] or 'not compared'),
                 ('earth orientation', self._sequencer.earth)]
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount star_observer``."""
-    sys.exit(run_node(StarObserver, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -141,8 +141,8 @@ def test_a_folder_in_use_is_refused_in_one_line(graph, tmp_path):
         with pytest.raises((ValueError, OSError), match=text):
             graph.add(McapLogger, folder=str(folder))
     done = subprocess.run(
-        [sys.executable, '-m', 'msg_tools.mcap_logger_node', '--ros-args', '-p',
-         f'folder:={tmp_path / "file" / "log"}'], capture_output=True, text=True, timeout=120)
+        [sys.executable, '-m', 'msg_tools.node_process', 'msg_tools.mcap_logger_node', '--ros-args',
+         '-p', f'folder:={tmp_path / "file" / "log"}'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
     assert done.stderr.startswith('error: ') and 'Not a directory' in done.stderr
     assert len(done.stderr.splitlines()) == 1

@@ -131,8 +131,8 @@ def test_a_process_ends_with_the_log_and_a_missing_log_is_one_line(graph, proces
     assert child.returncode == 0, err
     assert 'Traceback' not in err
     done = subprocess.run(
-        [sys.executable, '-m', 'msg_tools.mcap_replay_node', '--ros-args', '-p',
-         f'bag:={tmp_path}/absent'], capture_output=True, text=True, timeout=120)
+        [sys.executable, '-m', 'msg_tools.node_process', 'msg_tools.mcap_replay_node', '--ros-args',
+         '-p', f'bag:={tmp_path}/absent'], capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
     assert done.stderr == (
         f'error: {tmp_path}/absent does not exist; give the folder of a log, or of its night\n')

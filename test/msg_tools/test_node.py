@@ -313,7 +313,8 @@ def test_relative_names_live_in_the_namespace_of_the_mount(graph):
 ])
 def test_bad_input_of_a_process_is_one_line_and_code_2(ros_domain, tmp_path, arguments, text):
     done = subprocess.run(
-        [sys.executable, '-m', 'pointing_model.pointing_corrector_node', '--ros-args', *arguments],
+        [sys.executable, '-m', 'msg_tools.node_process', 'pointing_model.pointing_corrector_node',
+         '--ros-args', *arguments],
         cwd=tmp_path, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2, done.stderr
     lines = done.stderr.splitlines()

@@ -8,14 +8,13 @@ pytest.importorskip('rclpy', reason='rclpy is not installed (./install.sh ros)',
 
 @pytest.fixture
 def told(capsys):
-    from importlib import import_module
-
+    from msg_tools.node_process import main
     from telescope_mount.graph import NODES
 
     def help_of(name, monkeypatch):
-        monkeypatch.setattr('sys.argv', [name, '--help'])
+        monkeypatch.setattr('sys.argv', [name, NODES[name], '--help'])
         with pytest.raises(SystemExit) as end:
-            import_module(NODES[name]).main()
+            main()
         assert not end.value.code
         return capsys.readouterr().out
     return help_of

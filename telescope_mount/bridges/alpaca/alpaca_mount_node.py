@@ -1,10 +1,7 @@
 """A mount of an Alpaca server in the graph: its position as joint states, `command` as goto."""
 
-import sys
-
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART
-from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
@@ -33,12 +30,3 @@ class AlpacaMount(IndiMount):
         return AlpacaDriver(
             value('host'), value('port'), mount, sky_of(self)[0], value('number'),
             value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms') * 1e-3)
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount alpaca_mount``."""
-    sys.exit(run_node(AlpacaMount, args))
-
-
-if __name__ == '__main__':
-    main()

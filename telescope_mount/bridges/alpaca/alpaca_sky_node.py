@@ -3,10 +3,7 @@
 What a driver of a real mount reports is what it believes, and no camera: that needs one.
 """
 
-import sys
-
 from msg_tools.node_lifecycle import AUTOSTART
-from msg_tools.node_process import run_node
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS
 
 from ..indi.indi_sky_node import FIELD_PARAMS, IndiSky
@@ -25,12 +22,3 @@ class AlpacaSky(IndiSky):
         """That of the parameters."""
         value = self.value
         return AlpacaStars(value('host'), value('port'), value('number'), field, value('rate_hz'))
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount alpaca_sky``."""
-    sys.exit(run_node(AlpacaSky, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -1,6 +1,5 @@
 """A mount of an INDI server in the graph: its axes as joint states, `command` as goto and track."""
 
-import sys
 from contextlib import suppress
 
 import numpy as np
@@ -9,7 +8,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
-from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -115,12 +113,3 @@ class IndiMount(ManagedNode):
         """Leave a mount that stands."""
         if self._started:
             self._driver.close()
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount indi_mount``."""
-    sys.exit(run_node(IndiMount, args))
-
-
-if __name__ == '__main__':
-    main()

@@ -4,14 +4,11 @@ By the plate solves of any camera of the server; or, without one, by what a simu
 where it truly looks. What a driver of a real mount reports is what it believes, and no camera.
 """
 
-import sys
-
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
 from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
-from msg_tools.node_process import run_node
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -131,12 +128,3 @@ class IndiSky(ManagedNode):
         """End the connection."""
         if self._started:
             self._source.close()
-
-
-def main(args=None):
-    """Entry point of ``ros2 run telescope_mount indi_sky``."""
-    sys.exit(run_node(IndiSky, args))
-
-
-if __name__ == '__main__':
-    main()
