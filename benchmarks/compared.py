@@ -58,7 +58,7 @@ def fits(full):
 
 
 def angles(full):
-    """Directions to encoder angles and back, beside katpoint and an earlier commit of ours."""
+    """Directions to encoder angles and back, beside katpoint."""
     return axes_speed.rows(5 if full else 3)
 
 

@@ -23,39 +23,87 @@ lifts the line of sight toward the zenith: of an alt-azimuth mount it is added t
 of another the direction is turned by it before the rotations.
 """
 
+from math import cos, hypot, sin
+from typing import NamedTuple
+
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
 from .mount_kinds import CANONICAL
 from .mounts import ALTAZ, OF_MOUNT, sides
-from .rotations import derivatives, in_turn, lowered, to_axes, to_sky, turned, values
-from .trig import BLOCK, sincos
-
-#: The coefficients that this module understands, of an alt-azimuth mount.
-GEOMETRIC = CANONICAL
+from .terms import Trig
 
 _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50
 
 
-def _blockwise(function, first, second):
-    """``function(first, second)`` of as many places at a time as stay in the cache."""
-    if first.ndim == 0:
-        return function(first[()], second[()])
-    if first.size <= BLOCK:
-        return function(first, second)
-    out = np.empty((2, *first.shape))
-    flat, pairs = out.reshape(2, -1), (first.reshape(-1), second.reshape(-1))
-    for begin in range(0, first.size, BLOCK):
-        part = slice(begin, begin + BLOCK)
-        flat[0, part], flat[1, part] = function(pairs[0][part], pairs[1][part])
-    return out[0], out[1]
+class _Way(NamedTuple):
+    """Vectors on the way from a direction to the axis angles.
+
+    Attributes
+    ----------
+    ux, uy, horizontal : ndarray
+        The direction on the mount's base, and the square of its length beside the axis.
+    vx, vy, sin_e, cos_e : ndarray
+        Before the azimuth turn, and before the other rotations about it.
+    """
+
+    ux: np.ndarray
+    uy: np.ndarray
+    horizontal: np.ndarray
+    vx: np.ndarray
+    vy: np.ndarray
+    sin_e: np.ndarray
+    cos_e: np.ndarray
 
 
-def _unit(az, el):
-    cos_el = np.cos(el)
-    return cos_el * np.sin(az), cos_el * np.cos(az), np.sin(el)
+def values(coefficients, mount):
+    """Coefficients in the order of `CANONICAL`, radians; ValueError: an unknown one."""
+    terms = mount.names.terms
+    unknown = [name for name in coefficients if name not in terms]
+    if unknown:
+        raise ValueError(
+            f'{", ".join(unknown)} is no geometric term; this rotation knows {", ".join(terms)}'
+        )
+    by_name = {own: sign * float(coefficients.get(name, 0.0))
+               for name, (own, sign) in terms.items()}
+    return [by_name[name] for name in CANONICAL]
+
+
+def _tilted(place, wx, wy):
+    """Vectors, shape (3, ...), rotated by the horizontal vector (wx, wy, 0) (Rodrigues)."""
+    angle = hypot(wx, wy) / np.pi
+    cross = np.array([[0.0, 0.0, wy], [0.0, 0.0, -wx], [-wy, wx, 0.0]])
+    turn = np.eye(3) + np.sinc(angle) * cross + 0.5 * np.sinc(angle / 2.0)**2 * cross @ cross
+    return np.tensordot(turn, place, 1)
+
+
+def _height(place, zenith):
+    """Sine and cosine of the elevation, without the cancellation of 1 - sin^2 E at the zenith."""
+    beside = np.cross(np.asarray(place), zenith, axis=0)
+    return np.tensordot(zenith, place, 1), np.sqrt(np.sum(beside * beside, axis=0))
+
+
+def _lifted(place, tf, zenith):
+    """Unit vectors turned toward the zenith by TF cos E."""
+    sin_el, cos_el = _height(place, zenith)
+    along = tf * np.sinc(tf * cos_el / np.pi)
+    kept = np.cos(tf * cos_el) - along * sin_el
+    return kept * place + np.multiply.outer(zenith, along)
+
+
+def _lowered(place, tf, zenith, star):
+    """The inverse of `_lifted`: by as much as it lifts `star`."""
+    sin_el, cos_el = _height(place, zenith)
+    angle = tf * _height(star, zenith)[1]
+    along = np.sin(angle) / np.maximum(cos_el, 1e-150)
+    kept = np.cos(angle) + along * sin_el
+    return kept * place - np.multiply.outer(zenith, along)
+
+
+def _unit(trig):
+    return np.array([trig.cos_el * trig.sin_az, trig.cos_el * trig.cos_az, trig.sin_el])
 
 
 def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
@@ -81,26 +129,53 @@ def sky_to_encoder(az, el, coefficients, mount=ALTAZ):
     ValueError
         A name in `coefficients` is not geometric.
     """
-    az, el = np.asarray(az, float), np.asarray(el, float)
-    if mount.on_sky:
-        a, e, side = sides(az, el)
-        a_enc, e_enc = sky_to_encoder(a, e, coefficients, mount.with_errors(OF_MOUNT))
-        return az + wrap(a_enc - a), el + side * wrap(e_enc - e)
-    known = values(coefficients, mount)
+    az, el = np.broadcast_arrays(np.asarray(az, float), np.asarray(el, float))
+    trig, known = Trig(az, el, mount), values(coefficients, mount)
+    ia, ie, *turning, tf = known
+    if any(turning) or (tf and not mount.vertical):
+        d_az, d_el, _ = _to_axes(trig, known)
+    else:  # a perfect mount looks at its pole too
+        d_az, d_el = ia, ie + tf * trig.cos_el
+    return az + wrap(d_az), el + (d_el if trig.side is None else trig.side * wrap(d_el))
+
+
+def _to_axes(trig, known):
+    """What the coefficients add to the angles of a direction.
+
+    Parameters
+    ----------
+    trig : Trig
+        Of the directions.
+    known : sequence of float
+        Coefficients in the order of `CANONICAL`, radians.
+
+    Returns
+    -------
+    d_az, d_el : ndarray
+        Radians; NaN where the mount cannot look.
+    way : _Way
+    """
     ia, ie, ca, npae, an, aw, tf = known
-    if not (ca or npae or an or aw or (tf and not mount.vertical)):
-        return az + ia, el + ie + (tf * np.cos(el) if tf else 0.0)
-    az, el = np.broadcast_arrays(az, el)
-
-    def ends(a, e):
-        sines = *sincos(a), *sincos(e)
-        d_az, d_el, _ = to_axes(sines, known, mount)
-        d_el += ie
-        if tf and mount.vertical:
-            d_el += tf * sines[3]
-        return a + in_turn(d_az + ia), e + d_el
-
-    return _blockwise(ends, az, el)
+    mount, sin_az, cos_az, sin_el, cos_el = (
+        trig.mount, trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
+    place = _unit(trig)
+    if tf and not mount.vertical:
+        place = _lifted(place, tf, mount.zenith)
+    ux, uy, uz = _tilted(place, an, aw)
+    sin_e = (uz + sin_c * sin_n) / (cos_c * cos_n)
+    vx = -cos_c * sin_n * sin_e - sin_c * cos_n
+    horizontal = ux * ux + uy * uy
+    with np.errstate(invalid='ignore'):
+        vy = np.sqrt(horizontal - vx * vx)
+    vy = np.where(cos_el < 0.0, -vy, vy)
+    cos_e = vy / cos_c
+    across, along = ux * cos_az - uy * sin_az, ux * sin_az + uy * cos_az
+    d_az = np.arctan2(vy * across - vx * along, vx * across + vy * along)
+    d_el = np.arctan2(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
+    if mount.vertical:
+        d_el = d_el + tf * cos_el
+    return d_az + ia, d_el + ie, _Way(ux, uy, horizontal, vx, vy, sin_e, cos_e)
 
 
 def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
@@ -130,24 +205,20 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     ValueError
         A name in `coefficients` is not geometric.
     """
-    az_enc, el_enc = np.asarray(az_enc, float), np.asarray(el_enc, float)
+    az_enc, el_enc = np.broadcast_arrays(np.asarray(az_enc, float), np.asarray(el_enc, float))
     if mount.on_sky:
         return _folded(az_enc, el_enc, coefficients, added, mount.with_errors(OF_MOUNT))
-    known = values(coefficients, mount)
-    ia, ie, ca, npae, an, aw, tf = known
-    if added is None:
-        return _to_sky(az_enc, el_enc, known, mount)
-    sin_c, cos_c, sin_n, cos_n = np.sin(ca), np.cos(ca), np.sin(npae), np.cos(npae)
+    ia, ie, ca, npae, an, aw, tf = values(coefficients, mount)
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
 
     def look(a, e, star=None):
-        sin_e = np.sin(e)
+        sin_e, sin_a, cos_a = np.sin(e), np.sin(a), np.cos(a)
         vx = -sin_c * cos_n - cos_c * sin_n * sin_e
         vy = cos_c * np.cos(e)
         vz = cos_c * cos_n * sin_e - sin_c * sin_n
-        sin_a, cos_a = np.sin(a), np.cos(a)
-        place = turned((vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz), -an, -aw)
+        place = _tilted(np.array([vx * cos_a + vy * sin_a, vy * cos_a - vx * sin_a, vz]), -an, -aw)
         if star is not None:
-            place = lowered(place, tf, mount.zenith, star)
+            place = _lowered(place, tf, mount.zenith, star)
         x, y, z = place
         side = np.where(vy < 0.0, -1.0, 1.0)
         az, el = np.arctan2(side * x, side * y), np.arctan2(z, side * np.hypot(x, y))
@@ -156,11 +227,11 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
     a, e = az_enc - ia, el_enc - ie
     az, el = look(a, e)
     for _ in range(_STEPS):
-        d_az, d_el = added(az, el)
+        d_az, d_el = added(az, el) if added else (0.0, 0.0)
         if mount.vertical:
             az_new, el_new = look(a - d_az, e - d_el - tf * np.cos(el))
         else:
-            az_new, el_new = look(a - d_az, e - d_el, _unit(az, el) if tf else None)
+            az_new, el_new = look(a - d_az, e - d_el, _unit(Trig(az, el)) if tf else None)
         step = np.hypot(wrap(az_new - az) * np.cos(el_new), wrap(el_new - el))
         az, el = az_new, el_new
         open_ = step > _TOLERANCE
@@ -172,19 +243,6 @@ def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):
         az, el, _ = sides(az, el)
         az = az_enc + wrap(az - az_enc)
     return az, el
-
-
-def _to_sky(az_enc, el_enc, known, mount):
-    """`encoder_to_sky` of the rotations alone, without trigonometry but of the readings."""
-
-    def place(a, e):
-        d_az, d_el = to_sky((*sincos(a - known[0]), *sincos(e - known[1])), known, mount)
-        d_el -= known[1]
-        # an elevation in another turn has its place within the first
-        return (a + in_turn(d_az - known[0]),
-                in_turn(e + d_el) if mount.vertical else e + in_turn(d_el))
-
-    return _blockwise(place, *np.broadcast_arrays(az_enc, el_enc))
 
 
 def _folded(az_enc, el_enc, coefficients, added, mount):
@@ -242,49 +300,58 @@ def offsets_and_jacobian(az, el, coefficients, names, mount=ALTAZ):
         tilt against one (4e-7 at 300"); that of TF of another mount than an alt-azimuth one is
         of first order.
     """
-    if mount.on_sky:
-        az, el, side = sides(az, el)
-        x, y, jacobian = offsets_and_jacobian(az, el, coefficients, names,
-                                              mount.with_errors(OF_MOUNT))
-        return side * x, side * y, {name: tuple(side * v for v in both)
-                                    for name, both in jacobian.items()}
-    known = values(coefficients, mount)
-    sines = *sincos(az), *sincos(el)
-    x, y, columns = linearised(az, el, sines, known, _canonical(names, mount), mount)
-    return x, y, {name: columns[own] if sign > 0 else tuple(-v for v in columns[own])
-                  for name, (own, sign) in ((n, mount.names.terms[n]) for n in names)}
+    trig = Trig(az, el, mount)
+    own = [mount.names.terms[name] for name in names]
+    x, y, columns = linearised(trig, values(coefficients, mount), [name for name, _ in own])
+    side = 1.0 if trig.side is None else trig.side
+    return side * x, side * y, {name: tuple(sign * side * v for v in columns[canonical])
+                                for name, (canonical, sign) in zip(names, own)}
 
 
-def _canonical(names, mount):
-    return [mount.names.terms[name][0] for name in names]
-
-
-def linearised(az, el, sines, known, names, mount):
-    """As `offsets_and_jacobian`, in the names of `CANONICAL` and with the sines at hand.
+def linearised(trig, known, names):
+    """As `offsets_and_jacobian`, in the names of `CANONICAL`, before the side of the place.
 
     Parameters
     ----------
-    az, el : ndarray, shape (n,)
-        Radians.
-    sines : tuple of ndarray, shape (n,)
-        sin A, cos A, sin E, cos E.
+    trig : Trig
+        Of the catalogue places.
     known : sequence of float
         Coefficients in the order of `CANONICAL`, radians.
     names : sequence of str
         Derivatives to these.
-    mount : Mount
-        Whose errors are its own.
     """
-    ia, ie, tf = known[0], known[1], known[6]
-    cos_el = sines[3]
-    d_az, d_el, way = to_axes(sines, known, mount)
-    d_az += ia
-    x = in_turn(d_az) * cos_el
-    d_el += ie
-    if tf and mount.vertical:
-        d_el += tf * cos_el
+    d_az, d_el, way = _to_axes(trig, known)
+    return wrap(d_az) * trig.cos_el, d_el, {
+        name: _derivative(name, trig, known, way) for name in names}
 
-    def tangent():
-        return tuple(np.tensordot((0.0, 0.0, 1.0), t, 1) for t in mount.tangents(az, el))
 
-    return x, d_el, derivatives(sines, known, way, names, mount, tangent)
+def _derivative(name, trig, known, way):
+    """On-sky column (x, y) of one of `CANONICAL` where `_to_axes` has been."""
+    mount, cos_el = trig.mount, trig.cos_el
+    if name == 'IA':
+        return cos_el, 0.0
+    if name == 'IE':
+        return 0.0, 1.0
+    if name == 'TF':
+        return (0.0, cos_el) if mount.vertical else tuple(
+            np.tensordot((0.0, 0.0, 1.0), t, 1) for t in mount.tangents(trig.az, trig.el))
+    _, _, ca, npae, an, aw, _ = known
+    ux, uy, horizontal, vx, vy, sin_e, cos_e = way
+    sin_c, cos_c, sin_n, cos_n = sin(ca), cos(ca), sin(npae), cos(npae)
+    high, skew, low = cos_c * cos_n, -cos_c * sin_n, sin_c * sin_n
+    to_x, slope = cos_el / horizontal, vx / vy
+    if name in ('CA', 'NPAE'):
+        tan_c, tan_n = sin_c / cos_c, sin_n / cos_n
+        if name == 'CA':
+            d_sin_e, d_vx = tan_c * sin_e + tan_n, low * sin_e - high
+        else:
+            d_sin_e, d_vx = tan_n * sin_e + tan_c, low - high * sin_e
+        x = 0.0
+    else:
+        # right Jacobian of the rotation to first order: w + (w x tilt) / 2 about the zenith
+        wx, wy = (1.0, 0.0) if name == 'AN' else (0.0, 1.0)
+        wz = 0.5 * (an * wy - aw * wx)
+        d_ux, d_uy = wy * (high * sin_e - low) - wz * uy, wz * ux - wx * (high * sin_e - low)
+        d_sin_e, d_vx = (wx * uy - wy * ux) / high, 0.0
+        x = to_x * ((uy + ux * slope) * d_ux + (uy * slope - ux) * d_uy)
+    return x - to_x * (vx * slope + vy) * (d_vx + skew * d_sin_e), d_sin_e / cos_e

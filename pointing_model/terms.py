@@ -15,7 +15,6 @@ import numpy as np
 
 from .mount_kinds import KINDS
 from .mounts import ALTAZ, OF_MOUNT, sides
-from .trig import BLOCK, sincos
 
 #: A column that is zero everywhere; the fit tells it by identity and skips it.
 ZERO = 0.0
@@ -34,36 +33,21 @@ class Trig:
         of other mounts).
     """
 
-    __slots__ = ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el', 'mount', 'side', '_zenith')
-
     def __init__(self, az, el, mount=ALTAZ):
         self.side = None
         if mount.on_sky:
             az, el, self.side = sides(az, el)
             mount = mount.with_errors(OF_MOUNT)
         self.az, self.el, self.mount = az, el, mount
-        if np.ndim(az) == np.ndim(el) == 1 and len(az) == len(el) <= BLOCK // 2:  # in one go
-            (self.sin_az, self.sin_el), (self.cos_az, self.cos_el) = sincos(np.array((az, el)))
-        else:
-            self.sin_az, self.cos_az = sincos(az)
-            self.sin_el, self.cos_el = sincos(el)
-        self._zenith = self if mount.vertical else None
+        self.sin_az, self.cos_az = np.sin(az), np.cos(az)
+        self.sin_el, self.cos_el = np.sin(el), np.cos(el)
 
-    def part(self, rows):
-        """That of some of the places: a slice, or an ndarray of int."""
-        out = object.__new__(Trig)
-        for name in ('az', 'el', 'sin_az', 'cos_az', 'sin_el', 'cos_el'):
-            setattr(out, name, getattr(self, name)[rows])
-        out.side = None if self.side is None else self.side[rows]
-        out.mount, out._zenith = self.mount, out if self.mount.vertical else None
-        return out
-
-    @property
+    @functools.cached_property
     def zenith(self):
         """Of azimuth and elevation, whatever the axes are."""
-        if self._zenith is None:
-            self._zenith = Trig(*self.mount.horizon_of(self.az, self.el))
-        return self._zenith
+        if self.mount.vertical:
+            return self
+        return Trig(*self.mount.horizon_of(self.az, self.el))
 
     def columns(self, term):
         """Pair (x, y) of a `Term` along the axes of the mount."""

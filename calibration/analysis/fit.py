@@ -6,12 +6,11 @@ import numpy as np
 
 from msg_tools.units import wrap
 from pointing_model.context import Context
-from pointing_model.geometry import linearised
+from pointing_model.geometry import linearised, values
 from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
-from pointing_model.rotations import in_turn, values
 from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
@@ -85,8 +84,7 @@ class RotationProblem:
             at[CANONICAL.index(name)] += sign * float(p[i])
         trig = self.trig
         x, y, self._columns = linearised(
-            trig.az, trig.el, (trig.sin_az, trig.cos_az, trig.sin_el, trig.cos_el), at,
-            [name for name, _ in self._turning.values()], trig.mount)
+            trig, at, [name for name, _ in self._turning.values()])
         if trig.side is not None:
             x, y = trig.side * x, trig.side * y
         residual = self.observed - np.concatenate((x, y))
@@ -216,7 +214,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
             turned = {n: v for n, v in base.terms.items() if n in mount.names.terms}
         used = _beyond(base, turned, used, run, encoder)
     trig = Trig(used.az, used.el, mount)
-    x = in_turn(used.az_enc - used.az) * trig.cos_el
+    x = wrap(used.az_enc - used.az) * trig.cos_el
     observed = np.concatenate((x if trig.side is None else x * trig.side, used.el_enc - used.el))
     terms, columns = names, stacked_design(names, used.az, used.el, mount, trig)
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)

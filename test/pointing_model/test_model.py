@@ -5,6 +5,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.mount_kinds import CANONICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import TERMS, Trig, design
 from pointing_model.zero import RunZero, Zeros
@@ -41,7 +42,7 @@ def test_forward_and_backward_are_inverse(kwargs):
 def test_offset_is_rotation_plus_columns_plus_harmonics():
     model = make()
     az, el = sky(50)
-    x, y = geometry.offsets(az, el, {n: model.terms[n] for n in geometry.GEOMETRIC})
+    x, y = geometry.offsets(az, el, {n: model.terms[n] for n in CANONICAL})
     for name in ('HASA2', 'TX'):
         cx, cy = TERMS[name].of(Trig(az, el))
         x, y = x + model.terms[name] * cx, y + model.terms[name] * cy

@@ -3,9 +3,9 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model import geometry
+from pointing_model.mount_kinds import CANONICAL
 
-LARGE = dict(zip(geometry.GEOMETRIC, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
+LARGE = dict(zip(CANONICAL, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
 
 
 def forward_by_matrices(a, e, c):

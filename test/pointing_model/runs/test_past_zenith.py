@@ -18,6 +18,7 @@ from pointing_model import geometry
 from pointing_model import model_application as apply
 from pointing_model.context import Context
 from pointing_model.model import PointingModel
+from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun
@@ -84,9 +85,9 @@ def test_a_reading_beyond_the_zenith_is_of_the_place_on_the_sky(added):
 def test_columns_and_derivatives_beyond_the_zenith_are_the_differences():
     rng = np.random.default_rng(4)
     az, el = rng.uniform(-3.0, 3.0, 50), rng.uniform(0.55 * np.pi, 0.8 * np.pi, 50)
-    x, y, jacobian = geometry.offsets_and_jacobian(az, el, LARGE, geometry.GEOMETRIC)
-    first = design(geometry.GEOMETRIC, az, el)
-    for i, name in enumerate(geometry.GEOMETRIC):
+    x, y, jacobian = geometry.offsets_and_jacobian(az, el, LARGE, CANONICAL)
+    first = design(CANONICAL, az, el)
+    for i, name in enumerate(CANONICAL):
         h = 1e-5
         more, less = (geometry.offsets(az, el, {**LARGE, name: LARGE[name] + s * h})
                       for s in (1, -1))
