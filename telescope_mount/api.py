@@ -307,10 +307,11 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         It cannot be read.
     """
     place = place_of(SimpleNamespace(
-        mount=mount, latitude=latitude_deg, longitude=longitude_deg, height=height_m,
-        pressure=pressure_hpa, temperature=temperature_c, equinox=equinox))
+        azimuth_origin=azimuth_origin, mount=mount, latitude=latitude_deg,
+        longitude=longitude_deg, height=height_m, pressure=pressure_hpa,
+        temperature=temperature_c, equinox=equinox))
     with naming_columns():
-        return Run(load_run(path, azimuth_origin=azimuth_origin, **place))
+        return Run(load_run(path, **place))
 
 
 @_one_thread

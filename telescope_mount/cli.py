@@ -73,7 +73,7 @@ def _run(args):
     if getattr(module, 'NEEDS_ROS', False) and not options.is_list(args):
         from .ros import check
         check(args.command)
-    options.check_written(args)
+    options.check_files(args)
     with options.json_alone(args), ProgressLine(first=args.command):
         code = module.run(args) or 0
     sys.stdout.flush()  # a full disk may refuse only here

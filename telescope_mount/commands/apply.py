@@ -45,7 +45,6 @@ def run(args):
     from pointing_model.runs.model_files import read_model
 
     from .console import new_console, print_lines, step_aside
-    options.check_target(args.out)
     if args.zero not in (NEWEST, NO_ZEROS):
         try:
             args.zero = float(args.zero)

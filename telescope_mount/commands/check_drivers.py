@@ -1,7 +1,5 @@
 """The command ``check-drivers``."""
 
-from pathlib import Path
-
 from . import options
 
 #: see `telescope_mount.ros`
@@ -25,16 +23,12 @@ def add(commands):
                         'and nudges beside it, to judge the camera')
     parser.add_argument('--home', action='store_true',
                         help='MOVES the mount: call its service home first')
-    options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
-                'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
+    options.add(parser, 'mount', default='altaz', help=options.MOUNT_OF_DRIVERS)
     options.add(parser, 'latitude', 'longitude', 'height')
-    parser.add_argument('--params', type=Path, metavar='FILE',
-                        help='ROS parameter file with the limits of the mount, of the guard that '
-                        'leads the nudge where none runs')
-    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
+    options.add(parser, 'params', help='ROS parameter file with the limits of the mount, of the '
+                'guard that leads the nudge where none runs')
     options.add_json(parser, 'the findings')
-    options.add_overwrite(parser)
-    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_graph(parser)
 
 
 def run(args):
@@ -46,8 +40,6 @@ def run(args):
     from ..drivers.listener import check_drivers
     from ..drivers.samples import WRONG
     from .console import new_console
-    options.check_target(args.json)
-    options.check_params(args.params)
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)

@@ -30,8 +30,7 @@ def add(commands):
                         help='fresh stars pointed at blind, before and after (default: 30)')
     parser.add_argument('--check-every', type=options.whole(2, 1000), default=4, metavar='N',
                         help='of a measured run one row in N is kept out (default: 4)')
-    parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
-                        help='chance that a clean night gets any effect (default: 0.01)')
+    options.add(parser, 'alpha', help='chance that a clean night gets any effect (default: 0.01)')
     options.add(parser, 'date')
     options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
                 'gets what follows the stars only with both')
@@ -40,7 +39,6 @@ def add(commands):
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     options.add(parser, 'domain')
     options.add_json(parser, 'the report')
-    options.add_overwrite(parser)
 
 
 def run(args):
@@ -52,13 +50,11 @@ def run(args):
     from .console import ProgressLine, end_of_night, new_console, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
-    options.check_target(args.json)
     if args.file is None:
-        for name in ('azimuth_origin', 'pressure', 'temperature'):
-            if getattr(args, name) is not None:
-                _refuse(name)
-        if args.equinox != 'auto':
-            _refuse('equinox')
+        for name in ('azimuth_origin', 'pressure', 'temperature', 'equinox'):
+            if getattr(args, name) not in (None, 'auto'):
+                raise ValueError(f'--{name.replace("_", "-")} is of a measured run; leave it out '
+                                 'with a scenario')
     chosen = {
         'seed': args.seed, 'stars': args.stars, 'polaris': args.polaris, 'check': args.check,
         'alpha': args.alpha, 'start_time': args.date, 'sky': options.sky_of(args),
@@ -72,7 +68,8 @@ def run(args):
         else:
             report = close_the_loop(
                 args.out, scenario=args.scenario or '', file=args.file,
-                check_every=args.check_every, place=_place_of(args), progress=progress, **chosen)
+                place=options.place_of(args) if args.file else {}, check_every=args.check_every,
+                progress=progress, **chosen)
     if 'scenarios' in report:
         console.print(all_table(report))
         return end_of_night(console, args.json, report)
@@ -84,13 +81,3 @@ def run(args):
     return end_of_night(console, args.json, report)
 
 
-def _place_of(args):
-    """As of `close_the_loop`; nothing of a simulated night."""
-    if args.file is None:
-        return {}
-    return {'azimuth_origin': args.azimuth_origin, **options.place_of(args)}
-
-
-def _refuse(name):
-    raise ValueError(f'--{name.replace("_", "-")} is of a measured run; leave it out with a '
-                     'scenario')

@@ -269,21 +269,29 @@ def end_of_night(console, json, report, width=13):
     return int(bool(incomplete))
 
 
-def write_outputs(console, *outputs):
-    """Write what was asked for, and say where.
+def write_outputs(console, args, document, what='result', model=None, page=None):
+    """Write what was asked for with --json, --save and --report, and say where.
 
     Parameters
     ----------
     console : rich.console.Console
-    *outputs : tuple of (Path or None, callable, str)
-        Where, what writes there, and what it is; nothing where no path is given.
+    args : argparse.Namespace
+    document : dict or list
+    what : str
+        What `document` is called.
+    model, page : callable, optional
+        Write these to a path.
     """
-    for path, write, what in outputs:
-        if path:
-            try:
-                write(path)
-            except OSError as error:
-                if error.filename is None:  # a full disk tells no name
-                    error.filename = str(path)
-                raise
-            print_files(console, {what: path})
+    from .options import write_json
+    for name, write, called in (('json', lambda path: write_json(path, document), what),
+                                ('save', model, 'model'), ('report', page, 'page')):
+        path = getattr(args, name, None)
+        if not path or write is None:
+            continue
+        try:
+            write(path)
+        except OSError as error:
+            if error.filename is None:  # a full disk tells no name
+                error.filename = str(path)
+            raise
+        print_files(console, {called: path})

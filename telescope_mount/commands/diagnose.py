@@ -38,8 +38,7 @@ def add(commands):
                         help="the site's skyline, as azimuth and elevation of its corners: "
                         '0 12, 45 20.5, 180 8; or a file with one on each line: nothing behind it '
                         'is proposed')
-    parser.add_argument('--alpha', type=options.real(1e-6, 0.5), default=0.01,
-                        help='chance that a run with nothing wrong gets any effect (default: 0.01)')
+    options.add(parser, 'alpha')
     parser.add_argument('--holdout', nargs='+', type=options.log_path, default=[], metavar='RUN',
                         help='judge on these as well; only the terms of --own (or IA,IE) are '
                         'refitted there, as on a new night')
@@ -73,9 +72,7 @@ def _run(args):
 
     from ..runs import load_runs
     console = new_console()
-    options.check_outputs(args)
-    place = {'azimuth_origin': args.azimuth_origin, 'graduation': args.graduation,
-             'drivers': args.cause, **options.place_of(args)}
+    place = options.place_of(args) | {'graduation': args.graduation, 'drivers': args.cause}
     runs, empty = load_runs(args.runs, **place)
     held, empty_held = load_runs(args.holdout, runs, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
@@ -136,25 +133,17 @@ def _write(args, found, console, base=None):
     document = diagnosis_document(found) | (
         {'base_model': base.compared(found.model)} if base else {})
     model = base.whole(found.model) if base else found.model
-    write_outputs(
-        console, (args.json, lambda p: options.write_json(p, document), 'result'),
-        (args.report, lambda p: _write_page(found, p, args.runs), 'page'),
-        (args.save, model.save, 'model'))
 
-
-def _write_page(found, path, files):
-    from calibration.report.diagnosis_page import write_report
-    write_report(found, path, files)
+    def write_page(path):
+        from calibration.report.diagnosis_page import write_report
+        write_report(found, path, args.runs)
+    write_outputs(console, args, document, model=model.save, page=write_page)
 
 
 def _hours(text):
     """Hours of a gap; none: 0."""
-    return 0.0 if text == 'none' else _number_of_hours(text)
-
-
-def _number_of_hours(text):
     try:
-        return float(text)
+        return 0.0 if text == 'none' else float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(
             f'{text!r}: write a number of hours, or none') from None

@@ -36,7 +36,6 @@ def add(commands):
     parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
                         'newest, or that of the run of this number, to its indices (default: none)')
     options.add_json(parser, 'what was written (with --to: what is held and lost)')
-    options.add_overwrite(parser)
     parser.add_argument('--topics', type=options.names, metavar='NAMES',
                         help='comma-separated topics of a log, by full name or its end')
     parser.add_argument('--format', choices=('csv', 'parquet'), default='csv',
@@ -55,7 +54,6 @@ def add(commands):
 def run(args):
     """Read, write, say what was left out."""
     from .console import new_console, print_lines, write_outputs
-    options.check_target(args.json)
     console = new_console()
     if args.to:
         _run_model(args, console)
@@ -68,29 +66,26 @@ def run(args):
         print_lines(console, 'note', problems)
         for path, rows in files.items():
             console.print(f'{rows} messages: {path}', soft_wrap=True)
-        write_outputs(console, (args.json, lambda p: options.write_json(
-            p, {'files': files, 'problems': problems}), 'result'))
+        write_outputs(console, args, {'files': files, 'problems': problems})
         return
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
-    written = export_run(args.file, args.out, azimuth_origin=args.azimuth_origin,
-                         start=args.start, end=args.end, **options.place_of(args))
+    written = export_run(args.file, args.out, start=args.start, end=args.end,
+                         **options.place_of(args))
     from calibration.analysis.diagnosis.row_counts import row_word
     from calibration.report.row_wording import left_out_lines
     for line in left_out_lines(written.meta['excluded'], word=row_word(written)):
         console.print(line)
     print_lines(console, 'note', written.meta['notes'])
     console.print(f'{len(written)} observations: {args.out}', soft_wrap=True)
-    write_outputs(console, (args.json, lambda p: options.write_json(
-        p, {'observations': len(written), 'file': args.out, **{
-            key: written.meta[key] for key in ('excluded', 'notes')}}), 'result'))
+    write_outputs(console, args, {'observations': len(written), 'file': args.out, **{
+        key: written.meta[key] for key in ('excluded', 'notes')}})
 
 
 def _run_model(args, console):
     """Write a model for another program, say what it holds."""
     _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
-    for path in (args.out, args.json):
-        options.check_target(path)
+    options.check_target(args.out)
     if not _same(args.out, args.file):
         options.refuse_existing(args.out, args)
     zero = args.zero or 'none'
@@ -101,7 +96,7 @@ def _run_model(args, console):
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        azimuth_origin=args.azimuth_origin, **place)
+                                        **place)
     model_export.show(written, console)
     if args.json:
         options.write_json(args.json, written.to_dict())

@@ -49,7 +49,6 @@ def _run(args):
                          + ('--harmonics' if harmonics else '--no-robust'))
     if args.base and args.terms:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
-    options.check_outputs(args)
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.harmonic_fit import choice_of
     from calibration.analysis.run_fit import fit_run, one_of_runs
@@ -60,8 +59,7 @@ def _run(args):
     from .console import new_console, write_outputs
     with naming_columns():
         # in logs of ours the zeros of the power-ons are known, and taken off
-        run = one_of_runs(load_run(args.file, azimuth_origin=args.azimuth_origin,
-                                   **options.place_of(args)), args.number,
+        run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
                           args.file.is_dir() or args.file.suffix == '.mcap')
     base = None
     if args.base:
@@ -77,5 +75,4 @@ def _run(args):
     def write_page(path):
         from calibration.report.fit_page import write_fit_page
         write_fit_page(path, found, document)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
-                  (args.save, found.model.save, 'model'), (args.report, write_page, 'page'))
+    write_outputs(console, args, document, model=found.model.save, page=write_page)

@@ -17,10 +17,8 @@ def add(commands):
         'mount, park sends it to its park position, resume lets it go on. Without a verb: its '
         'state. Exit code 0, or 1 where it refuses.')
     parser.add_argument('verb', nargs='?', choices=VERBS)
-    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
-    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_graph(parser)
     options.add_json(parser, 'the answer')
-    options.add_overwrite(parser)
 
 
 def run(args):

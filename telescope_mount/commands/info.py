@@ -20,13 +20,11 @@ def add(commands):
     parser.add_argument('--report', type=Path, metavar='FILE', help='write the page of the night '
                         'that it is the log of (.html)')
     options.add_json(parser, 'it')
-    options.add_overwrite(parser)
 
 
 def run(args):
     """Read and print."""
     from .console import new_console, write_outputs
-    options.check_outputs(args)
     info = log_info(args.log, quick=args.quick)
     console = new_console()
     for part in info_tables(info):
@@ -35,8 +33,7 @@ def run(args):
     def write_page(path):
         from calibration.report.log_page import write_page_of_log
         write_page_of_log(args.log, path)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, info), 'result'),
-                  (args.report, write_page, 'page'))
+    write_outputs(console, args, info, page=write_page)
     return int(bool(info['problems']) or not info['complete'])
 
 

@@ -18,10 +18,8 @@ def add(commands):
         'transition was not made.')
     parser.add_argument('node', nargs='?', help='name, such as mount_guard')
     parser.add_argument('transition', nargs='?', choices=TRANSITIONS)
-    parser.add_argument('--namespace', default='/mount', help='of the graph (default: /mount)')
-    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_graph(parser)
     options.add_json(parser, 'the states')
-    options.add_overwrite(parser)
 
 
 def run(args):

@@ -1,7 +1,6 @@
 """The command ``night``."""
 
 from functools import partial
-from pathlib import Path
 
 from . import options
 
@@ -39,8 +38,8 @@ def add(commands):
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)
     options.add_server(parser)
-    parser.add_argument('--params', type=Path, metavar='FILE',
-                        help='ROS parameter file, read by every node after the values above')
+    options.add(parser, 'params', help='ROS parameter file, read by every node after the values '
+                'above')
     parser.add_argument('--absolute', choices=('angles', 'frames'), default='angles',
                         help='what the simulated absolute encoder publishes: angles, or images '
                         'that the node frame_reader reads (default: angles)')
@@ -49,7 +48,6 @@ def add(commands):
                         'answers')
     options.add(parser, 'domain')
     options.add_json(parser, 'the report')
-    options.add_overwrite(parser)
 
 
 def run(args):
@@ -58,8 +56,6 @@ def run(args):
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
-    options.check_target(args.json)
-    options.check_params(args.params)
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')

@@ -23,8 +23,7 @@ def add(commands):
                         help='to fit the model to; a quarter as many check it (default: 30)')
     parser.add_argument('--plan', default='', help="steps in place of 'home, stars N, clocks 24, "
                         "fit, check N/4'")
-    options.add(parser, 'mount', default='altaz', help='altaz (default), equatorial, german, or '
-                'free:AZ,EL[,ROLL] (where the first axis points, degrees)')
+    options.add(parser, 'mount', default='altaz', help=options.MOUNT_OF_DRIVERS)
     options.add(parser, 'latitude', 'longitude', 'height')
     parser.add_argument('--absolute-encoder', action='store_true',
                         help='a driver publishes absolute/joint_states')
@@ -36,19 +35,15 @@ def add(commands):
     parser.add_argument('--anew', action='store_true', help='begin a night that was interrupted '
                         'in --out once more; by default it goes on where it stopped')
     options.add(parser, 'reference', help='model.json to begin with')
-    parser.add_argument('--params', type=Path, metavar='FILE',
-                        help='ROS parameter file, read by every node and driver')
-    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add(parser, 'params', help='ROS parameter file, read by every node and driver')
+    options.add(parser, 'domain', help=options.RUNNING_DOMAIN)
     options.add_json(parser, 'the report')
-    options.add_overwrite(parser)
 
 
 def run(args):
     """Observe, print, write."""
     from ..real_night import run_real_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
-    options.check_target(args.json)
-    options.check_params(args.params)
     console = new_console()
 
     def say(text):

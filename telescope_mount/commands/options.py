@@ -7,6 +7,7 @@ import sys
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
+from msg_tools import NAMESPACE
 from msg_tools.output import log_of, model_of, write_text
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
@@ -98,10 +99,17 @@ SHARED = {
                          'series ends; 0 (default): what predicts stars left out best'},
     'jobs': {'type': whole(1, 1024), 'metavar': 'N', 'help': 'folds of the cross-validation at a '
              'time, a process each; the result is the same (default: one a processor)'},
+    'alpha': {'type': real(1e-6, 0.5), 'default': 0.01,
+              'help': 'chance that a run with nothing wrong gets any effect (default: 0.01)'},
+    'namespace': {'default': NAMESPACE, 'help': f'of the graph (default: {NAMESPACE})'},
+    'params': {'type': Path, 'metavar': 'FILE'},
     'domain': {'type': whole(0, 101), 'metavar': 'N', 'help': 'ROS domain (default: a free one)'},
 }
 
 
+MOUNT_OF_DRIVERS = ('altaz (default), equatorial, german, or free:AZ,EL[,ROLL] (where the first '
+                    'axis points, degrees)')
+RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
 MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
                   'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
                   'that the scenario has')
@@ -127,6 +135,12 @@ def add(parser, *names, **changes):
     """Add options of `SHARED` by name, with `changes` of this command."""
     for name in names:
         parser.add_argument(f'--{name}', **SHARED[name] | changes)
+
+
+def add_graph(parser):
+    """Add --namespace and --domain of a graph that runs."""
+    add(parser, 'namespace')
+    add(parser, 'domain', help=RUNNING_DOMAIN)
 
 
 def add_out(parser, default, what):
@@ -162,7 +176,7 @@ def mount_of(args):
 
 
 def place_of(args):
-    """Site, weather, mount and equinox for reading a run, where options give them.
+    """Origin of azimuth, site, weather, mount, equinox for reading a run, where options give them.
 
     Of a site what is given: the rest is what the file tells, see `read_run`.
     """
@@ -170,9 +184,8 @@ def place_of(args):
 
     from msg_tools.units import DEG
     from pointing_model.sky.places import DEFAULT_WEATHER, Site
-    out = {}
-    if args.mount is not None:
-        out['mount'] = args.mount
+    out = {name: getattr(args, name) for name in ('azimuth_origin', 'mount')
+           if getattr(args, name) is not None}
     site = {name: value * unit for name, value, unit in (
         ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
         ('height', args.height, 1.0)) if value is not None}
@@ -264,7 +277,8 @@ class _JsonTarget:
 
 
 def add_json(parser, what='the result'):
-    """Add --json and what it writes: the same in all commands, see `json_given`."""
+    """Add --overwrite, --json and what that writes: the same in all commands, see `json_given`."""
+    add_overwrite(parser)
     parser.add_argument('--json', type=_json_target, nargs='?', const='-', metavar='FILE.json',
                         help=f'print {what} as JSON, and nothing else; with FILE.json write it '
                         'there, beside what is printed')
@@ -309,18 +323,19 @@ def add_overwrite(parser):
                         help='write files that are named although they are there already')
 
 
-def check_written(args):
-    """Refuse files that a user has named and that are there, unless --overwrite is given.
+def check_files(args):
+    """Refuse files that a user has named, before the work: those to write and --params.
 
     Raises
     ------
     ValueError
-        The first of them.
+        See `refuse_existing`, `check_target`, `check_params`.
     """
-    if getattr(args, 'overwrite', True):
-        return
-    for name in ('json', 'save', 'report', *getattr(args, 'written', ())):
-        refuse_existing(getattr(args, name, None), args)
+    for name in ('save', 'json', 'report', *getattr(args, 'written', ())):
+        path = getattr(args, name, None)
+        refuse_existing(path, args)
+        check_target(path, {'save': MODELS, 'report': PAGES}.get(name, ()))
+    check_params(getattr(args, 'params', None))
 
 
 def refuse_existing(path, args):
@@ -331,7 +346,7 @@ def refuse_existing(path, args):
     ValueError
         It is.
     """
-    if not args.overwrite and isinstance(path, Path) and path.is_file() and (
+    if isinstance(path, Path) and not args.overwrite and path.is_file() and (
             path.absolute().parts[1:2] != ('dev',)):
         raise ValueError(f'{path} is there already; name another file, or give --overwrite')
 
@@ -403,27 +418,14 @@ def list_scenarios(args, *patterns):
     for row in told.items():
         table.add_row(*row)
     console.print(table)
-    write_outputs(console, (args.json, lambda p: write_json(p, told), 'names'))
+    write_outputs(console, args, told, 'names')
 
 
 def add_outputs(parser, json='the result', save='the model', report=True):
     """Add --report, --json, --save and --overwrite, as `console.write_outputs` writes them."""
     if report:
         parser.add_argument('--report', type=Path, metavar='FILE', help='write the page (.html)')
-    add_json(parser, json)
     if save:
         parser.add_argument('--save', type=Path, metavar='FILE',
                             help=f'write {save} (.json, .yaml)')
-    add_overwrite(parser)
-
-
-def check_outputs(args):
-    """Refuse targets of `add_outputs` that could not be written, before the work.
-
-    Raises
-    ------
-    ValueError
-        See `check_target`.
-    """
-    for name, suffixes in (('save', MODELS), ('json', ()), ('report', PAGES)):
-        check_target(getattr(args, name, None), suffixes)
+    add_json(parser, json)

@@ -17,13 +17,11 @@ def add(commands):
     parser.add_argument('--out', type=Path, metavar='DIR',
                         help='folder of the new log (default: BAG_recovered)')
     options.add_json(parser, 'what was saved and lost')
-    options.add_overwrite(parser)
 
 
 def run(args):
     """Recover and print."""
     from .console import new_console, print_lines, write_outputs
-    options.check_target(args.json)
     report = recover_log(args.log, args.out)
     console = new_console()
     print_lines(console, 'problem', report['lost'])
@@ -32,7 +30,7 @@ def run(args):
         for topic, n in report['missing'].items()])
     console.print(f'{report["messages"]} messages of {report["topics"]} topics saved: '
                   f'{report["out"]}; {_what_is_lost(report)}', soft_wrap=True)
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'result'))
+    write_outputs(console, args, report)
     return int(not report['whole'])
 
 

@@ -33,7 +33,6 @@ def run(args):
         print_lines,
         write_outputs,
     )
-    options.check_outputs(args)
     if args.reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(args.reference)
@@ -53,4 +52,4 @@ def run(args):
         print_files(console, {'diagnosis': f'{found["verdict"]}: {added}'})
     if args.save:
         print_files(console, {'model': args.save})
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'report'))
+    write_outputs(console, args, report, 'report')

@@ -29,7 +29,6 @@ def add(commands):
 
 def run(args):
     """Read, fit, judge, print, write."""
-    options.check_outputs(args)
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.season.season_judgement import judge_season
     from calibration.analysis.season.season_nights import nights_of
@@ -61,8 +60,7 @@ def run(args):
             progress('reading', number, len(files))
             try:
                 with naming_columns():
-                    runs.append(load_run(path, azimuth_origin=args.azimuth_origin,
-                                         **options.place_of(args)))
+                    runs.append(load_run(path, **options.place_of(args)))
             except NoObservations as err:
                 empty.append(f'left out: {err}')
         progress(f'fitting {len(runs)} nights')
@@ -76,9 +74,8 @@ def run(args):
     print_lines(console, 'found', worded(judged.findings())
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
-    write_outputs(console, (args.json, lambda p: options.write_json(p, document), 'result'),
-                  (args.save, judged.model().save, 'model'),
-                  (args.report, lambda p: write_page(judged, p, args.files), 'page'))
+    write_outputs(console, args, document, model=judged.model().save,
+                  page=lambda path: write_page(judged, path, args.files))
 
 
 def _files(paths):

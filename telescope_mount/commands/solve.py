@@ -27,7 +27,6 @@ def add(commands):
     parser.add_argument('--again', action='store_true',
                         help='try images that were not solved once more')
     options.add_json(parser, 'how many were solved')
-    options.add_overwrite(parser)
 
 
 def run(args):
@@ -37,7 +36,6 @@ def run(args):
 
     from ..plate_solver.folder import FAILED, HUNG, SOLVED, solve_folder
     from .console import ProgressLine, new_console, print_files, print_lines, write_outputs
-    options.check_target(args.json)
     if not args.folder.is_dir():
         raise ValueError(f'{args.folder} is no folder of images')
     if args.scale and args.scale[0] > args.scale[1]:
@@ -60,8 +58,7 @@ def run(args):
     print_files(console, {'run': out})
     mistaken, notes = _judged(out) if counts[SOLVED] else (False, [])
     print_lines(console, 'note', notes)
-    write_outputs(console, (args.json, lambda p: options.write_json(
-        p, {**counts, 'images': total, 'run': out}), 'result'))
+    write_outputs(console, args, {**counts, 'images': total, 'run': out})
     return 0 if counts[SOLVED] == total and not mistaken else 1
 
 

@@ -24,7 +24,6 @@ def add(commands):
 
 def run(args):
     """Read, track, print, write."""
-    options.check_outputs(args)
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
     from calibration.analysis.diagnosis import naming_columns
@@ -37,7 +36,7 @@ def run(args):
     from ..runs import load_run
     from .console import ProgressLine, new_console, print_lines, write_outputs
     with naming_columns():
-        run = load_run(args.file, azimuth_origin=args.azimuth_origin, **options.place_of(args))
+        run = load_run(args.file, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
     with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)
@@ -53,6 +52,5 @@ def run(args):
         console.print(f'the model of the evening is of the first {tracked.fitted} stars')
     print_lines(console, 'tracked', tracking_lines(summary))
     print_lines(console, 'note', summary['notes'])
-    write_outputs(console, (args.json, lambda p: options.write_json(p, summary), 'result'),
-                  (args.save, tracked.model.save, 'model'),
-                  (args.report, lambda p: write_page(tracked, p, [args.file]), 'page'))
+    write_outputs(console, args, summary, model=tracked.model.save,
+                  page=lambda path: write_page(tracked, path, [args.file]))

@@ -16,14 +16,12 @@ def add(commands):
     options.add(parser, 'seed', default=None,
                 help='of the choice of held-out stars (default: as the log says, or 1)')
     options.add_json(parser, 'what was checked')
-    options.add_overwrite(parser)
 
 
 def run(args):
     """Compute, compare, print; 1 if something differs."""
     from ..log_check import verify_log
     from .console import ProgressLine, new_console, print_lines, write_outputs
-    options.check_target(args.json)
     with ProgressLine(unit='rows', first='reading the log') as progress:
         report = verify_log(args.log, reference=args.reference, seed=args.seed, progress=progress)
     console = new_console()
@@ -32,5 +30,5 @@ def run(args):
     total = sum(report['checked'].values())
     console.print(', '.join(f'{count} {kind}' for kind, count in report['checked'].items()))
     console.print(f'{total - len(report["differences"])} of {total} are the same to the bit')
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'result'))
+    write_outputs(console, args, report)
     return 1 if report['differences'] or report['damaged'] else 0

@@ -4,8 +4,6 @@ import sys
 import time
 from contextlib import suppress
 
-from msg_tools import NAMESPACE
-
 from . import options
 
 #: s in which a graph is found, and in which its nodes have told all once they were
@@ -26,11 +24,8 @@ def add(commands):
     parser.add_argument('--at', metavar='TIME', help='of a log: the state then, UTC as '
                         '2026-01-15T13:00:00 or seconds since its begin (default: its end)')
     parser.add_argument('--once', action='store_true', help='print the state once and end')
-    parser.add_argument('--namespace', default=NAMESPACE,
-                        help=f'of the graph (default: {NAMESPACE})')
-    options.add(parser, 'domain', help='ROS domain (default: ROS_DOMAIN_ID, or 0)')
+    options.add_graph(parser)
     options.add_json(parser, 'the state')
-    options.add_overwrite(parser)
 
 
 def run(args):

@@ -14,7 +14,6 @@ def add(commands):
         'it by the paper\'s method, its two rivals and ours, and compare with what was printed.')
     options.add_out(parser, 'encoder_test', 'the page')
     options.add_json(parser, 'all figures')
-    options.add_overwrite(parser)
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
     parser.add_argument('--turns', type=options.whole(2, 1000), default=20,
                         help='of 23 angles each (default: 20)')
@@ -33,7 +32,6 @@ def run(args):
     )
     from . import encoder_test
     from .encoder_page import write_encoder_page
-    options.check_target(args.json)
     console, page = new_console(), args.out / 'page.html'
     options.refuse_existing(page, args)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -42,7 +40,7 @@ def run(args):
     for table in encoder_test.tables(report):
         console.print(table)
     print_lines(console, 'note', encoder_test.notes(report))
-    write_outputs(console, (args.json, lambda p: options.write_json(p, report), 'figures'))
+    write_outputs(console, args, report, 'figures')
     figures = [args.json] if isinstance(args.json, Path) else []
     write_encoder_page(page, report, figures)
     print_files(console, {'page': page})

@@ -34,7 +34,6 @@ def add(commands):
                         help='exposures of the satellite before and after (default: 20)')
     options.add(parser, 'domain')
     options.add_json(parser, 'the report')
-    options.add_overwrite(parser)
 
 
 def run(args):
@@ -46,7 +45,6 @@ def run(args):
     from .experiment import run_experiment
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
-    options.check_target(args.json)
     console = new_console()
     with ProgressLine(console) as progress:
         report = run_experiment(
