@@ -151,6 +151,18 @@ class MountNode(ParameterNode):
         pub.publish = counted
         return pub
 
+    def publisher_count(self, topic):
+        """How many publishers a `Topic` has."""
+        return self.count_publishers(self.resolve_topic_name(topic.name))
+
+    def publisher_names(self, topic):
+        """Nodes that publish a `Topic`, list of str, and how many have no name yet."""
+        infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name))
+        # right after its discovery the name of a node is not known
+        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos
+                 if 'UNKNOWN' not in info.node_name]
+        return names, len(infos) - len(names)
+
     def subscribe(self, topic, callback, after=None):
         """A subscription on `topic`; a message that `callback` cannot use is counted, not fatal.
 

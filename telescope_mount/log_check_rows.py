@@ -8,6 +8,7 @@ import numpy as np
 
 from msg_tools.convert import read_joints, read_trajectory
 from pointing_model.mounts import is_beyond
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.pairing import (
     CLOCK_JUMP,
     RATE_OVER,
@@ -158,8 +159,7 @@ class Pairing:
         place = bisect_right(self._tracks, begin, key=lambda pair: pair[0])
         if not place:
             return None
-        start, times, angles, _ = self._tracks[place - 1][1]
-        return start, times, angles
+        return Track(*self._tracks[place - 1][1])
 
     def _around(self, readings, stamp, half):
         """Stamps and angles of the readings about an exposure, or None.

@@ -128,13 +128,6 @@ class GaussianSum:
         return mixture(self.weights.reshape(-1), self.means.reshape(-1, n),
                        self.covariances.reshape(-1, n, n))
 
-    def by_history(self):
-        """Weight, mean and covariance of each history: shapes (b,), (b, n) and (b, n, n)."""
-        weights = self.weights
-        total = weights.sum(axis=1)
-        return total, *mixture((weights / total[:, None]).T, self.means.swapaxes(0, 1),
-                               self.covariances.swapaxes(0, 1))
-
     def rate_weights(self):
         """How likely each rate is by now, shape (r,)."""
         return self.weights.sum(axis=0)

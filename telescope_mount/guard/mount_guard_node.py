@@ -226,15 +226,12 @@ class MountGuard(ManagedNode):
             self.resolve_topic_name(topics.COMMAND.name)))
 
     def _look_at_commanders(self):
-        full = self.resolve_topic_name(topics.REQUEST.name)
         crowd = ''
-        if self.count_publishers(full) > 1:
-            names = sorted({f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                            for info in self.get_publishers_info_by_topic(full)
-                            # right after its discovery the name of a node is not known
-                            if 'UNKNOWN' not in info.node_name})
+        if self.publisher_count(topics.REQUEST) > 1:
+            names = sorted(set(self.publisher_names(topics.REQUEST)[0]))
             if len(names) > 1:
-                crowd = f'{" and ".join(names)} publish {full}: end all but one'
+                crowd = (f'{" and ".join(names)} publish '
+                         f'{self.resolve_topic_name(topics.REQUEST.name)}: end all but one')
         if crowd and crowd != self._crowd:
             self.get_logger().error(crowd)
         self._crowd = crowd

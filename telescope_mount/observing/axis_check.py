@@ -27,16 +27,16 @@ class FollowingCheck:
         A smaller distance from the demand is no fault, rad.
     own_way : bool
         The mount is told places, and slews to them as it likes: axis after axis, with rests.
-    asked : float
+    since : float
         When it was commanded, s of the wall.
     """
 
-    def __init__(self, track, here, mount, near, own_way=False, asked=0.0):
+    def __init__(self, track, here, mount, near, own_way=False, since=0.0):
         self._track, self._mount, self._near, self._own = track, mount, near, own_way
         self._here = np.array(here)
         self._first = self._least = None
         #: of each axis, s: by the graph's time since the track began, and by the wall's
-        self._since = np.tile((0.0, asked), (2, 1))
+        self._since = np.tile((0.0, since), (2, 1))
         self._sent = None
         self._away, self._stamp = np.zeros(2, int), 0  # looks in a row at which an axis was
 
@@ -50,7 +50,7 @@ class FollowingCheck:
         here : ndarray, shape (2,)
             rad.
         wall : float
-            Of the clock of `asked`, s.
+            Of the clock of `since`, s.
         sent : ndarray, shape (2,), optional
             Where the mount was sent at that moment, rad: it may have to go around something, or
             the longer way because of its cables.
@@ -64,7 +64,7 @@ class FollowingCheck:
             return ''
         at = (stamp - track.start) * 1e-9
         now = at, wall
-        demand = np.array([np.interp(at, track.times, axis) for axis in track.angles.T])
+        demand = track.at(stamp)
         way = here - demand
         if self._mount.vertical:  # its reading may wrap; that of others is on the mount's travel
             way[0] = wrap(way[0])

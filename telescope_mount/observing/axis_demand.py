@@ -41,7 +41,7 @@ class Pointing:
     Parameters
     ----------
     target : StarTarget or SatelliteTarget
-    in_force : InForce
+    active : InForce
     aim : ndarray, shape (2,)
         By how much to point beside what model and zero say, rad.
     mount : Mount, optional
@@ -56,10 +56,10 @@ class Pointing:
         Sign with which the axes came to the target; None before the first command.
     """
 
-    def __init__(self, target, in_force, aim, mount=ALTAZ, meridian_limit=0.0):
+    def __init__(self, target, active, aim, mount=ALTAZ, meridian_limit=0.0):
         self.target, self.aim, self.mount = target, aim, mount
         self.beyond = self.approach = None
-        self._in_force, self._limit = in_force, meridian_limit
+        self._active, self._limit = active, meridian_limit
 
     def place(self, stamps, site, air):
         """Angles (n,), (n,) at which the axes of a perfect mount look at it, rad.
@@ -81,18 +81,18 @@ class Pointing:
         """Encoder angles (n, 2), rad, at each stamp (n,), ns."""
         az, el = self.place(stamps, conditions.site, conditions.air)
         context = self._context(stamps, az, el, conditions)
-        return self._in_force.encoder(az, el, context) + self.aim
+        return self._active.encoder(az, el, context) + self.aim
 
     def _context(self, stamps, az, el, conditions):
         """What the effects of the model may ask for, None if it has none."""
-        model = self._in_force.model
+        model = self._active.model
         if model is None or not model.effects:
             return None
         known = {'temperature': conditions.air.temperature_c,
                  'pressure': conditions.air.pressure_hpa, 'magnitude': self.target.magnitude,
                  'star': np.array(self.target.number), 'run': conditions.run}
         return pointing_context(
-            model, stamps, az, el, known, zero=self._in_force.zero_now,
+            model, stamps, az, el, known, zero=self._active.zero_now,
             here=conditions.here, approach=self.approach, row=conditions.row,
             site=conditions.site, mount=self.mount)
 
@@ -139,13 +139,28 @@ class Track(NamedTuple):
         """ns."""
         return self.start + round(self.times[-1] * 1e9)
 
+    def at(self, stamp):
+        """Angles at a stamp or at several, ns: shape (2,) or (n, 2); beyond it those at its end."""
+        seconds = (np.asarray(stamp) - self.start) * 1e-9
+        return np.stack([np.interp(seconds, self.times, axis) for axis in self.angles.T], axis=-1)
+
+    def demand(self, stamp):
+        """Angles at a stamp, shape (2,); None where it does not lead."""
+        return self.at(stamp) if self.times[0] <= (stamp - self.start) * 1e-9 <= self.times[
+            -1] else None
+
+
+def on_sky(reading, demand):
+    """Difference of two pairs of encoder angles, on the sky, rad, shape (2,)."""
+    return np.array([wrap(reading[0] - demand[0]) * np.cos(demand[1]), reading[1] - demand[1]])
+
 
 def track_to(pointing, start, conditions, slew_rate):
     """The track of a target from `start` on; notes in `pointing` how the axes come to it.
 
     Parameters
     ----------
-    pointing : Pointing or Standing
+    pointing : Pointing or AxesAtRest
     start : int
         ns.
     conditions : Conditions

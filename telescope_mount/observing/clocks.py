@@ -9,7 +9,7 @@ one place differ by `late` times the difference of the rates.
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC
 
 from .axis_demand import Pointing
 
@@ -116,11 +116,6 @@ def row_of(stamp, rate, sense, miss, beside):
         The centred reading less the demand of the star, on the sky, rad.
     """
     return [int(stamp), *(float(v) for part in (rate, sense, miss, beside) for v in part)]
-
-
-def on_sky(reading, demand):
-    """Difference of two pairs of encoder angles, on the sky, rad, shape (2,)."""
-    return np.array([wrap(reading[0] - demand[0]) * np.cos(demand[1]), reading[1] - demand[1]])
 
 
 def offset_of(exposures):

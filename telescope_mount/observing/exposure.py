@@ -10,8 +10,8 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import PointingRun
 
 from .axis_check import FollowingCheck
-from .axis_demand import Conditions, Pointing, track_to
-from .clocks import Drifting, on_sky, row_of
+from .axis_demand import Conditions, Pointing, on_sky, track_to
+from .clocks import Drifting, row_of
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .pairing import centred, centred_second
@@ -44,7 +44,7 @@ class Exposer:
     outbox
         As of a `Sequencer`.
     instruments : Instruments
-    in_force : InForce
+    active : InForce
     table : Table
     ready : callable
         Gives the steps after which the mount can be commanded.
@@ -63,8 +63,8 @@ class Exposer:
         Why the last track was refused; '' if it was not.
     """
 
-    def __init__(self, outbox, instruments, in_force, table, ready, waiting):
-        self._out, self._instruments, self._in_force = outbox, instruments, in_force
+    def __init__(self, outbox, instruments, active, table, ready, waiting):
+        self._out, self._instruments, self._active = outbox, instruments, active
         self._table, self._ready, self._waiting = table, ready, waiting
         self.earliest = self.commanded = self.exposed = 0
         self._following = None  # what is commanded and waited for
@@ -90,7 +90,7 @@ class Exposer:
                     f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
         instruments.health.axes(
             MOUNT, self._following.say(instruments.stamp, instruments.here, now,
-                                       self._out.sent(instruments.stamp)) or text)
+                                       self._out.guard.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False):
         """Steps that point at `target` and centre it where it is far off.
@@ -138,7 +138,7 @@ class Exposer:
             enc = np.array(centred(*reading, *miss, pointing.beyond))
             second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
-            self._in_force.take_readings(self._instruments.run, enc, second,
+            self._active.take_readings(self._instruments.run, enc, second,
                                          second_on.started if second_on else np.nan)
             if blind:
                 break
@@ -229,7 +229,7 @@ class Exposer:
 
     def aimed_at(self, target):
         """`Pointing` at a target, with what was learned of the stars before."""
-        pointing = Pointing(target, self._in_force, np.zeros(2), self._out.mount(),
+        pointing = Pointing(target, self._active, np.zeros(2), self._out.mount(),
                             self._out.value('meridian_limit_deg') * DEG)
         pointing.aim = self._carried * self._stretch(pointing)
         return pointing
@@ -274,7 +274,7 @@ class Exposer:
             if self._out.value(parameter):  # as before where neither is used
                 row[name] = self._out.value(parameter)
         if self._out.value('inclinometer'):
-            row['lean_north'], row['lean_west'] = self._in_force.inclinometer.before(
+            row['lean_north'], row['lean_west'] = self._active.inclinometer.before(
                 stamp, (np.nan, np.nan))
         if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
             for name in ('absolute_start', 'az_abs', 'el_abs'):
@@ -299,7 +299,7 @@ class Exposer:
 
     def until_free(self):
         """The steps that wait while the guard lets nothing move the mount."""
-        held = self._out.held
+        held = self._out.guard.held
         if held():
             self._waiting(f'the guard ({held()})')
             yield lambda: not held()
@@ -308,16 +308,16 @@ class Exposer:
     def _try(self, pointing):
         """Command once; None when nobody answered in time."""
         yield from self._ready()
-        instruments, value, held = self._instruments, self._out.value, self._out.held
+        instruments, value, held = self._instruments, self._out.value, self._out.guard.held
         yield from self.until_free()
         self.commanded = max(self.now(), self.earliest)
         track = track_to(pointing, self.commanded, self._conditions(), value('slew_rate_deg_s'))
-        instruments.exposures.begin(track.start, track.times, track.angles)
-        self._out.send_command(track)
-        asked, before = instruments.ask(), instruments.here
+        instruments.exposures.begin(track)
+        self._out.guard.send_command(track)
+        since, before = instruments.await_all(), instruments.here
         self._following = FollowingCheck(
             track, before, self._out.mount(),
-            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.own_way(), asked)
+            max(OFF_TARGET, value('on_target_arcsec') * ARCSEC), self._out.guard.own_way, since)
         began = instruments.began
         take = partial(instruments.exposures.take, value('on_target_arcsec') * ARCSEC,
                        self._out.refuse_frame, value('exposure_s'),
@@ -328,14 +328,14 @@ class Exposer:
             nonlocal found
             found = take()
             # a slew may take as long as the track
-            return (found is not None or self._out.refusal(track.start) or held()
+            return (found is not None or self._out.guard.refusal(track.start) or held()
                     or instruments.silent(value('answer_timeout_s'))
                     or not instruments.homed or instruments.stamp > track.end
                     or instruments.began != began)
 
         yield answered
         self._following = None
-        self.refusal = '' if found is not None else self._out.refusal(track.start)
+        self.refusal = '' if found is not None else self._out.guard.refusal(track.start)
         off = self._note_motion(track, before, found is not None)
         if found is not None:
             self._waiting('')
@@ -356,21 +356,19 @@ class Exposer:
         """
         instruments = self._instruments
         at = (instruments.stamp - track.start) * 1e-9
-        stands = np.array_equal(instruments.here, before)
+        at_rest = np.array_equal(instruments.here, before)
         # an axis that still slews is where it should be; one that has not begun is not
-        told = exposed or instruments.stamp > track.end or (stands and at > BEGUN)
-        if not instruments.homed or not told:
+        known = exposed or instruments.stamp > track.end or (at_rest and at > BEGUN)
+        if not instruments.homed or not known:
             return 0.0
-        demand = [np.interp(at, track.times, axis) for axis in track.angles.T]
-        here = instruments.here
-        distance = np.hypot(wrap(here[0] - demand[0]) * np.cos(demand[1]), here[1] - demand[1])
-        instruments.health.follows(MOUNT, float(distance), not stands)
-        return float(distance)
+        distance = float(np.hypot(*on_sky(instruments.here, track.at(instruments.stamp))))
+        instruments.health.follows(MOUNT, distance, not at_rest)
+        return distance
 
     def _conditions(self):
         """Those of now; the thermometer's reading is that of before the last exposure."""
         site, weather = self._out.sky()
-        celsius = self._in_force.thermometer.before(self.exposed, weather.temperature_c)
+        celsius = self._active.thermometer.before(self.exposed, weather.temperature_c)
         run = self._instruments.run
         return Conditions(site, replace(weather, temperature_c=celsius), self._instruments.here,
                           run, self._table.last_of(run))

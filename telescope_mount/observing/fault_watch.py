@@ -1,7 +1,7 @@
 """What is wrong while a plan is under way: named, logged once a change, and when to give up."""
 
-#: a wait of so long is told, wall s: at the third look, half a second apart
-TOLD_AFTER = 0.9
+#: a wait of so long is reported, wall s: at the third look, half a second apart
+REPORTED_AFTER = 0.9
 #: steps that wait for no instrument: how long they take nobody can say
 PATIENT = ('wait', 'calibrate_zero', 'fit', 'diagnose', 'judge')
 WAITING = 'plan', 'waiting'
@@ -66,12 +66,12 @@ class FaultWatch:
         if begun:
             self._instruments.watch(self._out.value('answer_timeout_s'))
             self._exposer.watch(now)
-        found = dict(self._instruments.health.told)
+        found = dict(self._instruments.health.sentences)
         # what the graph lacks comes and goes while it is discovered
         if waits.partition(':')[0] != self._waits[0].partition(':')[0]:
             self._waits = waits, now
         self._waits = waits, self._waits[1]
-        if waits and now - self._waits[1] >= TOLD_AFTER:
+        if waits and now - self._waits[1] >= REPORTED_AFTER:
             found[WAITING] = f'waiting for {waits}'
         changed = self._changed(found)
         return changed, self._too_long(now, begun, verb, rows)

@@ -10,7 +10,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 
 MOUNT, ABSOLUTE, CAMERA = 'mount and incremental encoder', 'absolute encoder', 'camera'
-#: with which the sentences begin that `InstrumentHealth.alarms` gives
+#: with which the sentences of `InstrumentHealth` begin
 ALARM = 'instrument '
 #: a reading is not stamped so far ahead of the graph's time: a slew and a homing are, ns
 AHEAD = 600 * 10**9
@@ -48,7 +48,7 @@ REMEDIES = {
 
 
 class InstrumentHealth:
-    """Takes what the instruments say, and tells what cannot be.
+    """Takes the messages of the instruments, and reports what cannot be.
 
     Parameters
     ----------
@@ -67,13 +67,7 @@ class InstrumentHealth:
         self._others = {}  # instrument -> nodes that publish, where there are several
 
     @property
-    def alarms(self):
-        """What is wrong now, a sentence each."""
-        return [f'{ALARM}{name}: {text}' for (name, _), (text, _) in self._faults.items()] + [
-            f'{ALARM}{name}: {self._published_by(name)}' for name in self._others]
-
-    @property
-    def told(self):
+    def sentences(self):
         """What is wrong now and what to do: by (instrument, kind), a sentence each."""
         return {(name, kind): f'{ALARM}{name}: {text}; {REMEDIES[kind]}'
                 for (name, kind), (text, _) in self._faults.items()} | {
@@ -100,7 +94,11 @@ class InstrumentHealth:
         return f'published by {" and ".join(self._others[name])}; end all but one'
 
     def _fault(self, name, kind, text):
-        self._faults[name, kind] = [text, 0]
+        """Keep a fault; '' where it is over at once. The text."""
+        if text:
+            self._faults[name, kind] = [text, 0]
+        else:
+            self._faults.pop((name, kind), None)
         return text
 
     def _good(self, name, kind):
@@ -110,10 +108,10 @@ class InstrumentHealth:
             if fault[1] >= RECOVERED:
                 del self._faults[name, kind]
 
-    def speaks(self, name):
-        """Take that a message has come."""
+    def message_came(self, name):
+        """It is silent no more."""
         for kind in ('silent', 'never'):
-            self._faults.pop((name, kind), None)
+            self._fault(name, kind, '')
 
     def silent(self, name, usual):
         """Take that none has come for long; `usual` is the time between them, wall s."""
@@ -124,38 +122,30 @@ class InstrumentHealth:
 
     def slow(self, name, usual, limit):
         """Take how far apart its messages are, wall s, and what an answer may take."""
-        if usual > limit:
-            self._fault(name, 'slow', f'a message every {usual:.0f} s, slower than '
-                        f'answer_timeout_s = {limit:g}: three of them are waited for')
-        else:
-            self._faults.pop((name, 'slow'), None)
+        self._fault(name, 'slow', '' if not usual > limit else
+                    f'a message every {usual:.0f} s, slower than answer_timeout_s = {limit:g}: '
+                    'three of them are waited for')
 
     def unreadable(self, name, reason):
-        """Take why a message could not be read."""
-        self._fault(name, 'message', reason)
+        """Take why a message could not be read; the reason."""
+        return self._fault(name, 'message', reason)
 
     def blanks(self, name, count):
         """Take in how many targets in a row no star was seen; 0 after one was."""
-        if count:
-            self._fault(name, 'blank', f'no star in the field of {count} targets in a row')
-        else:
-            self._faults.pop((name, 'blank'), None)
+        self._fault(name, 'blank',
+                    f'no star in the field of {count} targets in a row' if count else '')
 
     def zero(self, name, axis='', jump=0.0):
         """Take by how much (rad) the zero of an axis' encoder jumped; without, that it is new."""
         if jump:
-            self._faults.pop((name, 'motion'), None)
-            self._fault(name, 'zero', f'zero of the {axis} encoder jumped by '
-                        f'{jump / ARCSEC:+.0f} arcsec without a power-on')
-        else:
-            self._faults.pop((name, 'zero'), None)
+            self._fault(name, 'motion', '')
+        self._fault(name, 'zero', '' if not jump else f'zero of the {axis} encoder jumped by '
+                    f'{jump / ARCSEC:+.0f} arcsec without a power-on')
 
     def axes(self, name, text):
         """Take how the axes do not follow the command, in words; '' where they do."""
-        if text and (name, 'zero') not in self._faults:  # readings beside the track say no more
-            self._fault(name, 'motion', text)
-        else:
-            self._faults.pop((name, 'motion'), None)
+        # after a jump readings beside the track say no more
+        self._fault(name, 'motion', '' if (name, 'zero') in self._faults else text)
 
     def publishers(self, name, nodes, unnamed=False):
         """Take who publishes an instrument's messages.
@@ -226,18 +216,14 @@ class InstrumentHealth:
             return ''
         if np.hypot(x, y) > self.field:
             # the same words each time: one line of the log, not one a message
-            reason = 'a star outside the field, of ' \
-                f'{self.field / DEG:.3g} deg (field_deg): arcsec or degrees for radians?'
-            self.unreadable(name, reason)
-            return reason
+            return self.unreadable(name, f'a star outside the field, of {self.field / DEG:.3g} deg '
+                                   '(field_deg): arcsec or degrees for radians?')
         self._good(name, 'message')
         self._same = self._same + 1 if (x, y) == self._frame else 1
         self._frame = x, y
-        if self._same >= SAME_FRAMES:
-            return self._fault(name, 'frozen', f'the same miss distance in {self._same} exposures '
-                               'in a row: it measures nothing')
-        self._faults.pop((name, 'frozen'), None)
-        return ''
+        return self._fault(name, 'frozen', '' if self._same < SAME_FRAMES else
+                           f'the same miss distance in {self._same} exposures in a row: it '
+                           'measures nothing')
 
     def number(self, name, finite):
         """Take whether an encoder that was homed in this power-on gave a number."""
@@ -257,12 +243,9 @@ class InstrumentHealth:
         moved : bool
             Whether it reads otherwise than before the command.
         """
-        if distance <= OFF_TARGET or (name, 'zero') in self._faults:
-            self._faults.pop((name, 'motion'), None)
-            return
         how = 'it' if moved else 'its reading has not changed since the command, and'
-        self._fault(name, 'motion', f'contradicts the commanded motion: {how} is '
-                    f'{distance / ARCSEC:.0f} arcsec from the demand')
+        self.axes(name, '' if distance <= OFF_TARGET else f'contradicts the commanded motion: {how}'
+                  f' is {distance / ARCSEC:.0f} arcsec from the demand')
 
     def centres(self, name, before, after):
         """Take the miss distance, rad, before and after the mount was moved by it.
@@ -272,13 +255,10 @@ class InstrumentHealth:
         bool
             Whether the camera saw the mount move.
         """
-        if after < 0.5 * before:
-            self._faults.pop((name, 'sign'), None)
-            return True
-        self._fault(name, 'sign', 'contradicts the commanded motion: a star '
-                    f'{before / ARCSEC:.0f} arcsec off was centred, and is '
-                    f'{after / ARCSEC:.0f} arcsec off')
-        return False
+        return not self._fault(
+            name, 'sign', '' if after < 0.5 * before else 'contradicts the commanded motion: a '
+            f'star {before / ARCSEC:.0f} arcsec off was centred, and is {after / ARCSEC:.0f} '
+            'arcsec off')
 
     def moves(self, name, seen, wanted):
         """Take by how much a star moved in the camera, and by how much it had to, rad, shape (2,).
@@ -288,13 +268,11 @@ class InstrumentHealth:
         bool
             Whether the camera saw it.
         """
-        if np.hypot(*(seen - wanted)) <= MOST_AMISS * np.hypot(*wanted):
-            self._faults.pop((name, 'sign'), None)
-            return True
-        told, had = (f'{x / ARCSEC:+.0f}, {y / ARCSEC:+.0f}' for x, y in (seen, wanted))
-        self._fault(name, 'sign', f'contradicts the commanded motion: a star had to move by {had} '
-                    f'arcsec (x, y), and it says {told}')
-        return False
+        good = np.hypot(*(seen - wanted)) <= MOST_AMISS * np.hypot(*wanted)
+        found, had = (f'{x / ARCSEC:+.0f}, {y / ARCSEC:+.0f}' for x, y in (seen, wanted))
+        return not self._fault(
+            name, 'sign', '' if good else 'contradicts the commanded motion: a star had to move by '
+            f'{had} arcsec (x, y), and it says {found}')
 
     def turned(self, name, count, sense):
         """Take that the last `count` miss distances fit the pointing with the camera turned."""
@@ -315,10 +293,8 @@ class InstrumentHealth:
         """
         reading, first = np.array(reading), np.array(first)
         before, self._pair = self._pair, (reading, first)
-        if before is not None and np.isfinite(reading).any() and (
-                np.array_equal(before[0], reading, equal_nan=True)) and (
-                np.abs(first - before[1]).max() > OFF_TARGET):
-            self._fault(name, 'frozen', 'the same reading as at the star before, to the last bit')
-            return False
-        self._faults.pop((name, 'frozen'), None)
-        return True
+        frozen = before is not None and np.isfinite(reading).any() and (
+            np.array_equal(before[0], reading, equal_nan=True)) and (
+            np.abs(first - before[1]).max() > OFF_TARGET)
+        return not self._fault(name, 'frozen', 'the same reading as at the star before, to the '
+                               'last bit' if frozen else '')

@@ -91,7 +91,7 @@ class Instruments:
         self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
-        self._asked, self._heard = {}, {}
+        self._awaited_since, self._last_use = {}, {}
         self._first, self._last, self._stamped = {}, {}, {}
         self._gaps, self._steps, self._pauses = {}, {}, {}  # of the wall, by stamps, the lesser
         self._watched, self.excused = None, False
@@ -102,20 +102,20 @@ class Instruments:
 
         `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
         """
-        self.spoke(MOUNT, stamp)
+        self.count_message(MOUNT, stamp)
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
         self.stamp, self.here = stamp, np.array(angle)
         self._look_for_jump(MOUNT, stamp, angle, frame, self.exposures.demand)
         homed = bool(np.isfinite(angle).all())
-        told = self.power_on is not None and self.homed
-        if homed or (told and read_frame(frame) in (None, self.power_on)):
+        known = self.power_on is not None and self.homed
+        if homed or (known and read_frame(frame) in (None, self.power_on)):
             self.health.number(MOUNT, homed)
         if homed:
             self._number_run(frame)
         self.homed = homed
-        self.hear(MOUNT)
+        self.restart_silence(MOUNT)
         return back
 
     def _look_for_jump(self, name, stamp, angle, frame, there):
@@ -134,11 +134,9 @@ class Instruments:
         except ValueError:
             return None
 
-    def _rate(self, stamp, angle, told):
-        """As told, or else from the reading before; NaN where that is none."""
-        rate = np.array(told, dtype=float)
-        if not any(map(math.isnan, told)):
-            return rate
+    def _rate(self, stamp, angle, given):
+        """As given, or else from the reading before; NaN where that is none."""
+        rate = np.array(given, dtype=float)
         unknown = np.isnan(rate)
         if self.here is not None and stamp > self.stamp:
             own = wrap(np.array(angle) - self.here) / ((stamp - self.stamp) * 1e-9)
@@ -148,13 +146,13 @@ class Instruments:
     def _number_run(self, frame):
         if self.homed and frame == self._frame:
             return
-        told = read_frame(frame)
-        if told is None and (not self.homed or self.power_on is not None):
+        power_on = read_frame(frame)
+        if power_on is None and (not self.homed or self.power_on is not None):
             self.run = self._newest = self._newest + 1
-        elif told is not None and told != self.power_on:
-            self.run = self._runs.setdefault(told.started, self._newest + 1)
+        elif power_on is not None and power_on != self.power_on:
+            self.run = self._runs.setdefault(power_on.started, self._newest + 1)
             self._newest = max(self._newest, self.run)
-        self.power_on, self._frame = told, frame
+        self.power_on, self._frame = power_on, frame
 
     def remember_runs(self, runs, starts):
         """Number power-ons as the rows of the night so far do, and forget numbers of one's own.
@@ -179,18 +177,18 @@ class Instruments:
 
     def take_absolute(self, stamp, angle, frame=''):
         """As `take_incremental`, of the absolute encoder."""
-        self.spoke(ABSOLUTE, stamp)
+        self.count_message(ABSOLUTE, stamp)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
         self._look_for_jump(ABSOLUTE, stamp, angle, frame, self._by_incremental)
         self.absolute_power_on = read_frame(frame)
-        self.hear(ABSOLUTE)
+        self.restart_silence(ABSOLUTE)
         return back
 
     def take_frame(self, stamp, x, y):
         """Take a measured miss distance, rad; ValueError for one that cannot be."""
-        self.spoke(CAMERA, stamp)
-        self.hear(CAMERA)
+        self.count_message(CAMERA, stamp)
+        self.restart_silence(CAMERA)
         self._check_stamp(CAMERA, stamp)
         reason = self.health.frame(CAMERA, x, y)
         if reason:
@@ -219,7 +217,7 @@ class Instruments:
         return (self.homed and self.stamp > stamp
                 and bool(np.all(np.abs(self.rate) <= STILL)))
 
-    def spoke(self, name, stamp=None):
+    def count_message(self, name, stamp=None):
         """Count a message, of use or not, and the time since the one before.
 
         A pause is one by its stamps (ns) too: where this process had no time, it is none.
@@ -236,7 +234,7 @@ class Instruments:
                 self._steps.setdefault(name, deque(maxlen=KEPT_GAPS)).append(step)
                 gap = min(gap, step)
             self._pauses.setdefault(name, deque(maxlen=KEPT_GAPS)).append(gap)
-        self.health.speaks(name)
+        self.health.message_came(name)
 
     def usual(self, name, least=LEAST_GAPS):
         """Seconds between two of its messages; NaN where fewer than `least` such gaps are known.
@@ -278,33 +276,34 @@ class Instruments:
                 self.health.silent(name, usual)
             self.health.slow(name, self.usual(name, SLOW_GAPS), answer)
 
-    def hear(self, name):
+    def restart_silence(self, name):
         """Count the silence of an instrument from now on."""
-        self._heard[name] = self._wall()
+        self._last_use[name] = self._wall()
 
-    def ask(self):
+    def await_all(self):
         """All of them are to answer from now on, which is returned; wall s."""
         now = self._wall()
-        self._asked = dict.fromkeys(self.names, now)
-        self._heard = dict(self._asked)
+        self._awaited_since = dict.fromkeys(self.names, now)
+        self._last_use = dict(self._awaited_since)
         return now
 
     def silent(self, seconds):
         """Names of those that have said nothing for so long."""
         now = self._wall()
         # a slow one is late, not silent
-        return [name for name, heard in self._heard.items() if now - heard > seconds
-                and now - heard > 3.0 * np.nan_to_num(self.usual(name, 1))]
+        return [name for name, last in self._last_use.items() if now - last > seconds
+                and now - last > 3.0 * np.nan_to_num(self.usual(name, 1))]
 
     def mute(self, name, seconds):
-        """Whether one has sent nothing for so long, of use or not, since `hear`."""
-        last = max(self._last.get(name, -np.inf), self._heard.get(name, -np.inf))
+        """Whether one has sent nothing for so long, of use or not, since `restart_silence`."""
+        last = max(self._last.get(name, -np.inf), self._last_use.get(name, -np.inf))
         passed = self._wall() - last
         return passed > seconds and passed > 3.0 * np.nan_to_num(self.usual(name, 1))
 
     def unanswered(self, seconds):
-        """Names of those that have not answered `ask`, else of those silent for so long."""
-        mute = [name for name, heard in self._heard.items() if heard == self._asked.get(name)]
+        """Names of those without an answer since `await_all`, else of those silent for so long."""
+        mute = [name for name, last in self._last_use.items()
+                if last == self._awaited_since.get(name)]
         return mute or self.silent(seconds)
 
 

@@ -3,7 +3,6 @@
 What a star will tell does not depend on what it shows: the covariance after it follows from where
 it stands (Fedorov 1972, Theory of optimal experiments). A star is judged by how much the mean
 square pointing error over the places that matter falls, for each second of slew and exposure.
-Where it is open what has happened, a star may be asked for that discriminates the hypotheses.
 """
 
 from dataclasses import dataclass
@@ -80,11 +79,11 @@ class NextStar:
 
     def sentence(self):
         """Why, for people."""
-        told = ', '.join(f'{name} {100 * gain:.0f} %' for name, gain in
+        terms = ', '.join(f'{name} {100 * gain:.0f} %' for name, gain in
                          list(self.gains.items())[:3] if gain > 0.05)
         return (f'{self.seconds:.0f} s: takes the expected error from '
                 f'{self.before / ARCSEC:.2f} to {self.after / ARCSEC:.2f} arcsec'
-                + (f'; tells of {told} of the variance' if told else ''))
+                + (f'; tells of {terms} of the variance' if terms else ''))
 
 
 def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew=None,
@@ -117,11 +116,17 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
     ValueError
         No candidate that is allowed.
     """
-    rows, seconds, noise = _candidates(tracker, az, el, here, sigma, exposure_s, slew, allowed)
+    az, el = (np.asarray(v, float) for v in (az, el))
+    rows = np.flatnonzero(np.ones(len(az), bool) if allowed is None else allowed)
+    if not len(rows):
+        raise ValueError('no star that may be looked at: all candidates are below the horizon, '
+                         'beyond limits, or near Sun or Moon')
+    seconds = (slew or SlewTime()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
+    noise = np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
     covariance = tracker.ahead(float(np.median(seconds)))
     places = tracker.columns(*everywhere)
     weight = np.einsum('pij,pik->jk', places, places) / len(places)
-    columns = tracker.columns(np.asarray(az, float)[rows], np.asarray(el, float)[rows])
+    columns = tracker.columns(az[rows], el[rows])
     gains = covariance @ columns.swapaxes(1, 2)  # (n, k, 2)
     inverse = np.linalg.inv(columns @ gains + noise[:, None, None] * np.eye(2))
     less = np.einsum('aki,aij,alj,kl->a', gains, inverse, gains, weight)
@@ -133,79 +138,6 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
     return NextStar(int(rows[best]), float(seconds[best]), float(np.sqrt(before)),
                   float(np.sqrt(max(before - less[best], 0.0))),
                   {tracker.states[k]: float(part[k]) for k in np.argsort(-part)})
-
-
-@dataclass(frozen=True)
-class Telling:
-    """A star that tells what has happened.
-
-    Attributes
-    ----------
-    row : int
-        Of the candidates.
-    seconds : float
-        Of slew and exposure.
-    open : float
-        How undecided it is now, nats (0.69: one of two).
-    told : float
-        How much of that the star is expected to decide, at least, nats.
-    """
-
-    row: int
-    seconds: float
-    open: float
-    told: float
-
-
-def telling_star(tracker, az, el, here, *, sigma, exposure_s=10.0, slew=None, allowed=None):
-    """The star that discriminates what may have happened to the last stars, for its time.
-
-    What a star is expected to tell is bounded from below by the Bhattacharyya distances between
-    what it shows by each history (Kolchinsky and Tracey 2017, Entropy 19, 361).
-
-    Parameters
-    ----------
-    tracker, az, el, here, sigma, exposure_s, slew, allowed
-        As of `next_star`.
-
-    Returns
-    -------
-    Telling
-
-    Raises
-    ------
-    ValueError
-        No candidate that is allowed.
-    """
-    rows, seconds, noise = _candidates(tracker, az, el, here, sigma, exposure_s, slew, allowed)
-    weights, means, covariances = tracker.filter.by_history()
-    columns = tracker.columns(np.asarray(az, float)[rows], np.asarray(el, float)[rows])
-    shown = np.einsum('aij,sj->sai', columns, means)
-    spread = np.einsum('aij,sjk,alk->sail', columns, covariances, columns)
-    spread = spread + noise[:, None, None] * np.eye(2)
-    size = np.linalg.slogdet(spread)[1]
-    told = np.zeros(len(rows))
-    for weight, one, of_one, own in zip(weights, shown, spread, size):
-        middle = 0.5 * (of_one + spread)
-        off = shown - one
-        distance = (0.125 * np.einsum('sai,sai->sa', off,
-                                      np.linalg.solve(middle, off[..., None])[..., 0])
-                    + 0.5 * (np.linalg.slogdet(middle)[1] - 0.5 * (own + size)))
-        told -= weight * np.log(weights @ np.exp(-distance))
-    best = int(np.argmax(told / seconds))
-    return Telling(int(rows[best]), float(seconds[best]),
-                   float(-np.sum(weights * np.log(weights))), max(0.0, float(told[best])))
-
-
-def _candidates(tracker, az, el, here, sigma, exposure_s, slew, allowed):
-    """Rows that are allowed, seconds and noise squared of each."""
-    az, el = (np.asarray(v, float) for v in (az, el))
-    rows = np.flatnonzero(np.ones(len(az), bool) if allowed is None else allowed)
-    if not len(rows):
-        raise ValueError('no star that may be looked at: all candidates are below the horizon, '
-                         'beyond limits, or near Sun or Moon')
-    seconds = (slew or SlewTime()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
-    return rows, seconds, np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
 
 
 def error_over(tracker, everywhere, seconds_ahead=0.0):

@@ -9,6 +9,8 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.zero_drift import interpolate
 
+from .axis_demand import on_sky
+
 #: readings older than the last by this are of a new simulation, ns
 CLOCK_JUMP = 1_000_000_000
 #: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
@@ -74,8 +76,7 @@ def beside(stamps, angles, track, begin, end):
         ns, increasing, from before `begin` to after `end`.
     angles : array_like, shape (n, 2)
         Readings, rad.
-    track : tuple
-        Begin (ns), seconds since then (m,), angles demanded (m, 2), rad.
+    track : axis_demand.Track
     begin, end : int
         ns.
 
@@ -86,12 +87,11 @@ def beside(stamps, angles, track, begin, end):
     way : ndarray, shape (k, 2)
         rad.
     """
-    start, times, demand = track
-    stamps, angles = np.array(stamps, np.int64), np.array(angles, float).reshape(-1, 2)
-    at = (stamps - start) * 1e-9
-    way = angles - np.column_stack([np.interp(at, times, axis) for axis in demand.T])
+    stamps = np.array(stamps, np.int64)
+    at = (stamps - track.start) * 1e-9
+    way = np.array(angles, float).reshape(-1, 2) - track.at(stamps)
     way[:, 0] = wrap(way[:, 0])
-    edges = (np.array([begin, end]) - start) * 1e-9
+    edges = (np.array([begin, end]) - track.start) * 1e-9
     inside = (at > edges[0]) & (at < edges[1])
     ends = np.column_stack([np.interp(edges, at, axis) for axis in way.T])
     return (np.concatenate([edges[:1], at[inside], edges[1:]]),
@@ -117,9 +117,7 @@ def mean_over(stamps, angles, track, stamp, half):
     """
     middle, _ = interpolate(stamps, angles, stamp)
     at, way = beside(stamps, angles, track, stamp - half, stamp + half)
-    start, times, demand = track
-    wanted = [np.interp((stamp - start) * 1e-9, times, axis) for axis in demand.T]
-    mean = wanted + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
+    mean = track.at(stamp) + np.trapezoid(way, at, axis=0) / (at[-1] - at[0])
     return middle + [wrap(mean[0] - middle[0]), mean[1] - middle[1]]
 
 
@@ -202,27 +200,17 @@ class Exposures:
     @property
     def end(self):
         """Of the commanded track, ns; 0 without one."""
-        return 0 if self._track is None else self._track[0] + round(self._track[1][-1] * 1e9)
+        return 0 if self._track is None else self._track.end
 
     def demand(self, stamp):
         """Where the track leads at a stamp, rad, shape (2,); None where it does not."""
-        return demand_of(self._track, stamp)
+        return None if self._track is None else self._track.demand(stamp)
 
-    def begin(self, start, times, track):
-        """Forget what was before: a track is commanded.
-
-        Parameters
-        ----------
-        start : int
-            ns.
-        times : ndarray, shape (n,)
-            Seconds since `start`.
-        track : ndarray, shape (n, 2)
-            Encoder angles demanded then, rad.
-        """
-        self._track = start, times, track
+    def begin(self, track):
+        """Forget what was before: an `axis_demand.Track` is commanded."""
+        self._track = track
         for readings in self._readings.values():
-            readings.forget_before(start - KEPT_BEFORE)
+            readings.forget_before(track.start - KEPT_BEFORE)
         self._frames.clear()
         self.restless = []
 
@@ -296,10 +284,9 @@ class Exposures:
 
     def _settled(self, stamp, half, tolerance, smear):
         """Whether the axes were on target, and did not move beside it, all the exposure long."""
-        start, times, track = self._track
         _, way = beside(*self._around('enc', stamp - half), self._track,
                         stamp - half, stamp + half)
-        way = way * (np.cos(np.interp((stamp - start) * 1e-9, times, track[:, 1])), 1.0)
+        way = way * (np.cos(self._track.at(stamp)[1]), 1.0)
         if not np.isfinite(way).all() or np.hypot(*way.T).max() > tolerance:
             return False
         moved = float(np.hypot(*np.ptp(way, axis=0)))
@@ -328,8 +315,7 @@ class Exposures:
         """
         if self._track is None:
             return None
-        start, times, track = self._track
-        half = half_of(exposure)
+        start, half = self._track.start, half_of(exposure)
         while self._frames:
             stamp, *miss = self._frames[0]
             if stamp >= start and not all(
@@ -344,21 +330,7 @@ class Exposures:
             except ValueError as err:
                 refuse(str(err))
                 continue
-            t = (stamp - start) * 1e-9
-            wanted = [np.interp(t, times, axis) for axis in track.T]
-            error = wrap(reading[0] - wanted[0]) * np.cos(wanted[1]), reading[1] - wanted[1]
-            if np.hypot(*error) <= tolerance and (
+            if np.hypot(*on_sky(reading, self._track.at(stamp))) <= tolerance and (
                     not half or self._settled(stamp, half, tolerance, smear)):
                 return stamp, np.array(miss)
         return None
-
-
-def demand_of(track, stamp):
-    """Where a track (start, ns; times, s; angles, rad, (n, 2)) leads at a stamp, None outside."""
-    if track is None:
-        return None
-    start, times, angles = track
-    at = (stamp - start) * 1e-9
-    if not times[0] <= at <= times[-1]:
-        return None
-    return np.array([np.interp(at, times, axis) for axis in np.asarray(angles).T])

@@ -1,7 +1,7 @@
 """The observing plan as work that waits: what is done step by step, and what each step awaits.
 
-The sequencer knows no ROS. It reads `Instruments` and `InForce`, and asks whoever runs it, its
-outbox, for all else; each new thing to know is followed by `Sequencer.advance`.
+The sequencer knows no ROS. It reads `Instruments` and `InForce`, and gets from whoever runs it, its
+outbox, all else; each new thing to know is followed by `Sequencer.advance`.
 """
 
 import math
@@ -43,12 +43,7 @@ class Sequencer:
         - ``now()``: the (simulated) time; 0 before it is known
         - ``waiting_for()``: what the graph still lacks before a plan can begin, list of str
         - ``client(verb)``: client of a service, see `msg_tools.steps.call`
-        - ``send_command(track)``: ask for a `Track`
-        - ``refusal(stamp)``: why the guard refused the track that began then, '' if it did not
-        - ``sent(stamp)``: where the guard sent the mount then, rad, shape (2,), None if unknown
-        - ``held()``: why the mount may not be moved now, '' if it may
-        - ``allowed()``: an `AllowedSky`, where the guard lets the tube look; None if unknown
-        - ``own_way()``: whether the mount slews as it likes to places that it is told
+        - ``guard``: a `GuardLink`
         - ``send_row(run, stamp)``: publish an observation, a PointingRun of one row
         - ``send_table(run, stamp)``: publish all rows so far
         - ``send_checks(text)``: publish the document of the blind checks
@@ -56,7 +51,7 @@ class Sequencer:
         - ``refuse_frame(reason)``: count an exposure that cannot be used
         - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
     instruments : Instruments
-    in_force : InForce
+    active : InForce
     table : Table
     memory : NightFile, optional
         Keeps the night beyond the end of the process.
@@ -71,14 +66,14 @@ class Sequencer:
         Whether a plan has ever got beyond waiting for the graph.
     """
 
-    def __init__(self, outbox, instruments, in_force, table, memory=None, looks=LOOKS):
-        self._out, self._instruments, self._in_force = outbox, instruments, in_force
-        self._table, self._memory = table, memory or NoFile()
-        self._night = NightSteps(outbox, instruments, in_force, table, self.advance,
+    def __init__(self, outbox, instruments, active, table, memory=None, looks=LOOKS):
+        self._out, self._instruments, self._table = outbox, instruments, table
+        self._memory = memory or NoFile()
+        self._night = NightSteps(outbox, instruments, active, table, self.advance,
                                  self._memory.row)
         self._steps = Steps(self._ended)
         self.earth = ''
-        self._told = None
+        self._published = None
         self._lacks = ''  # what the graph lacks before a plan can begin, in words
         self._watch = FaultWatch(outbox, instruments, self._night.exposer)
         self.begun = False
@@ -126,7 +121,7 @@ class Sequencer:
         if not self._steps.busy:
             return
         self._steps.advance()
-        self._tell()
+        self._publish()
 
     def stopped_at(self, plan):
         """Where `plan` ended before its end, in words; '' where it did not."""
@@ -134,15 +129,16 @@ class Sequencer:
             return ''
         return f'step {self._left.block + 1}, {self._left.step}'
 
-    def _tell(self):
+    def _publish(self):
         words = self._night.text
         if self.busy:
             words = '; '.join([words if self.begun else self._lacks or words,
                                *self._watch.sentences])
         # looked at for each reading: what `progress` is made of, which changes in its place
         made_of = words, len(self._table), self._instruments.run, self._plan
-        if (made_of, self._night.progress) != self._told:
-            self._told, progress = (made_of, replace(self._night.progress)), self.progress
+        if (made_of, self._night.progress) != self._published:
+            self._published = made_of, replace(self._night.progress)
+            progress = self.progress
             if self.begun:
                 self._memory.stands(progress, self._night.evening, self._before or 0)
             self._out.send_status(progress, words)
@@ -151,7 +147,7 @@ class Sequencer:
     def clocks(self):
         """What is known of the clocks of camera and encoder, and whether they are off."""
         found = self._night.clocks.get('found')
-        return self._night.clocks_told, is_off(found)
+        return self._night.clocks_sentence, is_off(found)
 
     def forget_clocks(self):
         """What was measured of the clocks no longer holds."""
@@ -186,7 +182,7 @@ class Sequencer:
         if reason:
             self._steps.end(CallRefused(reason))
             self._watch.rest()
-        self._tell()
+        self._publish()
         return changed
 
     def cancel(self, reason):
@@ -196,7 +192,7 @@ class Sequencer:
         self._steps.cancel()
         self._night.set_state('cancelled', reason)
         self._remember()
-        self._tell()
+        self._publish()
         where = self.stopped_at(self._plan)
         self._out.get_logger().warning(f'plan cancelled: {reason}' + (
             f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
@@ -217,14 +213,14 @@ class Sequencer:
             # it knows nothing of the night so far, or a row was lost
             self._mended = table.newest
             self._calibration_is_new = not taken.kept
-            self._night.asked = None
+            self._night.wanted = None
             self._send_table(again=True)
         self._night.calibrated = taken
         self.advance()
 
-    def asked_for(self, asked):
-        """What the calibration asks for to tell causes apart, an `Asked`."""
-        self._night.asked = asked
+    def take_request(self, wanted):
+        """The star that the calibration wants to distinguish causes, an `Asked`."""
+        self._night.wanted = wanted
         self.advance()
 
     def rows_turned_up(self):
@@ -280,7 +276,7 @@ class Sequencer:
             self._night.set_state('done', OVER)
             self._night.calibrated = Taken()
             self._send_table(again=True)
-            self._tell()
+            self._publish()
         return left.state == 'done'
 
     def _taken_up(self, run, left):
@@ -342,8 +338,8 @@ class Sequencer:
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
             raise CallRefused('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
-            self._night.check_polaris()  # now, not after a block of stars
-        first, done = self._where_it_stood(plan, steps)
+            self._night.targets.check_polaris()  # now, not after a block of stars
+        first, done = self._resume_point(plan, steps)
         if first and self._calibration_is_new:
             yield from self._make_again(steps, first, done)
         for number, step in enumerate(steps):
@@ -357,7 +353,7 @@ class Sequencer:
             done = self._night.earlier = 0
             self._send_table()
 
-    def _where_it_stood(self, plan, steps):
+    def _resume_point(self, plan, steps):
         """Number of the step to go on with, and its exposures that are done."""
         left, self._left, self._night.earlier = self._left, None, 0
         if left is None or not len(self._table):
@@ -383,11 +379,11 @@ class Sequencer:
             self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
                                        rows[-1]['stamp'])
         self._night.progress = replace(self._night.progress, lost=left.lost)
-        judged = () if self._night.checks else self._table.rows_from(self._before or 0)
-        for number in sorted({int(row['block']) for row in judged
+        checked = () if self._night.checks else self._table.rows_from(self._before or 0)
+        for number in sorted({int(row['block']) for row in checked
                               if row['check'] and row['block'] < first}):
             self._night.checks.append({'block': number, **blind_summary(
-                [[row['miss_x'], row['miss_y']] for row in judged if row['block'] == number])})
+                [[row['miss_x'], row['miss_y']] for row in checked if row['block'] == number])})
         if self._night.checks:
             self._night.send_checks()
         if first == len(steps):
@@ -413,10 +409,10 @@ class Sequencer:
 
     def _has_been_off(self, what, rows):
         """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""
-        told = {'power_cycle': ('encoder_start', self._instruments.power_on),
-                'absolute/power_cycle': ('absolute_start', self._instruments.absolute_power_on)}
+        known = {'power_cycle': ('encoder_start', self._instruments.power_on),
+                 'absolute/power_cycle': ('absolute_start', self._instruments.absolute_power_on)}
         return all(power_on is not None and all(row.get(name) != power_on.started for row in rows)
-                   for name, power_on in map(told.get, POWER_CYCLES[what or 'incremental']))
+                   for name, power_on in map(known.get, POWER_CYCLES[what or 'incremental']))
 
     # --- what others see ----------------------------------------------------------------------
 

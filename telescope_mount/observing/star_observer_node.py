@@ -4,10 +4,8 @@ Here are parameters, topics and time; what is done stands in `observing`, which 
 """
 
 import time
-from dataclasses import replace
 from functools import partial
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
@@ -25,7 +23,7 @@ from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
 
-from .allowed_sky import AllowedSky
+from .guard_link import NO_GUARD, GuardLink
 from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile, NoFile
@@ -45,14 +43,11 @@ NAMED_AFTER = 30.0
 HIGHEST = 1.75
 #: wall seconds in which a calibration that is there says what it knows: a latched message, that
 #: comes within a second of the match
-SPEAKS_WITHIN = 10.0
+ANSWERS_WITHIN = 10.0
 LEVELS = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN,
           'cancelled': DiagnosticStatus.WARN}
 #: services that move the mount, or take its zero
 MOVING = ('home', 'power_cycle')
-NO_GUARD = 'no guard is there: start mount_guard, nothing else moves the mount'
-#: states of the guard that end a plan
-ENDING = ('aborted', 'parking', 'parked')
 
 
 class StarObserver(MountNode):
@@ -66,13 +61,10 @@ class StarObserver(MountNode):
     def __init__(self, **kwargs):
         super().__init__('star_observer', PARAMS, hardware_id='observer', **kwargs)
         # discovery comes in this order: who is matched with what follows can answer these
-        self._asked = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
-        self._sky = sky_of(self)
-        self._request_pub, self._request = self.publisher(topics.REQUEST), None
-        self._guard, self._refused, self._allowed = '', (0, ''), None
-        self._guard_spoke, self._guard_ends, self._command = False, '', None
-        self._guarded = False  # a guard is there: it publishes its status
-        self._own_way, self._live = False, not self.value('use_sim_time')
+        self._service_clients = {verb: self.create_client(Trigger, verb) for verb in SERVICES}
+        self._sky, self._mount = sky_of(self), mount_of(self)
+        self._live = not self.value('use_sim_time')
+        self.guard = GuardLink(self, self._mount)
         self._observation_pub = self.publisher(topics.OBSERVATION)
         self._observations_pub = self.publisher(topics.OBSERVATIONS)
         self._offset_pub = self.publisher(topics.OFFSET)
@@ -80,17 +72,16 @@ class StarObserver(MountNode):
         self._checks_pub = self.publisher(topics.CHECKS)
         self._instruments = Instruments(self.value('first_run'), now=self.now,
                                         absolute=self.value('absolute_encoder'),
-                                        live=self._live, axes=mount_of(self).names.axes)
+                                        live=self._live, axes=self._mount.names.axes)
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
-        self._mount = mount_of(self)
         self._table = NightTable(self._mount, self.value(KEPT_POWER_ONS.name))
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        self._in_force = in_force_of(self, self._in_force_changed, self._mount)
+        self._active = in_force_of(self, self._active_changed, self._mount)
         self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name)) \
             if self.value('state_file') else NoFile()
-        self._sequencer = Sequencer(self, self._instruments, self._in_force, self._table,
+        self._sequencer = Sequencer(self, self._instruments, self._active, self._table,
                                     self._memory)
         over = self._sequencer.take_up_file(self.value('plan'))
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
@@ -100,10 +91,10 @@ class StarObserver(MountNode):
         if self.value('inclinometer'):
             self.subscribe(topics.INCLINOMETER, self._on_lean)
         self.subscribe(topics.GUARD_STATUS, self._on_guard)
-        self.subscribe(topics.COMMAND, self._on_command)
+        self.subscribe(topics.COMMAND, self.guard.take_command)
         self._crowded = {}  # instrument with several publishers -> since when, wall s
         self._handover = self._given = None  # a night that an observer before has begun
-        self._calibration_spoke, self._has_rows, self._forgotten = False, False, 0
+        self._calibration_known, self._has_rows, self._forgotten = False, False, 0
         self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
@@ -165,12 +156,12 @@ class StarObserver(MountNode):
                 raise ValueError(f'an elevation of {angles[1]:.3g} rad, beyond the zenith: degrees '
                                  'for radians, or exchanged axes?')
         except ValueError as err:
-            self._instruments.spoke(instrument)
+            self._instruments.count_message(instrument)
             self._instruments.health.unreadable(instrument, str(err))
             raise
         return stamp, self._mount.on_travel(*angles), rates, effort
 
-    def _in_force_changed(self, topic):
+    def _active_changed(self, topic):
         if topic is not topics.HOMING:
             self._sequencer.pointing_changed()
 
@@ -190,73 +181,45 @@ class StarObserver(MountNode):
         self._sequencer.advance()
 
     def _on_lean(self, message):
-        self._in_force.inclinometer.take(convert.from_stamp(message.header.stamp),
+        self._active.inclinometer.take(convert.from_stamp(message.header.stamp),
                                          (message.vector.x, message.vector.y))
 
     def _look(self):
         self._look_at_publishers()
-        self._guarded = self._guard_is_there()
+        self.guard.look()
         if self._sequencer.look(time.monotonic()):
             self.announce()
 
     def _on_guard(self, message):
-        rows = {row.key: row.value for row in message.values}
-        state, self._guard_spoke = rows.get('state', ''), True
-        self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
-        self._own_way = rows.get('goto') == 'True'
-        self._allowed = AllowedSky.of_rows(rows, self._sky[0])
-        self._guard_ends = f'the mount guard: {message.message}' if state in ENDING else ''
-        if state in ENDING:
-            self._request = None
-            self._sequencer.cancel(f'by the mount guard: {message.message}')
-        self._guard = message.message if state in ('paused', 'inactive') else ''
+        self.guard.take_status(message, self._sky[0])
+        if self.guard.ends:
+            self._sequencer.cancel(f'by {self.guard.ends}')
         self._sequencer.advance()
 
-    def _on_command(self, message):
-        self._command = convert.read_trajectory(message)
-
     def _on_cancel(self):
-        self._withdraw()
+        self.guard.withdraw()
         if self._sequencer.cancel('by the service cancel'):
             return True, 'plan cancelled'
         return False, 'no plan is under way'
 
     def _renew(self):
-        """The guard lets go of what is not asked for again."""
-        if self._request is None:
-            return
-        if self._sequencer.busy and self._instruments.homed:
-            self._request_pub.publish(self._request)
-        else:
-            self._withdraw()
-
-    def _withdraw(self):
-        """A track without points: the mount need not follow any."""
-        request, self._request = self._request, None
-        if request is not None:
-            self._request_pub.publish(replace(request, points=request.points[:0]))
+        self.guard.renew(self._sequencer.busy and self._instruments.homed)
 
     def _look_at_publishers(self):
         for name, topic in INSTRUMENT_TOPICS.items():
-            full = self.resolve_topic_name(topic.name)
-            if self.count_publishers(full) < 2 and name not in self._crowded:
+            if self.publisher_count(topic) < 2 and name not in self._crowded:
                 continue
-            infos = self.get_publishers_info_by_topic(full)
-            # right after its discovery the name of a node is not known
-            named = [f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos
-                     if 'UNKNOWN' not in info.node_name]
+            names, unnamed = self.publisher_names(topic)
             since = self._crowded.setdefault(name, time.monotonic())
-            late = time.monotonic() - since > NAMED_AFTER
-            unnamed = len(named) < len(infos)
-            if unnamed and late:
-                named.append('a node without a name')
-            self._instruments.health.publishers(name, named, unnamed)
-            if len(infos) < 2:
+            if unnamed and time.monotonic() - since > NAMED_AFTER:
+                names.append('a node without a name')
+            self._instruments.health.publishers(name, names, unnamed > 0)
+            if len(names) + unnamed < 2:
                 del self._crowded[name]
 
     def _on_calibration(self, message):
         taken = Taken.read(message)
-        self._calibration_spoke, self._has_rows = True, taken.kept > 0
+        self._calibration_known, self._has_rows = True, taken.kept > 0
         self._forgotten = taken.forgotten
         self._handover = handover(message) or self._handover
         if self._has_rows:
@@ -265,7 +228,7 @@ class StarObserver(MountNode):
         self._sequencer.calibration_has(taken)
 
     def _on_apart(self, message):
-        self._sequencer.asked_for(Asked.read(message.data))
+        self._sequencer.take_request(Asked.read(message.data))
 
     def _on_given_back(self, message):
         self._given = message
@@ -293,7 +256,7 @@ class StarObserver(MountNode):
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
     def _begin(self, response, plan, answer, anew=True):
-        why = 'a plan is under way' if self._sequencer.busy else self._guard_ends
+        why = 'a plan is under way' if self._sequencer.busy else self.guard.ends
         response.success, response.message = not why, why or answer.format(plan)
         if response.success:
             self._sequencer.start(plan, anew)
@@ -316,46 +279,12 @@ class StarObserver(MountNode):
     def client(self, verb):
         """Of a service."""
         if verb in MOVING and self.value('renew_request_s'):
-            self._withdraw()  # it moves the mount itself
-        return self._asked[verb]
+            self.guard.withdraw()  # it moves the mount itself
+        return self._service_clients[verb]
 
     def refuse_frame(self, reason):
         """Count it."""
         self.reject(topics.MISS_DISTANCE.name, reason)
-
-    def send_command(self, track):
-        """On `request`."""
-        self._request = convert.trajectory(*track, self._mount.names.keys,
-                                    self.get_fully_qualified_name())
-        self._request_pub.publish(self._request)
-
-    def refusal(self, stamp):
-        """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
-        refused, reason = self._refused
-        return reason if refused == stamp else ''
-
-    def sent(self, stamp):
-        """Where the guard sent the mount at `stamp` (ns), rad, shape (2,); None if unknown."""
-        if self._command is None:
-            return None
-        start, times, angles, _ = self._command
-        return np.array([np.interp((stamp - start) * 1e-9, times, axis) for axis in angles.T])
-
-    def held(self):
-        """Why the mount may not be moved now."""
-        self._guarded = self._guarded or self._guard_is_there()
-        return self._guard if self._guarded else NO_GUARD
-
-    def _guard_is_there(self):
-        return self.count_publishers(self.resolve_topic_name(topics.GUARD_STATUS.name)) > 0
-
-    def allowed(self):
-        """Where the guard lets the tube look, an `AllowedSky`; None where it does not tell."""
-        return self._allowed
-
-    def own_way(self):
-        """Whether the mount slews as it likes."""
-        return self._own_way
 
     def send_row(self, run, stamp):
         """On `observation` and `offset`."""
@@ -398,12 +327,12 @@ class StarObserver(MountNode):
         if self._wanted_nodes:
             missing = unmatched(self._wanted_nodes, self._reports)
             status = self.resolve_topic_name(topics.CALIBRATION_STATUS.name)
-            if not (missing or self._calibration_spoke) and any(
+            if not (missing or self._calibration_known) and any(
                     status in self._reports[name][PUBLISHES] for name in self._wanted_nodes):
                 missing = ['the calibration to say what it knows']
         elif self._calibration_is_silent():
             missing = ['the calibration to say what it knows']
-        if not (missing or self._guard_spoke):
+        if not (missing or self.guard.known):
             missing = ['the guard to say whether the mount may move']
         if not missing and self._has_rows and not len(self._table):
             missing = ['the calibration to give back the rows of the night so far']
@@ -411,14 +340,13 @@ class StarObserver(MountNode):
 
     def _calibration_is_silent(self):
         """Whether one that could give a night back is there and has not spoken, for a time."""
-        if self._calibration_spoke or not self.count_publishers(
-                self.resolve_topic_name(topics.CALIBRATION_TABLE.name)):
+        if self._calibration_known or not self.publisher_count(topics.CALIBRATION_TABLE):
             self._calibration_since = None
             return False
         now = time.monotonic()
         if self._calibration_since is None:
             self._calibration_since = now
-        return now - self._calibration_since < SPEAKS_WITHIN
+        return now - self._calibration_since < ANSWERS_WITHIN
 
     def problems(self):
         """What holds the plan up."""
@@ -429,12 +357,11 @@ class StarObserver(MountNode):
             return [(DiagnosticStatus.WARN, f'plan cancelled {text}')]
         health = self._instruments.health
         found = [(DiagnosticStatus.ERROR if kind == 'silent' else DiagnosticStatus.WARN, text)
-                 for (_, kind), text in health.told.items()]
+                 for (_, kind), text in health.sentences.items()]
         found.sort(key=lambda issue: issue[0], reverse=True)
-        found += [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
-        told, off = self._sequencer.clocks
-        wrong = (told if off else '', self._allowed.elsewhere if self._allowed else '',
-                 self._memory.error)
+        found += [(DiagnosticStatus.WARN, text) for text in self._active.complaints()]
+        clocks, off = self._sequencer.clocks
+        wrong = clocks if off else '', self.guard.elsewhere, self._memory.error
         found += [(DiagnosticStatus.WARN, text) for text in wrong if text]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
@@ -446,6 +373,6 @@ class StarObserver(MountNode):
         return [('plan state', progress.state), ('step', progress.step),
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
-                ('zero follows', self._in_force.following() or 'nothing'),
+                ('zero follows', self._active.following() or 'nothing'),
                 ('clocks', self._sequencer.clocks[0] or 'not compared'),
                 ('earth orientation', self._sequencer.earth)]

@@ -66,7 +66,7 @@ class Bench:
         self.answers = {MOUNT, ABSOLUTE, CAMERA} if absolute else {MOUNT, CAMERA}
         self.site, self.lacks = DEFAULT_SITE, []
         self.no = self.hold = ''  # of the guard
-        self.sky_allowed = None
+        self.guard, self.allowed, self.own_way = self, None, False
         self.services, self.calls = {}, []
         self.commands, self.rows, self.tables, self.checks = [], [], [], []
         self.statuses, self.refused, self.pending = [], [], None
@@ -115,12 +115,6 @@ class Bench:
 
     def sent(self, stamp):
         return None
-
-    def allowed(self):
-        return self.sky_allowed
-
-    def own_way(self):
-        return False
 
     def held(self):
         return self.hold

@@ -14,6 +14,7 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
 from telescope_mount.log_check import _read
 from telescope_mount.log_comparison import LogComparison
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.pairing import RATE_OVER, Exposures, centred
 
 SECOND = 10**9
@@ -36,7 +37,7 @@ def night(tmp_path_factory):
         if begin > START:
             track = track + 0.2
         out = Exposures(['enc'])
-        out.begin(begin, times, track)
+        out.begin(Track(begin, times, track, None))
         request = convert.trajectory(begin, times, track, np.zeros_like(track))
         late += [(topics.REQUEST, request)] * 3 + [(topics.REQUEST, convert.trajectory(
             begin, [], [], []))]

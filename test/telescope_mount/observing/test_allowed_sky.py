@@ -127,7 +127,7 @@ def test_an_observer_that_knows_the_limits_is_not_refused():
         return abs(wrap(az - np.pi)) < 60.0 * DEG and el < 50.0 * DEG
 
     bench = refuses(Bench('stars 12'), low_in_the_south)
-    bench.sky_allowed = told(horizon=Horizon(10.0 * DEG, parse_horizon(
+    bench.allowed = told(horizon=Horizon(10.0 * DEG, parse_horizon(
         '119 10, 120 50, 240 50, 241 10')))
     bench.run()
     assert (len(bench.rows), bench.plan.progress.refused) == (12, 0)
@@ -148,7 +148,7 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
         def within(self, first, second):
             return np.ones(len(first), bool)
 
-    bench.sky_allowed = Sky()
+    bench.allowed = Sky()
     assert bench.run() == ('done', 'plan finished')
     progress = bench.plan.progress
     assert (len(bench.rows), progress.refused, progress.lost) == (4, 2, 2)

@@ -46,7 +46,7 @@ class Calibration:
 
     def tell(self):
         stamp, request = self.bench.table.newest or 0, self.requests[:1]
-        self.bench.plan.asked_for(Asked.read(document(stamp, ASKS, **request[0]) if request
+        self.bench.plan.take_request(Asked.read(document(stamp, ASKS, **request[0]) if request
                                              else document(stamp, self.end)))
 
     def run(self):

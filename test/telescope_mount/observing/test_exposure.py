@@ -43,7 +43,7 @@ def test_a_camera_that_does_not_see_the_mount_move_gives_no_row():
     # what it seemed to teach is forgotten
     star = bench.rows[0]
     assert abs(wrap(bench.commands[3].angles[1, 0] - star['az'][0])) < 2 * DEG
-    assert bench.instruments.health.alarms == []
+    assert bench.instruments.health.sentences == {}
 
 
 def test_nothing_is_observed_while_two_publish_one_instrument():
@@ -55,7 +55,7 @@ def test_nothing_is_observed_while_two_publish_one_instrument():
     assert len(bench.rows) == 1
     health.publishers(CAMERA, ['/mount/camera'])
     assert bench.run() == ('done', 'plan finished')
-    assert len(bench.rows) == 2 and health.alarms == []
+    assert len(bench.rows) == 2 and health.sentences == {}
 
 
 def test_an_encoder_that_stays_where_it_was_is_named():
@@ -67,7 +67,7 @@ def test_an_encoder_that_stays_where_it_was_is_named():
         bench.read(bench.stamp, np.array([3.0, 0.8]))
         bench.stamp += SECOND
     bench.until(lambda: len(bench.commands) > 1)
-    alarm, = bench.instruments.health.alarms
+    alarm, = bench.instruments.health.sentences.values()
     assert alarm.startswith('instrument mount and incremental encoder: contradicts the commanded '
                             'motion: its reading has not changed since the command')
 
@@ -191,7 +191,7 @@ def test_a_mount_without_an_absolute_encoder_is_observed_with_the_other():
     assert bench.run() == ('done', 'plan finished')
     # no column: a row of NaN would be an encoder that gave no angle
     assert len(bench.rows) == 3 and not any('az_abs' in row.columns for row in bench.rows)
-    assert bench.plan.text == 'plan finished' and bench.instruments.health.alarms == []
+    assert bench.plan.text == 'plan finished' and bench.instruments.health.sentences == {}
 
 
 def test_a_dead_axis_of_the_absolute_encoder_does_not_take_the_other_with_it():

@@ -197,7 +197,7 @@ def test_the_mount_is_homed_again_where_its_encoder_says_nothing_and_not_where_i
 
     def refuse(stamp, *_):
         if speaks:
-            bench.instruments.spoke(MOUNT, stamp)
+            bench.instruments.count_message(MOUNT, stamp)
             bench.instruments.health.unreadable(MOUNT, words)
             raise ValueError(words)
 

@@ -16,7 +16,7 @@ NOW = 1_768_482_000 * SECOND
 
 
 def told(health):
-    return '; '.join(health.alarms)
+    return '; '.join(health.sentences.values())
 
 
 @pytest.mark.parametrize('stamp, now, words', [
@@ -33,13 +33,13 @@ def test_stamps_that_cannot_be_are_refused_until_they_can(stamp, now, words):
     for i in range(RECOVERED):
         assert told(health).startswith('instrument encoder: ')
         assert health.stamp('encoder', NOW + (i + 1) * SECOND, NOW) == ''
-    assert not health.alarms and not health.suspect
+    assert not health.sentences.values() and not health.suspect
 
 
 def test_a_simulation_that_begins_anew_is_no_fault():
     health = InstrumentHealth()
     assert health.stamp('encoder', NOW + 9000 * SECOND, NOW + 9000 * SECOND) == ''
-    assert health.stamp('encoder', NOW, NOW) == '' and not health.alarms
+    assert health.stamp('encoder', NOW, NOW) == '' and not health.sentences.values()
     # without the time of the graph nobody knows
     assert health.stamp('camera', NOW, 0) == health.stamp('camera', NOW - 50 * SECOND, 0) == ''
 
@@ -52,7 +52,7 @@ def test_a_frozen_camera_is_told_from_one_that_sees_nothing():
         assert health.frame('camera', 0.0, 0.0) == ''
     assert 'it measures nothing' in health.frame('camera', 0.0, 0.0)
     assert 'the same miss distance in 7' in health.frame('camera', 0.0, 0.0)
-    assert health.frame('camera', 1e-9, 0.0) == '' and not health.alarms
+    assert health.frame('camera', 1e-9, 0.0) == '' and not health.sentences.values()
 
 
 def test_a_second_encoder_that_stands_still_is_not_used():
@@ -61,7 +61,7 @@ def test_a_second_encoder_that_stands_still_is_not_used():
     assert health.second('absolute', [1.0, 0.5], [1.0, 0.5])  # neither has moved
     assert not health.second('absolute', [1.0, 0.5], [1.2, 0.5])
     assert 'the same reading as at the star before' in told(health)
-    assert health.second('absolute', [1.3, 0.5], [1.3, 0.5]) and not health.alarms
+    assert health.second('absolute', [1.3, 0.5], [1.3, 0.5]) and not health.sentences.values()
 
 
 def test_no_number_from_a_homed_encoder_is_told():
@@ -70,7 +70,7 @@ def test_no_number_from_a_homed_encoder_is_told():
     assert 'no number, although it was homed' in told(health)
     for _ in range(RECOVERED):
         health.number('encoder', True)
-    assert not health.alarms
+    assert not health.sentences.values()
 
 
 def test_a_node_that_is_listed_twice_after_a_restart_is_one():
@@ -78,7 +78,7 @@ def test_a_node_that_is_listed_twice_after_a_restart_is_one():
     health.publishers('camera', ['/mount/camera', '/mount/camera'])
     assert not health.blocked and not health.suspect
     health.publishers('camera', ['/mount/camera'], unnamed=True)
-    assert not health.blocked and not health.alarms and health.suspect
+    assert not health.blocked and not health.sentences.values() and health.suspect
     health.publishers('camera', ['/mount/camera', '/mount/other'])
     assert 'end all but one' in health.blocked and health.suspect
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from msg_tools.power_on import PowerOn
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.instruments import MOUNT, Instruments
 
 HERE, LOST = (1.0, 0.5), (np.nan, np.nan)
@@ -25,9 +26,9 @@ def test_each_power_on_that_the_encoder_tells_is_a_run():
     read = Encoder(first_run=7)
     assert [read(LOST, 1, 10.0), read(HERE, 1, 10.0), read(HERE, 1, 10.0)] == [6, 7, 7]
     # a reading that is no number is no power-on, but a fault
-    assert not read.instruments.health.alarms
+    assert not read.instruments.health.sentences
     assert [read(LOST, 1, 10.0), read(HERE, 1, 10.0)] == [7, 7]
-    assert 'no number, although it was homed' in read.instruments.health.alarms[0]
+    assert 'no number, although it was homed' in [*read.instruments.health.sentences.values()][0]
     assert [read(LOST, 2, 60.0), read(HERE, 2, 60.0)] == [7, 8]
     # its driver was started anew, and counts from 1 again
     assert read(HERE, 1, 90.0) == 9
@@ -87,7 +88,7 @@ def test_without_a_word_of_the_encoder_it_gets_a_number_of_its_own():
 def test_where_the_clock_began_anew_readings_of_before_are_forgotten():
     now = [100 * 10**9]
     read = Instruments(now=lambda: now[0])
-    read.exposures.begin(now[0], np.array([0.0, 600.0]), np.zeros((2, 2)))
+    read.exposures.begin(Track(now[0], np.array([0.0, 600.0]), np.zeros((2, 2)), None))
     read.take_incremental(now[0], HERE, (0.0, 0.0))
     now[0] = 2 * 10**9
     with pytest.raises(ValueError, match='run back'):  # of the track that was commanded
@@ -109,14 +110,15 @@ class Wall:
         for gap in gaps:
             self.now += gap
             self.stamp += round(step * 1e9)
-            self.instruments.spoke(MOUNT, self.stamp)
+            self.instruments.count_message(MOUNT, self.stamp)
 
     def looks(self, seconds):
         """What is told at the last of looks half a second apart."""
         for _ in range(round(seconds / 0.5)):
             self.now += 0.5
             self.instruments.watch(10.0)
-        return [text for text in self.instruments.health.alarms if MOUNT in text]
+        return [text.partition('; look')[0]
+                for text in self.instruments.health.sentences.values() if MOUNT in text]
 
 
 @pytest.mark.parametrize('burst', [12, 30])

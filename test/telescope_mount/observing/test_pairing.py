@@ -3,6 +3,7 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.zero_drift import interpolate
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.pairing import Exposures, Readings, centred
 
 NS = 1_768_482_000_000_000_000
@@ -92,7 +93,7 @@ TRACK = np.array([[1.0, 0.5], [1.0, 0.5]])
 def exposures(frames, enc=(0, 1, 2, 3), abs_=(0, 1, 2, 3), angle=(1.0, 0.5)):
     """A track from `NS` on; frames and readings by their seconds."""
     out = Exposures()
-    out.begin(NS, np.array([0.0, 100.0]), TRACK)
+    out.begin(Track(NS, np.array([0.0, 100.0]), TRACK, None))
     for encoder, seconds in (('enc', enc), ('abs', abs_)):
         for second in seconds:
             out.add_reading(encoder, NS + second * SECOND, np.array(angle))
@@ -180,5 +181,5 @@ def test_nights_do_not_pile_up_readings():
         begin = NS + night * 86400 * SECOND
         for second in range(30):
             waiting.add_reading('enc', begin + second * SECOND, np.zeros(2))
-        waiting.begin(begin + 40 * SECOND, np.array([0.0, 60.0]), np.zeros((2, 2)))
+        waiting.begin(Track(begin + 40 * SECOND, np.array([0.0, 60.0]), np.zeros((2, 2)), None))
         assert len(waiting._readings['enc']) <= 62

@@ -8,6 +8,7 @@ from bench import SECOND, offset
 from live_bench import SPEED, STEP, Live
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.instruments import MOUNT
 from telescope_mount.observing.pairing import Exposures
 
@@ -108,7 +109,8 @@ def paired(wave, stamp=5 * SECOND, exposure=1.0, smear=5.0, tolerance=30.0):
     """Exposures with readings at 100 Hz beside a track that goes on evenly."""
     out = Exposures(['enc'])
     times = np.array([0.0, 20.0])
-    out.begin(0, times, np.column_stack([0.1 + 1e-4 * times, 0.5 + 2e-4 * times]))
+    track = np.column_stack([0.1 + 1e-4 * times, 0.5 + 2e-4 * times])
+    out.begin(Track(0, times, track, None))
     for i in range(1001):
         t = i / 100.0
         out.add_reading('enc', round(t * SECOND), (0.1 + 1e-4 * t + wave(t) * ARCSEC,

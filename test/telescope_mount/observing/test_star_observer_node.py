@@ -331,7 +331,7 @@ def test_no_plan_begins_while_the_guard_takes_no_request(graph):
     def tell(state):
         publisher.publish(convert.status(
             DiagnosticStatus.WARN, '/mount/mount_guard', f'{state}: call resume', state=state))
-        graph.wait_for(lambda: night.node._guard_ends == (
+        graph.wait_for(lambda: night.node.guard.ends == (
             'the mount guard: aborted: call resume' if state == 'aborted' else ''))
     graph.connect()
     tell('aborted')

@@ -157,7 +157,7 @@ def test_a_calibration_that_is_there_is_heard_before_the_plan_begins(graph):
 
 
 def test_a_calibration_that_says_nothing_does_not_hold_the_night_up(graph, monkeypatch):
-    monkeypatch.setattr('telescope_mount.observing.star_observer_node.SPEAKS_WITHIN', 0.2)
+    monkeypatch.setattr('telescope_mount.observing.star_observer_node.ANSWERS_WITHIN', 0.2)
     Instruments(graph)
     graph.publisher(topics.CALIBRATION_TABLE)
     assert len(Night(graph, 'stars 1').run()) == 1

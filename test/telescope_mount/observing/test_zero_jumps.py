@@ -5,12 +5,12 @@ import pytest
 from live_bench import Live
 
 from msg_tools.units import ARCSEC, DEG
+from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.instrument_health import ABSOLUTE, MOUNT
 from telescope_mount.observing.instruments import Instruments, ZeroJumps
-from telescope_mount.observing.pairing import demand_of
 
 SECOND = 10**9
-TRACK = 0, np.array([0.0, 60.0]), np.array([[1.0, 0.7], [1.0 + 900.0 * ARCSEC, 0.7]])
+TRACK = Track(0, np.array([0.0, 60.0]), np.array([[1.0, 0.7], [1.0 + 900.0 * ARCSEC, 0.7]]), None)
 
 
 def seen(path, hertz=20.0, seconds=4.0, track=TRACK, own_zero=False):
@@ -19,7 +19,7 @@ def seen(path, hertz=20.0, seconds=4.0, track=TRACK, own_zero=False):
     out = []
     for t in np.arange(0.0, seconds, 1.0 / hertz):
         place = np.array(path(t)) + 0.2 * ARCSEC * rng.standard_normal(2)
-        found = jumps.take(round(t * SECOND), place, lambda stamp: demand_of(track, stamp))
+        found = jumps.take(round(t * SECOND), place, track.demand if track else lambda _: None)
         if found:
             out.append((found[0], round(found[1] / ARCSEC, -1)))
     return out
@@ -107,7 +107,7 @@ def test_an_absolute_encoder_is_not_named_for_a_mount_that_is_knocked(both):
         instruments.take_incremental(50_000_000 * (i + 1), angles - (0.0 if both else knocked, 0.0),
                                      (0.0, 0.0))
         instruments.take_absolute(50_000_000 * (i + 1) - 1, angles)
-    assert [ABSOLUTE in text for text in instruments.health.alarms] == [True] * (not both)
+    assert [name == ABSOLUTE for name, _ in instruments.health.sentences] == [True] * (not both)
 
 
 def test_a_night_without_a_fault_has_no_jump():

@@ -22,7 +22,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
 from pointing_model.terms import design
-from telescope_mount.observing.next_star import SlewTime, error_over, next_star, telling_star, until
+from telescope_mount.observing.next_star import SlewTime, error_over, next_star, until
 from test.calibration.analysis.tracking.test_tracker import known
 
 MINUTE = 60_000_000_000
@@ -237,27 +237,3 @@ def test_slews_take_the_longer_of_two_axes():
     seconds = slew.seconds(ALTAZ, (350 * DEG, 40 * DEG), (
         np.array([350.0, 20.0, 351.0, 350.0]) * DEG, np.array([40.0, 40.0, 40.0, 60.0]) * DEG))
     np.testing.assert_allclose(seconds, [3.0, 3.0 + 15.0 + 2.0, 3.0 + 2.0, 3.0 + 20.0 + 1.0])
-
-
-def test_a_star_is_asked_for_where_the_stories_differ():
-    rng = np.random.default_rng(12)
-    tracker = Tracker(MODEL, 0, settings=SETTINGS)
-    for k in range(1, 9):
-        az, el = sky(rng, 1)
-        tracker.star(10 * k * MINUTE, az[0], el[0], *rng.normal(size=2) * ARCSEC, ARCSEC)
-    az, el = np.array([1.0, 1.0, 4.0]), np.array([0.3, 1.5, 0.3])
-
-    def ask(**other):
-        return telling_star(tracker, az, el, (1.0, 0.5), sigma=ARCSEC, **other)
-
-    assert ask().open < 0.1  # nothing has happened
-    tracker.star(90 * MINUTE, 1.0, 0.5, 40.0 * ARCSEC, 4.0 * ARCSEC, ARCSEC)  # rather odd
-    assert max(tracker.chances(8).values()) < 0.95
-    low = ask()
-    assert low.open > 0.2 and low.row == 0 and 0.5 * low.open < low.told < low.open
-    high = ask(allowed=[False, True, False])  # an azimuth that jumped hardly shows at the zenith
-    assert high.told < 0.7 * low.told
-    tracker.star(100 * MINUTE, 1.0, 0.3, 40.0 * ARCSEC * np.cos(0.3) / np.cos(0.5), 0.0, ARCSEC)
-    assert tracker.chances(8)['azimuth'] > 0.9 and ask().open < 0.5 * low.open
-    with pytest.raises(ValueError, match='no star'):
-        ask(allowed=np.zeros(3, bool))

@@ -1,0 +1,99 @@
+"""The observer's side of the mount guard: what is requested of it, and what it allows."""
+
+from dataclasses import replace
+
+from msg_tools import convert, topics
+
+from .allowed_sky import AllowedSky
+from .axis_demand import Track
+
+NO_GUARD = 'no guard is there: start mount_guard, nothing else moves the mount'
+#: states of the guard that end a plan
+ENDING = ('aborted', 'parking', 'parked')
+
+
+class GuardLink:
+    """Requests tracks, and takes the guard's status and what it sends to the mount.
+
+    Parameters
+    ----------
+    node : MountNode
+        The observer.
+    mount : Mount
+
+    Attributes
+    ----------
+    known : bool
+        Whether the guard has published its status.
+    ends : str
+        Why the guard ends a plan, '' where it does not.
+    allowed : AllowedSky or None
+        Where the guard lets the tube look; None where that is unknown.
+    own_way : bool
+        Whether the mount slews as it likes to places that it is sent.
+    """
+
+    def __init__(self, node, mount):
+        self._node, self._mount = node, mount
+        self._publisher, self._request = node.publisher(topics.REQUEST), None
+        self.known, self.ends, self.allowed, self.own_way = False, '', None, False
+        self._there, self._holds, self._refused, self._command = False, '', (0, ''), None
+
+    def take_status(self, message, site):
+        """Take a message on `guard/status`; ValueError for a sky that cannot be."""
+        rows = {row.key: row.value for row in message.values}
+        state, self.known = rows.get('state', ''), True
+        self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
+        self.own_way = rows.get('goto') == 'True'
+        self.allowed = AllowedSky.of_rows(rows, site)
+        self.ends = f'the mount guard: {message.message}' if state in ENDING else ''
+        if self.ends:
+            self._request = None
+        self._holds = message.message if state in ('paused', 'inactive') else ''
+
+    def take_command(self, message):
+        """Take what the guard sends to the mount."""
+        self._command = Track(*convert.read_trajectory(message))
+
+    def send_command(self, track):
+        """Request a `Track`."""
+        self._request = convert.trajectory(*track, self._mount.names.keys,
+                                           self._node.get_fully_qualified_name())
+        self._publisher.publish(self._request)
+
+    def renew(self, wanted):
+        """Request the last track again, or withdraw it: the guard forgets what is not renewed."""
+        if self._request is not None and wanted:
+            self._publisher.publish(self._request)
+        else:
+            self.withdraw()
+
+    def withdraw(self):
+        """A track without points: the mount need not follow any."""
+        request, self._request = self._request, None
+        if request is not None:
+            self._publisher.publish(replace(request, points=request.points[:0]))
+
+    def refusal(self, stamp):
+        """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""
+        refused, reason = self._refused
+        return reason if refused == stamp else ''
+
+    def sent(self, stamp):
+        """Where the guard sent the mount at `stamp` (ns), rad, shape (2,); None if unknown."""
+        return None if self._command is None else self._command.at(stamp)
+
+    @property
+    def elsewhere(self):
+        """Why its sky may be another than that of the observer, '' where it is not."""
+        return self.allowed.elsewhere if self.allowed else ''
+
+    def held(self):
+        """Why the mount may not be moved now; '' if it may."""
+        if not self._there:
+            self.look()
+        return self._holds if self._there else NO_GUARD
+
+    def look(self):
+        """See whether a guard is there: it publishes its status."""
+        self._there = self._node.publisher_count(topics.GUARD_STATUS) > 0

@@ -1,0 +1,105 @@
+"""Which targets a step of the plan takes, under the conditions of now."""
+
+import numpy as np
+
+from msg_tools.steps import CallRefused
+from msg_tools.units import DEG
+from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
+
+from .order import seconds_a_star, weight_of_slews
+from .star_choice import AxisLimits, choose_stars
+from .zero_choice import ZeroChoice
+
+
+class TargetChoice:
+    """Chooses among the stars of the catalogue, by the parameters of the observer.
+
+    Parameters
+    ----------
+    outbox, instruments, active, table
+        As of a `sequencer.Sequencer`.
+    exposer : Exposer
+        Knows when the next exposure begins.
+    """
+
+    def __init__(self, outbox, instruments, active, table, exposer):
+        self._out, self._instruments, self._active = outbox, instruments, active
+        self._table, self._exposer = table, exposer
+        self._catalogue = self._polaris = None
+
+    @property
+    def stars(self):
+        """The catalogue, two magnitudes deeper: neighbours which would disturb are known."""
+        if self._catalogue is None:
+            self._catalogue = load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
+        return self._catalogue
+
+    @property
+    def polaris(self):
+        """The target."""
+        if self._polaris is None:
+            self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
+        return self._polaris
+
+    def limits(self):
+        """Of the axes, `AxisLimits`."""
+        return AxisLimits(*(self._out.value(f'{name}_limit_deg') * DEG
+                            for name in ('meridian', 'hour_angle')), self._out.guard.allowed)
+
+    def all_over_the_sky(self, count, block, exclude, stay_up=True, between=(0.0, 90.0)):
+        """So many targets, in observing order.
+
+        Parameters
+        ----------
+        count, block : int
+            Block of the plan: each has other stars.
+        exclude : sequence of int
+            Numbers of stars that are not taken.
+        stay_up : bool
+            They stay within the limits until all are observed.
+        between : (float, float)
+            No lower and no higher, deg, as far as the limits leave it.
+        """
+        value = self._out.value
+        lowest, highest = value('min_elevation_deg'), value('max_elevation_deg')
+        if max(lowest, between[0]) < min(highest, between[1]):
+            lowest, highest = max(lowest, between[0]), min(highest, between[1])
+        rate = value('slew_rate_deg_s')
+        rows = choose_stars(
+            self.stars, self._exposer.now() * 1e-9, *self._out.sky(), count,
+            value('star_seed') + block, lowest * DEG, highest * DEG, value('magnitude_limit'),
+            exclude=exclude, duration=count * seconds_a_star(rate) if stay_up else 0.0,
+            start=self._instruments.here, mount=self._out.mount(), limits=self.limits(),
+            slews=weight_of_slews(rate))
+        return [StarTarget(self.stars.select([row])) for row in rows]
+
+    def for_zero(self, evening):
+        """What to expose for a zero, a `ZeroChoice`; the night began at `evening`, ns."""
+        return ZeroChoice(
+            self.stars, self._table, self._exposer.now() * 1e-9, *self._out.sky(),
+            mount=self._out.mount(), axes=self.limits(), model=self._active.model,
+            run=self._instruments.run, evening=evening, here=self._instruments.here,
+            limits=[self._out.value(name) for name in (
+                'min_elevation_deg', 'max_elevation_deg', 'magnitude_limit')],
+            a_star=seconds_a_star(self._out.value('slew_rate_deg_s')))
+
+    def check_polaris(self):
+        """Refuse a plan with Polaris where it gives no zero."""
+        self.check_height(self.polaris, 'Polaris', 'set the zero on stars (zero_on_stars)')
+        time, mount = np.array([self._exposer.now() * 1e-9]), self._out.mount()
+        place = self.polaris.place(time, *self._out.sky())
+        highest = self._out.value('max_elevation_deg')
+        if not AxisLimits().reached(mount, *place, highest * DEG, time[0], [POLARIS_HIP])[0]:
+            angle = abs(mount.axes_of(*place)[1][0])
+            raise CallRefused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
+                              f'beyond max_elevation_deg = {highest}, and tells no zero of the '
+                              f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
+
+    def check_height(self, target, name, remedy):
+        """Refuse a target that is too low."""
+        lowest = self._out.value('min_elevation_deg')
+        time = np.array([self._exposer.now() * 1e-9])
+        el = target.place(time, *self._out.sky())[1][0]
+        if el < lowest * DEG:
+            raise CallRefused(f'{name} stands at {el / DEG:.1f} deg, below min_elevation_deg = '
+                              f'{lowest}: {remedy}')
