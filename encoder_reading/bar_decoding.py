@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -15,9 +14,6 @@ REASONS = ('', 'not finite', 'saturated', 'no contrast', 'not on the disc', 'amb
  WRONG_DIRECTION) = range(1, 8)
 _UNLIKE = 0.1  # of the level, by which a bar may be darker or brighter than those around it
 _HALF = np.float32(0.5)
-#: places most alike to each, of which it is known by how many bits they differ
-_NEAREST = 4
-_ONES = np.array([number.bit_count() for number in range(2**16)])
 
 
 def median(values):
@@ -80,9 +76,6 @@ class BarDecoder:
         self._signs = np.ascontiguousarray((4.0 * windows - 2.0).T.astype(np.float32))
         first = (n - WINDOW) // 2
         self._central, self._to_middle = slice(first, first + WINDOW), reach - first
-        #: where a place is looked up if not all of the row fits there
-        self._lookups = sorted({0, first, n - WINDOW})
-        self._packed = _packed(self.narrow)
         middle, reach = template.share
         # a bar that is out of place looks wider or narrower than it is
         self._usual = np.array([1.05, middle, 0.0, 0.0], np.float32)[:, np.newaxis, np.newaxis]
@@ -94,25 +87,6 @@ class BarDecoder:
             ways = np.cumsum([float(math.comb(count, k)) for k in range(count + 1)])
             evidence[count, : count + 1] = count - np.log2(ways) - np.log2(2.0 * disc.bars)
         self._evidence = evidence
-
-    @cached_property
-    def _nearest(self):
-        """The places whose windows are most like that of each, the nearest first.
-
-        Returns
-        -------
-        near, apart : ndarray of int, shape (_NEAREST + 1, disc.bars)
-            The places, and by how many bits they differ.
-        """
-        n = self.narrow.shape[1]
-        alike = (self.narrow - _HALF) @ self._signs
-        np.fill_diagonal(alike, -np.inf)
-        many = min(_NEAREST + 1, len(alike) - 1)
-        near = np.argpartition(alike, -many, axis=1)[:, -many:]
-        apart = (n - np.take_along_axis(alike, near, axis=1)) / 2
-        order = np.argsort(apart, axis=1)
-        return [np.ascontiguousarray(np.take_along_axis(values, order, axis=1).T.astype(np.int64))
-                for values in (near, apart)]
 
     def bits(self, seen, unlike, visible):
         """Which bars look like bars, and which of them like narrow ones.
@@ -206,11 +180,7 @@ class BarDecoder:
     def _match(self, legible, narrow, visible):
         """The place that fits best of all, and what speaks against it."""
         count = np.add.reduce(legible, axis=1)
-        bar, wrong, clear = self._look_up(legible, narrow, count)
-        if not np.logical_and.reduce(clear):
-            rows = np.flatnonzero(~clear)
-            bar[rows], wrong[rows], clear[rows] = self._compare(legible[rows], narrow[rows],
-                                                                count[rows])
+        bar, wrong, clear = self._compare(legible, narrow, count)
         reason = np.zeros(len(bar), dtype=np.int8)
         doubtful = count - 2 * wrong < np.add.reduce(visible, axis=1)
         needed = np.where(wrong > 0, self.MIN_EVIDENCE, self.MIN_EVIDENCE_EXACT)
@@ -228,48 +198,3 @@ class BarDecoder:
         score = match[each, bar].astype(np.int64)
         match[each, bar] = -np.inf
         return bar, (count - score) // 2, score - match.max(axis=1) >= 2 * self.MIN_MARGIN
-
-    def _look_up(self, legible, narrow, count):
-        """As `_compare`, by windows of 18 bars that the disc has, where that tells it.
-
-        Other places differ from the one found in so many bars that they fit far worse, whatever
-        the illegible bars are; the few that are alike to it are compared.
-        """
-        n, bars = narrow.shape[1], self._disc.bars
-        seen, known = _packed(narrow), _packed(legible)
-        bar, wrong = None, None
-        for at in self._lookups:
-            there = self._disc.find(narrow[:, at : at + WINDOW])
-            there += n // 2 - at  # where none was found it is any
-            there[there >= bars] -= bars
-            unlike = self._unlike(there, seen, known)
-            if bar is None:
-                bar, wrong = there, unlike
-            else:
-                better = np.flatnonzero(unlike < wrong)
-                bar[better], wrong[better] = there[better], unlike[better]
-        least = wrong + self.MIN_MARGIN
-        reach = least + wrong + (n - count)  # bits by which a place differs that is no matter
-        clear = self._nearest[1][-1].take(bar) >= reach
-        for near, apart in zip(*self._nearest):
-            rows = np.flatnonzero(clear & (apart.take(bar) < reach))
-            if not len(rows):
-                break
-            other = self._unlike(near[bar[rows]], seen[:, rows], known[:, rows])
-            clear[rows] = other >= least[rows]
-        return bar, wrong, clear
-
-    def _unlike(self, bars, seen, known):
-        """Number of legible bits, packed, that are not as they are at a place, shape (n,)."""
-        total = 0
-        for code, bits, legible in zip(self._packed, seen, known):
-            total += _ONES.take((code.take(bars) ^ bits) & legible)
-        return total
-
-
-def _packed(bits):
-    """Bits of rows in words of 16, shape (words, n)."""
-    out = np.zeros((len(bits), -(-bits.shape[1] // 16) * 2), dtype=np.uint8)
-    packed = np.packbits(bits, axis=1)
-    out[:, : packed.shape[1]] = packed
-    return np.ascontiguousarray(out.view(np.uint16).T)

@@ -5,7 +5,6 @@ time would do.
 """
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,7 +116,6 @@ class Trajectory:
 
     def __init__(self, times, positions, velocities):
         self.times = np.asarray(times, dtype=float)
-        self._times = self.times.tolist()
         self.positions = np.array(positions, dtype=float)
         self.positions[:, 0] = np.unwrap(self.positions[:, 0])
         self.velocities = np.array(velocities, dtype=float)
@@ -150,27 +148,6 @@ class Trajectory:
             + (1.0 - s) * (1.0 - 3.0 * s) * v0
             + s * (3.0 * s - 2.0) * v1
         )
-        return position + (dt - inside) * rate, rate
-
-    def of_axis(self, i, t):
-        """Angle (rad) and rate (rad/s) of axis `i` at one time: to the bit those of `at`.
-
-        Numbers, without the cost of an array each: a catch-up asks for many.
-        """
-        times = self._times
-        if len(times) == 1:
-            rate = float(self.velocities[0, i])
-            return float(self.positions[0, i]) + (t - times[0]) * rate, rate
-        k = min(max(bisect_right(times, t) - 1, 0), len(times) - 2)
-        (p0, p1), (v0, v1) = (
-            values[k : k + 2, i].tolist() for values in (self.positions, self.velocities))
-        h, dt = times[k + 1] - times[k], t - times[k]
-        inside = min(max(dt, 0.0), h)
-        s, step = inside / h, p1 - p0
-        position = (p0 + s * s * (3.0 - 2.0 * s) * step
-                    + h * s * (1.0 - s) * ((1.0 - s) * v0 - s * v1))
-        rate = (6.0 * s * (1.0 - s) * step / h + (1.0 - s) * (1.0 - 3.0 * s) * v0
-                + s * (3.0 * s - 2.0) * v1)
         return position + (dt - inside) * rate, rate
 
 
@@ -289,7 +266,7 @@ def catch_up(start, angles, rates, trajectory, limits, words=AXES):
     for i, limit in enumerate(limits):
         def meeting(duration, i=i, limit=limit):
             """The move, and the target's rate, if they meet after so long."""
-            target, rate = trajectory.of_axis(i, start + duration)
+            target, rate = (float(values[0, i]) for values in trajectory.at(start + duration))
             distance = target - rate * duration - angles[i]
             return plan_move(distance, rates[i] - rate, limit, rate), rate
 

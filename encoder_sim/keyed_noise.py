@@ -11,11 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-_NUMBERS = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
-_STEP, _MULTIPLY_1, _MULTIPLY_2 = map(np.uint64, _NUMBERS)
+_STEP, _MULTIPLY_1, _MULTIPLY_2 = map(
+    np.uint64, (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _SHIFTS = tuple(np.uint64(n) for n in (30, 27, 31, 11))
-_ALL = 2**64 - 1
-_FEW = 8  # numbers of one key up to which Python's integers are quicker
 #: in which at most one pulse happens, ns: of 1 Hz one in 200 is lost
 _CELL = 10_000_000
 
@@ -41,22 +39,6 @@ def _mix(z):
     return z
 
 
-def _mixed(z):
-    """The same of one number, a Python integer."""
-    _, first, second = _NUMBERS
-    z = ((z ^ z >> 30) * first) & _ALL
-    z = ((z ^ z >> 27) * second) & _ALL
-    return z ^ z >> 31
-
-
-def _few_bits(seed, device, purpose, key, n):
-    """`bits` of one key; for a few numbers a tenth of the time that arrays take."""
-    step = _NUMBERS[0]
-    state = _mixed((key * step + int(_stream(seed, device, purpose))) & _ALL)
-    return np.array([[_mixed((state + i * step) & _ALL) for i in range(1, n + 1)]],
-                    dtype=np.uint64)
-
-
 def bits(seed, device, purpose, keys, n):
     """Random bits, 64 in each number.
 
@@ -71,10 +53,7 @@ def bits(seed, device, purpose, keys, n):
     -------
     ndarray of uint64, shape (number of keys, n)
     """
-    keys = np.asarray(keys, dtype=np.int64)
-    if keys.size == 1 and n <= _FEW:
-        return _few_bits(seed, device, purpose, keys.item(), n)
-    keys = np.atleast_1d(keys).ravel().view(np.uint64)
+    keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
     state = _mix(keys * _STEP + _stream(seed, device, purpose))
     return _mix(state[:, np.newaxis] + _counters(n))
 

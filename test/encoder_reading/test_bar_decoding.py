@@ -44,20 +44,6 @@ def test_a_wrong_bit_and_an_illegible_one(decoder, spoilt):
     assert good[reason == 0].sum(axis=1).tolist() == [35] * int(np.sum(reason == 0))
 
 
-def test_what_is_looked_up_is_what_a_comparison_with_all_places_finds(decoder):
-    rng = np.random.default_rng(5)
-    bits = seen_bits(rng.integers(0, BARS, 3000))
-    wrong = rng.integers(0, 5, (3000, 1))
-    bits.narrow[rng.random((3000, 37)) < wrong / 37.0] ^= True
-    legible = rng.random((3000, 37)) > rng.integers(0, 12, (3000, 1)) / 37.0
-    count = legible.sum(axis=1)
-    bar, wrong, clear = decoder._look_up(legible, bits.narrow, count)
-    assert 0.3 < clear.mean() < 0.9
-    for looked_up, compared in zip((bar, wrong, clear),
-                                   decoder._compare(legible, bits.narrow, count)):
-        np.testing.assert_array_equal(looked_up[clear], compared[clear])
-
-
 def test_bits_of_no_place_are_refused(decoder):
     narrow = np.random.default_rng(3).integers(0, 2, (2000, 37)).astype(bool)
     whole = np.ones_like(narrow)
