@@ -16,6 +16,7 @@ import sys
 import time
 
 import numpy as np
+from indi_survey import Survey, places
 
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
@@ -27,7 +28,8 @@ from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
-from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
+from telescope_mount.bridges.indi.simulator import MODEL, set_model
+from telescope_mount.bridges.indi.two_axes import draw_errors
 
 
 def survey(seed, pointings, checks, period_ms=100):
@@ -39,7 +41,7 @@ def survey(seed, pointings, checks, period_ms=100):
     with SimulatorServer() as server, IndiClient('localhost', server.port, heard=ticks) as client:
         telescope = ticks.telescope = observer.telescope = IndiTelescope(client, DEVICE)
         telescope.connect()
-        terms = draw_model(seed)
+        terms = draw_errors(seed, MODEL)
         set_model(telescope, terms)
         client.send(DEVICE, 'POLLING_PERIOD', PERIOD_MS=period_ms)
         telescope.prepare(site)

@@ -13,7 +13,7 @@ from pointing_model.sky.places import DEFAULT_SITE
 
 from ..indi.pointing import HOUR
 from ..indi.simulator import simulate
-from ..indi.two_axes import TwoAxes, draw_errors
+from ..indi.two_axes import TERMS, TwoAxes, draw_errors
 from . import PORT
 from .alpaca_server import AlpacaServer
 from .alpaca_telescope import KINDS, TRUE_PLACE
@@ -70,8 +70,8 @@ class SimulatedTelescope(AlpacaServer):
 
 @contextmanager
 def _serve(given):
-    errors = draw_errors(given.seed, given.kind)
     mount = parse_mount(given.kind, DEFAULT_SITE.latitude)
+    errors = draw_errors(given.seed, TERMS[mount.vertical])
     with SimulatedTelescope(TwoAxes(mount, DEFAULT_SITE, errors), given.port) as server:
         yield server, errors, ''
 

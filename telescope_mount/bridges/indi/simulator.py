@@ -10,27 +10,52 @@ import threading
 from contextlib import contextmanager
 
 from msg_tools.signals import on_end
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
 
 from . import PORT
 from .client import IndiClient, IndiError
 from .indi_server import DEVICE, SimulatorServer
-from .indi_telescope import IndiTelescope
-from .survey import draw_model, set_model
-from .two_axes import TwoAxes, draw_errors
+from .indi_telescope import KIND, KINDS, IndiTelescope
+from .two_axes import TERMS, TwoAxes, draw_errors
 from .two_axes_server import TwoAxesServer
+
+#: as `pointing_model` names them -> element of MOUNT_MODEL, and its sign there
+MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),
+         'NP': ('MM_NP', -1.0), 'MA': ('MM_MA', 1.0), 'ME': ('MM_ME', -1.0)}
+
+
+def set_model(telescope, terms, kind='german'):
+    """Give the simulator errors of its own, which it applies on the sky before the flip.
+
+    Parameters
+    ----------
+    telescope : IndiTelescope
+        Connected.
+    terms : dict of str to float
+        Of `MODEL`, rad.
+    kind : str
+        Of mount.
+    """
+    client, device = telescope.client, telescope.device
+    client.property(device, KIND)
+    client.switch(device, KIND, next(name for name, of in KINDS.items() if of == kind))
+    client.property(device, 'MOUNT_MODEL')
+    client.send(device, 'MOUNT_MODEL', **{
+        element: sign * terms.get(name, 0.0) / DEG for name, (element, sign) in MODEL.items()})
+    client.wait(lambda: telescope.get('MOUNT_MODEL').state == 'Ok',
+                f'{device} does not take its model')
 
 
 @contextmanager
 def _serve(given):
     if given.kind == 'altaz':
-        terms = draw_errors(given.seed, given.kind)
+        terms = draw_errors(given.seed, TERMS[True])
         with TwoAxesServer(TwoAxes(ALTAZ, DEFAULT_SITE, terms), given.port) as server:
             yield server, terms, ''
         return
-    terms = draw_model(given.seed)
+    terms = draw_errors(given.seed, MODEL)
     with SimulatorServer(given.port) as server:
         with IndiClient('localhost', server.port) as client:
             telescope = IndiTelescope(client, DEVICE)

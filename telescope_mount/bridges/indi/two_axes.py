@@ -17,31 +17,29 @@ from .pointing import axes_at, place_of_date
 
 #: how the axes slew, both at once, rad/s
 SPEED = 6.0 * DEG
-#: terms in the order of `draw_errors`: zeros, collimation, non-perpendicularity, lean
-TERMS = {'altaz': ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW'),
-         'polar': ('IH', 'ID', 'CH', 'NP', 'ME', 'MA')}
+#: of a mount whose first axis is vertical, or not: zeros, collimation, non-perpendicularity, lean
+TERMS = {True: ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW'),
+         False: ('IH', 'ID', 'CH', 'NP', 'ME', 'MA')}
 
 
-def draw_errors(seed, kind, sizes=(0.02, 0.1)):
+def draw_errors(seed, names):
     """Errors of a mount, encoder - catalogue, as the pointing model names them.
 
     Parameters
     ----------
     seed : int
-    kind : str
-        Of mount.
-    sizes : tuple of float
-        Smallest and largest, deg.
+    names : collection of str
+        Of the terms.
 
     Returns
     -------
     dict of str to float
-        rad.
+        rad, of 0.02 to 0.1 deg each.
     """
     rng = np.random.default_rng(seed)
-    names = TERMS['altaz' if kind == 'altaz' else 'polar']
-    values = rng.uniform(*sizes, len(names)) * rng.choice((-1.0, 1.0), len(names))
-    return dict(zip(names, (float(value) * DEG for value in values)))
+    values = rng.uniform(0.02, 0.1, len(names)) * rng.choice((-1.0, 1.0), len(names))
+    # INDI's simulator takes numbers of this many digits
+    return {name: round(float(value), 5) * DEG for name, value in zip(names, values)}
 
 
 class TwoAxes:
@@ -64,7 +62,7 @@ class TwoAxes:
     def __init__(self, mount, site, errors=None, clock=time.time):
         self.mount, self.site, self._clock = mount, site, clock
         errors = errors or {}
-        names = TERMS['altaz' if mount.vertical else 'polar']
+        names = TERMS[mount.vertical]
         unknown = set(errors) - set(names)
         if unknown:
             raise ValueError(f'{", ".join(sorted(unknown))}: a mount that is {mount.kind} has '

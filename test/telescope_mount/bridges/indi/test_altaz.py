@@ -18,14 +18,14 @@ from telescope_mount.bridges.indi.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.indi_server import SIMULATOR
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, check_kind, find_device
 from telescope_mount.bridges.indi.pointing import axes_at
-from telescope_mount.bridges.indi.two_axes import TwoAxes, draw_errors
+from telescope_mount.bridges.indi.two_axes import TERMS, TwoAxes, draw_errors
 from telescope_mount.bridges.indi.two_axes_server import TwoAxesServer
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 
 
 def test_behind_the_guard_it_is_brought_onto_a_track_stands_and_parks():
-    telescope = TwoAxes(ALTAZ, DEFAULT_SITE, draw_errors(4, 'altaz'))
+    telescope = TwoAxes(ALTAZ, DEFAULT_SITE, draw_errors(4, TERMS[True]))
     with TwoAxesServer(telescope) as server, Guarded(
             server.port, ALTAZ, ((-270.0, 270.0), (-5.0, 89.0)), dead_man=False, retry=0.1,
             fresh=0.0) as mount:
@@ -47,7 +47,7 @@ def test_behind_the_guard_it_is_brought_onto_a_track_stands_and_parks():
 
 
 def test_its_errors_are_found_as_terms():
-    errors = draw_errors(5, 'altaz')
+    errors = draw_errors(5, TERMS[True])
     now, rows = [1_768_482_000.0], []
     telescope = TwoAxes(ALTAZ, DEFAULT_SITE, errors, clock=lambda: now[0])
     rng = np.random.default_rng(5)

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from guarded import Guarded
+from indi_survey import Survey, places
 
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
@@ -16,7 +17,8 @@ from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
-from telescope_mount.bridges.indi.survey import MODEL, Survey, draw_model, places, set_model
+from telescope_mount.bridges.indi.simulator import MODEL, set_model
+from telescope_mount.bridges.indi.two_axes import draw_errors
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or 'all is there')
@@ -33,7 +35,7 @@ def survey(wanted):
     with SimulatorServer() as server, IndiClient('localhost', server.port, heard=ticks) as client:
         telescope = ticks.telescope = observer.telescope = IndiTelescope(client, DEVICE)
         telescope.connect()
-        set_model(telescope, draw_model(SEED))
+        set_model(telescope, draw_errors(SEED, MODEL))
         assert telescope.kind == 'german' and telescope.has_axes
         client.send(DEVICE, 'POLLING_PERIOD', PERIOD_MS=100)
         telescope.prepare(SITE)
@@ -58,7 +60,7 @@ def test_behind_the_guard_it_points_stands_and_says_what_is_lost(surveyed):
         with IndiClient('localhost', server.port) as client:
             telescope = IndiTelescope(client, DEVICE)
             telescope.connect()
-            set_model(telescope, draw_model(SEED))
+            set_model(telescope, draw_errors(SEED, MODEL))
         _behind_the_guard(server)
 
 
@@ -97,7 +99,7 @@ def _behind_the_guard(server):
 def test_its_model_is_found_and_that_it_acts_on_the_sky(surveyed):
     run = PointingRun.concatenate([part.result() for part in surveyed])
     assert is_beyond(run['el_enc']).sum() == 4
-    terms, origin = draw_model(SEED), origin_of_errors(run, tuple(MODEL))
+    terms, origin = draw_errors(SEED, MODEL), origin_of_errors(run, tuple(MODEL))
     assert origin.holds == ON_SKY and origin.left_out['mount'] > 20.0 * ARCSEC
     model = fit_terms(with_errors(run, ON_SKY), tuple(MODEL)).model
     off = {name: (model.terms[name] - terms[name]) / ARCSEC for name in MODEL}

@@ -9,9 +9,8 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import sidereal_time
-
-from .client import PATIENCE, IndiError
-from .pointing import axes_at
+from telescope_mount.bridges.indi.client import PATIENCE, IndiError
+from telescope_mount.bridges.indi.pointing import axes_at
 
 #: s in which a slew is over
 SLOWEST = 90.0
@@ -140,41 +139,3 @@ class Survey:
         return PointingRun({name: np.array([row[name] for row in rows]) for name in rows[0]},
                            {'mount': self.mount, 'source': self.telescope.device,
                             'site': self.site})
-
-
-#: smallest and largest error of the model that a test sets, deg
-ERRORS = 0.02, 0.1
-#: as `pointing_model` names them -> element of MOUNT_MODEL, and its sign there
-MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),
-         'NP': ('MM_NP', -1.0), 'MA': ('MM_MA', 1.0), 'ME': ('MM_ME', -1.0)}
-
-
-def draw_model(seed):
-    """A model for INDI's telescope simulator; terms as ours, rad, of 0.02 to 0.1 deg each."""
-    rng = np.random.default_rng(seed)
-    sizes = rng.uniform(*ERRORS, len(MODEL)) * rng.choice((-1.0, 1.0), len(MODEL))
-    # the simulator takes numbers of this many digits
-    return {name: round(float(size), 5) * DEG for name, size in zip(MODEL, sizes)}
-
-
-def set_model(telescope, terms, kind='german'):
-    """Give the simulator errors of its own, which it applies on the sky before the flip.
-
-    Parameters
-    ----------
-    telescope : IndiTelescope
-        Connected.
-    terms : dict of str to float
-        Of `MODEL`, rad.
-    kind : str
-        Of mount.
-    """
-    client, device = telescope.client, telescope.device
-    client.property(device, 'MOUNT_TYPE')
-    names = {'altaz': 'ALTAZ', 'equatorial': 'EQ_FORK', 'german': 'EQ_GEM'}
-    client.switch(device, 'MOUNT_TYPE', names[kind])
-    client.property(device, 'MOUNT_MODEL')
-    client.send(device, 'MOUNT_MODEL', **{
-        element: sign * terms.get(name, 0.0) / DEG for name, (element, sign) in MODEL.items()})
-    client.wait(lambda: telescope.get('MOUNT_MODEL').state == 'Ok',
-                f'{device} does not take its model')
