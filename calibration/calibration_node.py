@@ -119,7 +119,7 @@ class Calibration(MountNode):
         """The model after a star, and what it said."""
         from .report.track_wording import last_update
         from .report.wording import worded
-        state = self._state.tonight
+        state = self._state
         model, zero = state.tracking.pair(state)
         self._send_model(model)
         self._send_zero(zero)
@@ -128,11 +128,11 @@ class Calibration(MountNode):
         self._say(last_update(night))
 
     def _take_up_rows(self):
-        self._taken_up = [rows_sentence(self._state.taken, self._state.zeros)]
+        self._taken_up = [rows_sentence(self._state.rows.taken, self._state.zeros)]
         self._say_taken_up()
 
     def _say_taken_up(self):
-        self._say(restart_sentence(self._taken_up, self._state.tonight.model))
+        self._say(restart_sentence(self._taken_up, self._state.model))
 
     def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
@@ -149,10 +149,10 @@ class Calibration(MountNode):
 
     def _on_observer(self, message):
         progress = Progress.read(message)
-        if progress.observations or not self._state.taken.kept:
+        if progress.observations or not self._state.rows.taken.kept:
             self._observer = progress
             return
-        run = self._state.observations()
+        run = self._state.rows.all()
         self._publish(topics.CALIBRATION_TABLE, run_to_cloud(run, self._state.last_stamp))
         self._say('gave the rows of the night to an observer that has none',
                   **handover_rows(len(run), self._observer))
@@ -178,13 +178,13 @@ class Calibration(MountNode):
         if self._marks_unknown():
             return None
         # an encoder that has lost its zero since says so itself
-        run = self._state.tonight.rows.newest
+        run = self._state.rows.newest
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _say(self, text, level=DiagnosticStatus.OK, **values):
         self._publish(topics.CALIBRATION_STATUS, convert.status(
             level, self.get_fully_qualified_name(), text,
-            **{**self._state.taken.rows(), **values}))
+            **{**self._state.rows.taken.rows(), **values}))
 
     def _answer(self, work, request, response):
         """What `work` has done, or why it could not."""
@@ -204,15 +204,15 @@ class Calibration(MountNode):
         self._say(response.message)
 
     def _work_zero(self):
-        tracking = self._state.tonight.tracking
+        tracking = self._state.tracking
         if tracking and tracking.night is not None:
             done = 'the zero is followed with each star; nothing is set anew'
             self._say(done)
             return done
         run, zero = self._state.calibrate_zero()
-        if self.value('reference_age') and self._state.tonight.reference is not None:
+        if self.value('reference_age') and self._state.reference is not None:
             # the zero goes with the model that it is relative to
-            self._send_model(self._state.tonight.dated_reference)
+            self._send_model(self._state.dated_reference)
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
         done = zero_sentence(run, zero, few)
@@ -227,23 +227,23 @@ class Calibration(MountNode):
 
     def _expect_zero(self):
         """Once a power-on, from what the nights before it followed."""
-        if not self.value('reference_age') or self._state.tonight.rows.newest == self._expected_of:
+        if not self.value('reference_age') or self._state.rows.newest == self._expected_of:
             return
-        self._expected_of = number = self._state.tonight.rows.newest
+        self._expected_of = number = self._state.rows.newest
         if expected := self._state.expect():
             self._publish(topics.ZERO_EXPECTED, expected_to_joints(
-                expected, number, self._state.last_stamp, self._state.tonight.mount.names.keys))
+                expected, number, self._state.last_stamp, self._state.mount.names.keys))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
         self._send_zero(replace(zero, model=self._model_name,
-                                started=self._state.tonight.started(zero.run)))
+                                started=self._state.started(zero.run)))
 
     def _send_zero(self, zero, stamp=None):
         self._has_published = True
         self._publish(topics.ZERO, zero_to_joints(
             zero, self._state.last_stamp if stamp is None else stamp,
-            self._state.tonight.mount.names.keys))
+            self._state.mount.names.keys))
 
     def _work_fit(self):
         self._say('fitting')
@@ -260,7 +260,7 @@ class Calibration(MountNode):
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
         self._send_model(model)
-        self._publish_zero(self._state.tonight.zero_of_model())
+        self._publish_zero(self._state.zero_of_model())
 
     def _refuse_beside_another(self):
         if self._long.name:
@@ -269,7 +269,7 @@ class Calibration(MountNode):
 
     async def _on_diagnose(self, request, response):
         """Seconds or more: in a thread; what is found counts only when it is done."""
-        state, until = self._state.tonight, self.value('diagnosed_at')
+        state, until = self._state, self.value('diagnosed_at')
         site = site_of(self.value('site'))
         try:
             self._refuse_beside_another()
@@ -287,7 +287,7 @@ class Calibration(MountNode):
 
     def _publish_request(self):
         """How causes stand, if there is anything new."""
-        if text := self._state.tonight.requests.news():
+        if text := self._state.requests.news():
             self._publish(topics.APART, text)
 
     def _tell_stage(self):
@@ -308,7 +308,7 @@ class Calibration(MountNode):
         return done
 
     def _work_blind_check(self):
-        found = self._state.tonight.check_on_blind_stars(site_of(self.value('site')))
+        found = self._state.check_on_blind_stars(site_of(self.value('site')))
         self._publish_finding(found)
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
@@ -332,8 +332,8 @@ class Calibration(MountNode):
         """Diagnosis, report, model and zero of a `NightDiagnosis`; what was found, in words."""
         document = found.document
         self._publish(topics.DIAGNOSIS, document)
-        if self._state.tonight.report is not None:  # its alarms are others with another model
-            self._publish(topics.CALIBRATION_REPORT, self._state.tonight.report)
+        if self._state.report is not None:  # its alarms are others with another model
+            self._publish(topics.CALIBRATION_REPORT, self._state.report)
         self._publish_model(found.model)
         self._finding, self._refused = finding_sentence(document), refusal_sentences(document)
         return self._finding
@@ -354,7 +354,7 @@ class Calibration(MountNode):
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
         from .report.track_wording import problems
-        state = self._state.tonight
+        state = self._state
         tracking = state.tracking
         found = [*([str(state.contradiction)] if state.contradiction else []), *state.alarms,
                  *([MARKS_UNKNOWN] if self._marks_unknown() else []),

@@ -60,14 +60,16 @@ class CalibrationState:
         So many have their rows kept, the last ones; 0: all.
     mode : {'batch', 'track'}
         track: a model after each star too.
-    yesterday : encoder_zeros.EncoderZeros or StarOffsets, optional
-        How Polaris and the encoders stood to each other the night before.
 
     Attributes
     ----------
     rows : RowTable
+    number : int or None
+        Of the power-on that is calibrated by itself, see `NightSeries`; None: all of them together.
     zeros : Zeros
         By their exposures alone, a MeasuredZero of each power-on that has some.
+    season : SeasonLog or None
+        Of a `NightSeries`, what the zeros of all nights have followed.
     fitted : ModelWithZeros or None
         Of the last fit that was published, with the covariances of its zeros.
     active, replaced : ModelWithZeros or None
@@ -90,27 +92,35 @@ class CalibrationState:
     """
 
     def __init__(self, reference=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0,
-                 mode=BATCH, yesterday=None):
-        self.reference, self.rows = reference, RowTable(power_ons)
-        self._split_seed, self._harmonics, self._yesterday = split_seed, harmonics, yesterday
-        #: whose the errors of the mount are, as the last fit found or an earlier model has it
-        self._errors = None if reference is None else reference.mount.errors
-        self.zeros, self.terms, self._degree = Zeros(), None, None
-        self.fitted = self.active = self.replaced = self.model = None
-        self.since = 0
-        self.report = self.encoder_zeros = self.contradiction = None
-        self._homings, self._diagnosis = (), None
-        self.tracking, self.requests = None, StarRequests()
+                 mode=BATCH):
+        self.rows, self.zeros, self.season = RowTable(power_ons), Zeros(), None
+        self._split_seed, self._harmonics = split_seed, harmonics
+        self.tracking = None
         if mode == TRACK:
             from .analysis.tracking.tracked_night import LiveTracking
             self.tracking = LiveTracking()
+        self._begin(reference)
+
+    def _begin(self, reference, yesterday=None, number=None):
+        """A night that has no model yet.
+
+        Parameters
+        ----------
+        reference : PointingModel or None
+        yesterday : encoder_zeros.EncoderZeros or StarOffsets, optional
+            How Polaris and the encoders stood to each other the night before.
+        number : int, optional
+            See the class.
+        """
+        self.reference, self._yesterday, self.number = reference, yesterday, number
+        #: whose the errors of the mount are, as the last fit found or an earlier model has it
+        self._errors = None if reference is None else reference.mount.errors
+        self.terms = self._degree = self._diagnosis = None
+        self.fitted = self.active = self.replaced = self.model = None
+        self.report = self.encoder_zeros = self.contradiction = None
+        self._homings, self.since, self.requests = (), 0, StarRequests()
 
     # --- rows -------------------------------------------------------------------------------------
-
-    @property
-    def tonight(self):
-        """The state of the night that is observed: this one. A `NightSeries` has one a night."""
-        return self
 
     @property
     def mount(self):
@@ -118,24 +128,21 @@ class CalibrationState:
         return self.rows.mount or (self.model or self.reference or PointingModel({})).mount
 
     @property
-    def taken(self):
-        """As of `RowTable`."""
-        return self.rows.taken
-
-    @property
     def last_stamp(self):
         """Of the newest row, ns; 0 before the first."""
         return self.rows.last_stamp
 
     def observations(self, until=0):
-        """All rows so far (with `until`, those that had come by that stamp), a PointingRun.
+        """All rows so far that are calibrated together, a PointingRun.
+
+        With `until`, those that had come by that stamp.
 
         Raises
         ------
         ValueError
             There is none.
         """
-        run = self.rows.all(until)
+        run = self.rows.all(until, self.number)
         return with_errors(run, self._errors) if self._errors else run
 
     def add(self, run, stamp):
@@ -146,28 +153,24 @@ class CalibrationState:
         bool
             Whether there is another tracked model.
         """
-        self._check_mount(run)
-        self._after(lambda: self.rows.add(run, stamp))
+        self._take(self.rows.add, run, stamp)
         self.requests.update(self)
         return self.tracking is not None and self.tracking.observed(self, run)
 
     def add_table(self, run, stamp):
         """Take the table of all rows so far; how many were not here, as `RowTable.add_table`."""
-        self._check_mount(run)
-        count = self._after(lambda: self.rows.add_table(run, stamp))
+        count = self._take(self.rows.add_table, run, stamp)
         if count > 1:  # of a night under way, and no row that a table has overtaken
             self.zeros.update(night_zeros(self.observations(), self.reference)[0])
             if self.tracking:
                 self.tracking.again(self)
         return count
 
-    def _check_mount(self, run):
+    def _take(self, take, run, stamp):
+        """What `take` of the rows gives; what was made of rows that it lets go is gone too."""
         check_mount(run.mount, {'the reference model': self.reference and self.reference.mount})
-
-    def _after(self, take):
-        """What `take` gives; what was made of rows that it lets go is gone too."""
         before = self.rows.forgotten
-        out = take()
+        out = take(run, stamp)
         if self.rows.forgotten > before:
             self.since = max(0, self.since - (self.rows.forgotten - before))
             for number in [n for n in self.zeros if n not in self.rows.power_on_numbers]:
@@ -182,6 +185,10 @@ class CalibrationState:
         return float(own[-1]) if len(own) else None
 
     # --- zeros ------------------------------------------------------------------------------------
+
+    def _zeros_of(self, rows):
+        """Of `zeros` those of the power-ons in some rows."""
+        return Zeros(zero for number, zero in self.zeros.items() if number in rows['run'])
 
     @property
     def active_zeros(self):
@@ -216,14 +223,15 @@ class CalibrationState:
         return newest, self.zeros[newest]
 
     def _measure_zeros(self):
-        newest = self.rows.newest
-        zeros, exposures = night_zeros(self.observations(), self.reference, newest)
+        rows = self.observations()
+        newest = self.rows.newest if self.number is None else self.number
+        zeros, exposures = night_zeros(rows, self.reference, newest)
         self.zeros.update(zeros)
         if newest not in exposures:
             self.zeros.pop(newest, None)  # of exposures that are not trusted any more
             raise ValueError('; '.join([
                 f'Polaris was not observed since power-on {newest}, nor stars for its zero; point '
-                'at them first', *reasons(self.observations())]))
+                'at them first', *reasons(rows)]))
         return newest, exposures[newest]
 
     def zero_of_model(self):
@@ -308,16 +316,17 @@ class CalibrationState:
         origin = origin_of_night(for_fitting(self.observations()))
         self._errors = (origin and origin.holds) or self._errors
         rows, how = self.observations(), (self._harmonics, self._split_seed)
-        notes = notes_of(rows)
-        if kept := kept_words(self.rows.power_on_numbers, self.rows.power_ons):
+        notes, zeros = notes_of(rows), self._zeros_of(rows)
+        kept = kept_words(self.rows.power_on_numbers, self.rows.power_ons)
+        if kept and self.number is None:
             notes.append(f'the fit is {kept}')
-        night = fit_night(rows, self.zeros, *how)
+        night = fit_night(rows, zeros, *how)
         self.terms = ModelWithZeros(night.terms.model, night.terms.zeros)
         self._degree = night.harmonics and night.harmonics['degree']
-        report = report_of(night, self.zeros, self.reference, *how, notes)
+        report = report_of(night, zeros, self.reference, *how, notes)
         report |= {'last_stamp_ns': self.last_stamp,
                    'witnesses': self._cross_check(night.observed, night.chosen.model, homings),
-                   'expected': expected_error(night, self.zeros, self._harmonics)}
+                   'expected': expected_error(night, zeros, self._harmonics)}
         if origin is not None:
             report['origin_of_errors'] = origin.document()
             report['notes'].append(origin_sentence(origin))
@@ -334,7 +343,7 @@ class CalibrationState:
             self._publish(self.active.published(refit='refused', last_stamp_ns=self.last_stamp))
         else:
             self.fitted = new
-            self._activate(new, new.published(), len(self.rows))
+            self._activate(new, new.published(), len(rows))
         return self.model, report
 
     def _refuse_contradicted(self, report=None):
@@ -454,14 +463,15 @@ class CalibrationState:
             Without a model where nothing was fitted.
         """
         follows, old = zero_following(rows.select(rows['star'] >= 0)), self.fitted
+        zeros = self._zeros_of(rows)
         if old is None:
-            return ModelWithZeros(None, first_zeros(self.zeros, rows), follows)
+            return ModelWithZeros(None, first_zeros(zeros, rows), follows)
         if not set(follows.axes) > set(old.follows.axes):
             return old
         rows_of_fit = for_fitting(follows.corrected(rows))
-        fitted = fit_terms_of(self.zeros, rows_of_fit)
+        fitted = fit_terms_of(zeros, rows_of_fit)
         if self._harmonics:
-            fitted = recipe_of(self.zeros, rows_of_fit).fit(
+            fitted = recipe_of(zeros, rows_of_fit).fit(
                 rows_of_fit, self._harmonics, self._degree)
         new = ModelWithZeros(replace(
             old.model, terms=fitted.model.terms, covariance=fitted.model.covariance,

@@ -5,15 +5,15 @@ after the zero calibration. Each power-on is a night here.
 """
 
 from contextlib import suppress
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
-from pointing_model.runs.run import PointingRun, kept_words
+from pointing_model.runs.run import kept_words
 from pointing_model.terms import mean_columns
-from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, is_marked, zero_in_force
+from pointing_model.zero import NO_ZERO, is_for_zero, is_marked, zero_in_force
 
 from .analysis.external_check import tracking_errors
 from .analysis.fit import fit_harmonics
@@ -24,8 +24,7 @@ from .analysis.zero.zero_causes import zero_causes
 from .analysis.zero.zero_season import SeasonLog, season_rows
 from .calibration_state import NO_HARMONICS, CalibrationState
 from .report.wording import worded
-from .row_table import RowTable
-from .rows import by_run, for_fitting, is_kept_out, zero_exposures_by_run
+from .rows import for_fitting, is_kept_out, zero_exposures_by_run
 
 #: the kinds of model, in the order of the report; the last where the model that is published, to
 #: which zeros are relative, has harmonics
@@ -62,8 +61,17 @@ def state_of(parameters, reference=None):
     return NightSeries(age, *common)
 
 
-class NightSeries:
-    """A `CalibrationState` for night after night, each a power-on of its own.
+@dataclass
+class _Night:
+    """What is kept of a night: later ones are relative to it."""
+
+    models: dict = field(default_factory=dict)  # kind -> (PointingModel, zero active with it)
+    row: dict | None = None  # of the report's `nights`
+    encoder_zeros: object = None  # as of `CalibrationState`
+
+
+class NightSeries(CalibrationState):
+    """The state of night after night, each a power-on of its own.
 
     Parameters
     ----------
@@ -78,87 +86,43 @@ class NightSeries:
     power_ons : int
         Nights that are kept, the last ones; what the zeros of all have followed is kept. 0: all.
 
-    Attributes
-    ----------
-    tonight : CalibrationState
-        Of the newest night.
-    season : SeasonLog
-        What the zeros of all nights have followed.
-
     Raises
     ------
     ValueError
-        So few that the reference of tonight would be none of them.
+        So few that the reference of a night would be none of them.
     """
 
     def __init__(self, age, first=None, split_seed=1, harmonics=NO_HARMONICS, power_ons=0):
         if 0 < power_ons <= age:
             raise ValueError(f'kept_power_ons = {power_ons}: the reference of a night is {age} '
                              f'power-ons old, keep {age + 1} or more (0: all)')
-        self._age, self._first, self._power_ons = age, first, power_ons
-        self._split_seed, self._harmonics = split_seed, harmonics
+        super().__init__(first, split_seed, harmonics, power_ons)
+        self._age, self._first = age, first
         self._own = PUBLISHED if harmonics else PHYSICAL_TERMS
-        self._nights, self._forgotten = {}, 0  # number -> CalibrationState
-        self._models = {}  # number -> {kind: (PointingModel, the zero that was active with it)}
-        self._rows = {}  # number -> a row of the report's `nights`
-        self._expected = {}  # number -> zero expected before Polaris was seen
-        self.season = SeasonLog()
-        self.tonight, self.last_stamp = self._state_of(None), 0
+        self._nights, self.season = {}, SeasonLog()  # number -> _Night
 
-    def _state_of(self, number):
-        yesterday = self._nights.get(number - 1) if number is not None else None
-        return CalibrationState(
-            self._reference(number), self._split_seed, self._harmonics,
-            yesterday=yesterday and yesterday.encoder_zeros)
+    def _take(self, take, run, stamp):
+        out = super()._take(take, run, stamp)
+        for number in [n for n in self._nights if n not in self.rows.power_on_numbers]:
+            del self._nights[number]
+        if len(self.rows) and self.rows.newest != self.number:
+            self._begin_night(self.rows.newest)
+        return out
 
-    @property
-    def taken(self):
-        """As of `RowTable`."""
-        return Taken(sum(len(night.rows) for night in self._nights.values()), self._power_ons,
-                     self._forgotten, self.last_stamp)
-
-    @property
-    def zeros(self):
-        """By its exposures alone, a MeasuredZero of each night that has some."""
-        return Zeros(zero for night in self._nights.values() for zero in night.zeros.values())
-
-    def observations(self):
-        """All rows so far, a PointingRun; ValueError before the first."""
-        if not self._nights:
-            return self.tonight.observations()
-        return PointingRun.concatenate(night.observations() for night in self._nights.values())
+    def _begin_night(self, number):
+        if self.number in self._nights:
+            self._nights[self.number].encoder_zeros = self.encoder_zeros
+        yesterday = self._nights.get(number - 1)
+        self._nights[number] = _Night()
+        reference, _ = self._then(number, self._own)
+        self._begin(reference, yesterday and yesterday.encoder_zeros, number)
 
     def _then(self, number, kind):
         """The model of a kind that `number` is relative to, and its zero; None where is none."""
-        old = self._models.get(number - self._age) if number is not None else None
-        if old is not None:
-            return old.get(kind, (None, None))
+        old = self._nights.get(number - self._age)
+        if old is not None and old.models:
+            return old.models.get(kind, (None, None))
         return (self._first if kind == self._own else None), zero_in_force(self._first)
-
-    def _reference(self, number):
-        return self._then(number, self._own)[0]
-
-    def add(self, run, stamp):
-        """Take rows; see `CalibrationState.add`."""
-        if stamp <= self.last_stamp:
-            return False
-        if 'run' not in run:
-            raise ValueError('observation without column run')
-        for number, rows in by_run(run).items():
-            if int(number) not in self._nights:
-                self._nights[int(number)] = self._state_of(int(number))
-            self._nights[int(number)].add(rows, stamp)
-        self.last_stamp, self.tonight = stamp, self._nights[max(self._nights)]
-        if self._power_ons:
-            for number in sorted(self._nights)[:-self._power_ons]:
-                self._forgotten += len(self._nights[number].rows)
-                self._forget(number, self._nights, self._models, self._rows, self._expected)
-        return False
-
-    @staticmethod
-    def _forget(number, *known):
-        for one in known:
-            one.pop(number, None)
 
     def add_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.
@@ -171,41 +135,29 @@ class NightSeries:
         int
             As of `CalibrationState.add_table`.
         """
-        if 'run' not in run:
-            raise ValueError('observation without column run')
-        table = RowTable(self._power_ons)
-        table.add(run, stamp)
-        nights = by_run(table.all())
-        missing = {number: self._nights[number].rows.missing(rows) if number in self._nights
-                   else (len(rows), rows) for number, rows in nights.items()}
-        count = sum(lacking for lacking, _ in missing.values())
-        if stamp < self.last_stamp or count <= 0:
-            return 0
-        self.last_stamp = 0
-        tonight, changed = max(nights), [n for n, (lacking, _) in missing.items() if lacking]
-        new = missing[tonight][1]
-        if changed == [tonight] and new is not None and self._nights:
-            self.add(new, stamp)
+        known, (_, new) = len(self.rows), self.rows.missing(run)
+        count = self._take(self.rows.add_table, run, stamp)
+        if not count or known and new is not None and np.all(new['run'] == self.number):
             return count
-        calibrated = {number for number, night in self._nights.items() if number in night.zeros}
-        for number in map(int, nights):
-            self._forget(number, self._nights, self._models, self._rows)
-        self.season.clear_zeros(map(int, nights))
-        for number, rows in nights.items():
-            self.last_stamp = 0
-            self.add(rows, stamp)
+        numbers = [n for n in self.rows.power_on_numbers if n in run['run']]
+        calibrated = {n for n in numbers if self.zeros.pop(n, None)}
+        for number in numbers:
+            self._nights.pop(number, None)
+        self.season.clear_zeros(numbers)
+        for number in numbers:
+            self._begin_night(number)
             # tonight's zero too, if it had been: a table may overtake the last row before the fit
-            if number != tonight or number in calibrated:
+            if number != numbers[-1] or number in calibrated:
                 with suppress(ValueError):
-                    self.tonight.zero_of_reference()
-            if number != tonight:
+                    self.calibrate_zero()
+            if number != numbers[-1]:
                 with suppress(ValueError):
                     self.fit()
         return count
 
     def calibrate_zero(self):
         """Zero of tonight relative to its reference; see `CalibrationState.calibrate_zero`."""
-        return self.tonight.zero_of_reference()
+        return self.zero_of_reference()
 
     def fit(self, homings=()):
         """Fit tonight, and judge tonight's stars by the model of the earlier night.
@@ -233,27 +185,26 @@ class NightSeries:
         Contradiction
             As of `CalibrationState.fit`.
         """
-        night = self.tonight
-        model, report = night.fit(homings)
-        number, rows = night.rows.newest, night.observations()
-        own = {self._own: (model, night.active_zeros.get(number, NO_ZERO))}
+        model, report = super().fit(homings)
+        number, night, rows = self.number, self._nights[self.number], self.observations()
+        night.models = {self._own: (model, self.active_zeros.get(number, NO_ZERO))}
         if self._harmonics:
-            own[PHYSICAL_TERMS] = night.terms.model, night.terms.zeros.get(number, NO_ZERO)
-        zero = own[PHYSICAL_TERMS][1]
+            night.models[PHYSICAL_TERMS] = self.terms.model, self.terms.zeros.get(number, NO_ZERO)
+        zero = night.models[PHYSICAL_TERMS][1]
         with suppress(ValueError):  # too few stars for 13 of them: the report's notes say so
-            own[HARMONICS_ONLY] = fit_harmonics(for_fitting(rows), zero=zero).model, zero
-        self._models[number] = own
-        if number in night.zeros and night.reference is not None:
-            self._rows[number] = self._night(number, rows, report['witnesses']['alarms'])
-        kept = kept_words(list(self._nights), self._power_ons)
+            night.models[HARMONICS_ONLY] = fit_harmonics(for_fitting(rows), zero=zero).model, zero
+        if number in self.zeros and self.reference is not None:
+            night.row = self._row(number, rows, report['witnesses']['alarms'])
+        kept = kept_words(list(self._nights), self.rows.power_ons)
         return model, {
-            **report, 'nights': [self._rows[n] for n in sorted(self._rows)],
+            **report, 'nights': [self._nights[n].row for n in sorted(self._nights)
+                                 if self._nights[n].row],
             **self._season_of(number, rows, model),
             'notes': [*report['notes'], *([f'the nights are {kept}'] if kept else [])]}
 
     def _season_of(self, number, rows, model):
         """What the zeros of the season follow, and how well tonight's was expected."""
-        self.expect()
+        expected = self.expect()
         exposures = dict(zero_exposures_by_run(rows))
         if number in exposures:
             with suppress(ValueError):  # too few of them
@@ -261,7 +212,7 @@ class NightSeries:
         season = self.season.season()
         return {'power_ons': season_rows(season),
                 'zero_causes': worded(zero_causes(season, leave_out=False)),
-                'zero_expected': self._expected.get(number)}
+                'zero_expected': expected}
 
     def expect(self):
         """The zero of tonight before Polaris is seen, from the nights before.
@@ -271,12 +222,10 @@ class NightSeries:
         dict or None
             See `zero_season.SeasonLog.expected`; ValueError before the first row of tonight.
         """
-        number = self.tonight.rows.newest
-        self.season.add_power_on(number, self.tonight.observations())
-        self._expected[number] = self.season.expected(number)
-        return self._expected[number]
+        self.season.add_power_on(self.number, self.observations())
+        return self.season.expected(self.number)
 
-    def _night(self, number, rows, alarms):
+    def _row(self, number, rows, alarms):
         exposures = is_for_zero(rows)
         stars = (rows['star'] >= 0) & ~is_kept_out(rows)
         first, last = rows['time'][exposures][[0, -1]]

@@ -105,7 +105,6 @@ class RowTable:
         ValueError
             As of `add`.
         """
-        self._check(run)
         count, new = self.missing(run)
         if stamp < self.last_stamp or count <= 0:
             return 0
@@ -136,7 +135,13 @@ class RowTable:
             How many are missing; 0 or less: none.
         rows : PointingRun or None
             They, where they come after those that are here; None where some in between are missing.
+
+        Raises
+        ------
+        ValueError
+            As of `add`.
         """
+        self._check(table)
         table = self.last_of(table)
         here = [self._blocks[int(number)][0] for number in by_run(table)
                 if int(number) in self._blocks]
@@ -148,13 +153,15 @@ class RowTable:
             return count, None
         return count, table.select(slice(known, None))
 
-    def all(self, until=0):
+    def all(self, until=0, number=None):
         """Rows so far, a PointingRun.
 
         Parameters
         ----------
         until : int
             Those alone that had come by that stamp (ns), if any had; 0: all.
+        number : int, optional
+            Those alone of that power-on.
 
         Raises
         ------
@@ -162,7 +169,8 @@ class RowTable:
             There is none.
         """
         self._check_any()
-        blocks = [self._blocks[number] for number in self.power_on_numbers]
+        numbers = self.power_on_numbers if number is None else [number]
+        blocks = [self._blocks[one] for one in numbers]
         run = PointingRun.concatenate([rows for rows, _ in blocks])
         come = np.concatenate([stamps for _, stamps in blocks]) <= until
         return run.select(come) if until and come.any() else run

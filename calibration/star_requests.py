@@ -51,7 +51,7 @@ class StarRequests:
         self._diagnosed, self._forgotten = until or state.last_stamp, state.rows.forgotten
         self._causes, self._stars = None, (found.chosen.zeros, site, found.chosen.follows)
         verdict = found.document['verdict']
-        if verdict == 'ambiguous' and len(state.rows) <= MOST_ROWS:
+        if verdict == 'ambiguous' and len(state.observations()) <= MOST_ROWS:
             try:
                 self._causes = Discrimination(found.diagnosis, HOURS)
             except ValueError:

@@ -13,7 +13,7 @@ from calibration.analysis.encoders.cross_check import (
 )
 from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.analysis.tracking.tracked_night import KEY
-from calibration.night_series import NightSeries, state_of
+from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
@@ -89,7 +89,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     for part in (*rows.observations.values(), *rows.tables.values()):
         part.meta |= declared
     state = _state(log, parameters, reference, seed, rows)
-    if isinstance(state, NightSeries):
+    if state.season is not None:
         for _, homings in rows.homings:
             state.season.update_marks(homings(0))
     _calibrate(rows, state, parameters, check, *([progress] if progress else []))
@@ -223,7 +223,7 @@ class _Replay:
 
     def compare_request(self):
         """What is asked for to tell causes apart, after a row or a diagnosis."""
-        text = self.state.tonight.requests.news()
+        text = self.state.requests.news()
         if not text:
             return
         made = json.loads(text)
@@ -249,7 +249,7 @@ class _Replay:
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
             told = json.loads(text)['provenance']
-            tracking = self.state.tonight.tracking
+            tracking = self.state.tracking
             if KEY in told and tracking and tracking.night:
                 model, zero = tracking.pair(self.state)
                 self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
@@ -264,7 +264,7 @@ class _Replay:
             else:
                 model = self._fit(stamp, log_time)
             self._check.compare('model', text, model.to_json(), at_time(stamp))
-            computed.append((self.state.tonight.active_zeros.newest, False))
+            computed.append((self.state.active_zeros.newest, False))
         for data, (zero, by_polaris) in zip(zeros, computed):
             _, logged = joints_to_zero(data)
             self._check.compare('zero', logged.angles, zero.angles, at_time(stamp))
@@ -273,7 +273,7 @@ class _Replay:
 
     def _is_dated_reference(self, text):
         """Whether a model is the reference, published with the zero that is relative to it."""
-        reference = self.state.tonight.reference
+        reference = self.state.reference
         if not self._parameters.get('reference_age') or reference is None:
             return False
         document, own = json.loads(text), json.loads(reference.to_json())
@@ -307,7 +307,7 @@ class _Replay:
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
         for i in near[:_STATES]:
-            yield [h for h in states[i][1](self.state.tonight.rows.newest) if h.homed]
+            yield [h for h in states[i][1](self.state.rows.newest) if h.homed]
         if not states:
             yield []
         yield None
@@ -321,7 +321,7 @@ class _Replay:
                    else document.get('site_deg'))
         site = None if not degrees else {
             'latitude': degrees[0] * DEG, 'longitude': degrees[1] * DEG}
-        state = self.state.tonight
+        state = self.state
         found = (state.check_on_blind_stars(site) if again
                  else state.diagnose(document.get('alpha', 0.01), site))
         self.compare_request()

@@ -71,12 +71,12 @@ def restart_sentence(taken_up, model):
 def state_details(state, taken_up, finding):
     """Of a CalibrationState or NightSeries, for the diagnostics: pairs of str."""
     from .track_wording import details
-    tonight, zeros = state.tonight, state.zeros
-    asked = tonight.requests.document
-    return [('observations', str(state.taken.kept)),
+    zeros = state.zeros
+    asked = state.requests.document
+    return [('observations', str(state.rows.taken.kept)),
             ('power-ons with a zero', str(len(zeros))),
             ('zeros by', ways(zeros.values()) or 'nothing yet'),
             ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
             ('diagnosis', finding or 'none yet'),
             *([('causes told apart', asked['says'])] if asked else []),
-            *(details(tonight.tracking) if tonight.tracking else [])]
+            *(details(state.tracking) if state.tracking else [])]

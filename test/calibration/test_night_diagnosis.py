@@ -151,7 +151,7 @@ def test_the_newest_of_many_nights_is_diagnosed():
             series.add(rows, 10 * run + seed)
         series.calibrate_zero()
         series.fit()
-    assert series.tonight.diagnose().document['applied'] == ['azimuth_encoder_1']
+    assert series.diagnose().document['applied'] == ['azimuth_encoder_1']
 
 
 def test_a_reading_is_what_the_encoder_reads():

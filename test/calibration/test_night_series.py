@@ -69,7 +69,7 @@ def season():
     for run in sorted(DRIFTS):
         series.add(night(run, satellite=run == 3), run + 10)
         zeros[run] = series.calibrate_zero()[1]
-        assert (series.tonight.reference is None) == (run < 1)
+        assert (series.reference is None) == (run < 1)
         _, report = series.fit()
     return series, zeros, report
 
@@ -124,14 +124,14 @@ def test_zeros_of_all_nights_go_with_one_another(season, nights):
     series, zeros, _ = season
     for run in (1, 2, 3):
         # the change of the zero in the report is that of the zeros, and of what was put in
-        change = zeros[run].angles - series._nights[run - 2].active_zeros[run - 2].angles
+        change = zeros[run].angles - series._nights[run - 2].models['physical'][1].angles
         row = nights[run - 1]['physical']
         assert change / ARCSEC == pytest.approx(
             [row['change_az_arcsec'], row['change_el_arcsec']], abs=1e-9)
         assert change / ARCSEC == pytest.approx(
             np.subtract(DRIFTS[run], DRIFTS[run - 2]), abs=2.5)
     # and of one night from the next, which has no part in its reference
-    third, second = (series._nights[run].active_zeros[run].angles for run in (3, 2))
+    third, second = (series._nights[run].models['physical'][1].angles for run in (3, 2))
     assert (third - second) / ARCSEC == pytest.approx(np.subtract(DRIFTS[3], DRIFTS[2]), abs=4.0)
 
 
@@ -175,7 +175,7 @@ def test_a_calibration_started_anew_takes_the_table():
     rows = PointingRun.concatenate([night(-1), night(0)])
     series.add(rows, 5)
     late.add_table(rows, 5)
-    assert series.taken.kept == late.taken.kept == len(rows)
+    assert series.rows.taken.kept == late.rows.taken.kept == len(rows)
     assert series.calibrate_zero()[1].az == late.calibrate_zero()[1].az
 
 
@@ -195,7 +195,7 @@ def test_a_calibration_started_anew_has_the_references_of_the_nights_before(thre
     late = NightSeries(2)
     late.add_table(PointingRun.concatenate(nights), 3)
     again = late.calibrate_zero()[1]
-    assert late.tonight.reference is not None
+    assert late.reference is not None
     assert (again.az, again.el) == (zero.az, zero.el)
     assert late.fit()[1]['nights'] == report['nights']
 
@@ -244,15 +244,15 @@ def test_nights_long_ago_are_not_kept():
         # the reference of tonight is there: the same numbers
         assert (zero.az, zero.el) == (same.az, same.el)
         assert told['nights'] == report['nights'] and told['power_ons'] == report['power_ons']
-    assert series.taken.kept == sum(map(len, nights[1:]))
-    assert series.taken == (series.taken.kept, 3, len(nights[0]), 4)
+    assert series.rows.taken.kept == sum(map(len, nights[1:]))
+    assert series.rows.taken == (series.rows.taken.kept, 3, len(nights[0]), 4)
     assert sorted(series.zeros) == [0, 1, 2]
     assert [note for note in told['notes'] if note not in report['notes']] == [
         'the nights are of the last 3 power-ons alone (kept_power_ons): rows of earlier ones, if '
         'there are any, are in the log']
     late = NightSeries(2, power_ons=3)
     late.add_table(PointingRun.concatenate(nights), 4)
-    assert late.taken.kept == series.taken.kept and late.tonight.rows.newest == 2
+    assert late.rows.taken.kept == series.rows.taken.kept and late.rows.newest == 2
 
 
 @pytest.mark.parametrize('power_ons', [1, 2])
@@ -339,7 +339,7 @@ def test_the_reference_of_a_night_is_what_was_published_with_harmonics():
             one.add(night(run), run + 10)
             one.calibrate_zero()
             _, reports[one is series] = one.fit()
-    assert series.tonight.reference.harmonics.degree == 2 and series.tonight.reference.terms == {}
+    assert series.reference.harmonics.degree == 2 and series.reference.terms == {}
     with_it, without = (reports[harmonics]['nights'] for harmonics in (True, False))
     assert [row['night'] for row in with_it] == [row['night'] for row in without]
     # the terms are judged beside it, as where they are published

@@ -253,7 +253,7 @@ def session_of(run, upto):
 
 
 def more(session, rows, run, upto):
-    for k in range(session.taken.kept, upto):
+    for k in range(session.rows.taken.kept, upto):
         rows.observations[k + 1] = run.select([k])
         session.add(rows.observations[k + 1], k + 1)
 
