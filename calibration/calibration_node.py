@@ -119,11 +119,10 @@ class Calibration(MountNode):
         """The model after a star, and what it said."""
         from .report.track_wording import last_update
         from .report.wording import worded
-        state = self._state
-        model, zero = state.tracking.pair(state)
+        night = self._state.tracked
+        model, zero = night.pair(self._state.last_stamp)
         self._send_model(model)
         self._send_zero(zero)
-        night = state.tracking.night
         self._publish(topics.TRACKING, worded(night.document()))
         self._say(last_update(night))
 
@@ -204,8 +203,7 @@ class Calibration(MountNode):
         self._say(response.message)
 
     def _work_zero(self):
-        tracking = self._state.tracking
-        if tracking and tracking.night is not None:
+        if self._state.tracked is not None:
             done = 'the zero is followed with each star; nothing is set anew'
             self._say(done)
             return done
@@ -355,11 +353,10 @@ class Calibration(MountNode):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
         from .report.track_wording import problems
         state = self._state
-        tracking = state.tracking
         found = [*([str(state.contradiction)] if state.contradiction else []), *state.alarms,
                  *([MARKS_UNKNOWN] if self._marks_unknown() else []),
                  *([self._refused] if self._refused else []),
-                 *(problems(tracking) if tracking else [])]
+                 *(problems(state.tracked) if state.tracks else [])]
         return [(DiagnosticStatus.WARN, text) for text in found]
 
     def details(self):

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.model_document import KEY as TRACKED
 from pointing_model.runs.run import kept_words
 from pointing_model.zero import Zeros, zeros_in_force
 from pointing_model.zero_drift import KEY as FOLLOWS
@@ -15,6 +17,8 @@ from .analysis.encoders.cross_check import cross_check
 from .analysis.harmonic_fit import HarmonicChoice
 from .analysis.sky_model import origin_of_night, with_errors
 from .analysis.tracking import BATCH, TRACK
+from .analysis.tracking.history import RATES
+from .analysis.tracking.tracked_night import TrackedNight, difference_of, lean_of
 from .analysis.zero.power_on_zeros import night_zeros, zero_from_exposures
 from .distrust import contradiction, notes_of, reasons
 from .night_fit import (
@@ -86,8 +90,10 @@ class CalibrationState:
         Of the last fit, the encoders checked again with the model that came after it.
     encoder_zeros : EncoderZeros, StarOffsets or None
         Zeros of the encoders tonight by the sky, from `fit` on.
-    tracking : LiveTracking or None
-        In mode track.
+    tracks : bool
+        Whether it follows the mount with each star.
+    tracked : TrackedNight or None
+        That of mode track; None: there is no model to begin with.
     requests : StarRequests
     """
 
@@ -95,10 +101,7 @@ class CalibrationState:
                  mode=BATCH):
         self.rows, self.zeros, self.season = RowTable(power_ons), Zeros(), None
         self._split_seed, self._harmonics = split_seed, harmonics
-        self.tracking = None
-        if mode == TRACK:
-            from .analysis.tracking.tracked_night import LiveTracking
-            self.tracking = LiveTracking()
+        self.tracks, self.tracked = mode == TRACK, None
         self._begin(reference)
 
     def _begin(self, reference, yesterday=None, number=None):
@@ -146,7 +149,7 @@ class CalibrationState:
         return with_errors(run, self._errors) if self._errors else run
 
     def add(self, run, stamp):
-        """Take rows, as `RowTable.add`, and let `tracking` and `requests` follow.
+        """Take rows, as `RowTable.add`, and let `tracked` and `requests` follow.
 
         Returns
         -------
@@ -155,16 +158,22 @@ class CalibrationState:
         """
         self._take(self.rows.add, run, stamp)
         self.requests.update(self)
-        return self.tracking is not None and self.tracking.observed(self, run)
+        if self.tracks and self.tracked is None and self.reference is not None:
+            self.tracked = TrackedNight.of_reference(self.reference, run['time'][0])
+        return self.tracked is not None and any(one.taken for one in self.tracked.take(run))
 
     def add_table(self, run, stamp):
         """Take the table of all rows so far; how many were not here, as `RowTable.add_table`."""
         count = self._take(self.rows.add_table, run, stamp)
         if count > 1:  # of a night under way, and no row that a table has overtaken
             self.zeros.update(night_zeros(self.observations(), self.reference)[0])
-            if self.tracking:
-                self.tracking.again(self)
+            self._track_rows()
         return count
+
+    def _track_rows(self):
+        """All that are here, after a start in the middle of a night."""
+        if self.tracked is not None and len(self.rows):
+            self.tracked.take(self.observations())
 
     def _take(self, take, run, stamp):
         """What `take` of the rows gives; what was made of rows that it lets go is gone too."""
@@ -266,7 +275,9 @@ class CalibrationState:
         ValueError
             What it says of its zeros is damaged.
         """
-        if self.tracking and self.tracking.take_up(self, model):
+        if self.tracks and TRACKED in model.provenance:
+            self.tracked = TrackedNight.of_model(model)
+            self._track_rows()
             return
         zeros, follows = zeros_in_force(model), Following.of(model)
         self.model, self._errors = model, model.mount.errors
@@ -282,8 +293,13 @@ class CalibrationState:
 
     def _publish(self, model):
         self.model = model
-        if self.tracking:
-            self.tracking.begin(self)
+        if not self.tracks:
+            return
+        rows, noise = self.observations(), (self.report or {}).get('noise_arcsec')
+        self.tracked = TrackedNight(
+            model, self.active_zeros.newest, self.last_stamp,
+            noise and tuple(float(v) * ARCSEC for v in noise), difference_of(rows), lean_of(rows),
+            self.reference and self.reference.provenance.get(RATES))
 
     # --- fit --------------------------------------------------------------------------------------
 

@@ -12,7 +12,6 @@ from calibration.analysis.encoders.cross_check import (
     encoder_diagnostics,
 )
 from calibration.analysis.harmonic_fit import choice_of_report
-from calibration.analysis.tracking.tracked_night import KEY
 from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
@@ -23,6 +22,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel
+from pointing_model.model_document import KEY
 from pointing_model.runs.run_messages import cloud_to_run
 from telescope_mount.observing.clocks import offset_of
 
@@ -249,9 +249,8 @@ class _Replay:
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
             told = json.loads(text)['provenance']
-            tracking = self.state.tracking
-            if KEY in told and tracking and tracking.night:
-                model, zero = tracking.pair(self.state)
+            if KEY in told and self.state.tracked is not None:
+                model, zero = self.state.tracked.pair(stamp)
                 self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
                 computed.append((zero, False))
                 continue

@@ -79,4 +79,4 @@ def state_details(state, taken_up, finding):
             ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
             ('diagnosis', finding or 'none yet'),
             *([('causes told apart', asked['says'])] if asked else []),
-            *(details(state.tracking) if state.tracking else [])]
+            *(details(state.tracked) if state.tracks else [])]

@@ -53,21 +53,21 @@ KINDS = {
 }
 
 
-def problems(tracking):
-    """What is wrong with what the filter of a `LiveTracking` predicts, sentences."""
-    if tracking.night is None:
+def problems(night):
+    """What is wrong with what the filter of a `TrackedNight` (or None) predicts, sentences."""
+    if night is None:
         return ['tracking begins with a model: fit, or give model_file']
-    document = tracking.night.document()
+    document = night.document()
     return [] if document['confidence'] == HONEST else [
         f'tracking: the filter was {_filter_consistency(document["confidence_sentence"])}, and is '
         'widened or narrowed for it']
 
 
-def details(tracking):
-    """Of a `LiveTracking`, for a node's diagnostics: names and values."""
-    if tracking.night is None:
+def details(night):
+    """Of a `TrackedNight` or None, for a node's diagnostics: names and values."""
+    if night is None:
         return [('tracking', 'not begun')]
-    document = tracking.night.document()
+    document = night.document()
     expected, start = document['expected_arcsec'], document.get('opening')
     return [('tracking', f'{document["stars"]} stars'),
             *([('since the nights before', max(start['chances'], key=start['chances'].get))]

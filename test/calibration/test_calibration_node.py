@@ -244,7 +244,7 @@ def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(grap
     def offline(first, last):
         for i in range(first, last):
             state.add(night.select([i]), stamps[i])
-        model, zero = state.tracking.pair(state)
+        model, zero = state.tracked.pair(state.last_stamp)
         return model.to_json(), zero
 
     table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)

@@ -33,6 +33,10 @@ NOISE = 1.5 * ARCSEC
 MOST_EVENTS, MOST_NIS = 50, 500
 #: 95 % of chi squared with two degrees of freedom
 _BEYOND = -2.0 * np.log(0.05)
+#: a model of a file that does not tell when it held is of another night, ns
+_A_DAY = 86_400_000_000_000
+#: of a model that tells of the nights before: just before the first star, ns
+_BEFORE = 10**9
 #: readings from which the noise of absolute - incremental encoder is found
 _FEWEST = 8
 
@@ -99,6 +103,23 @@ class TrackedNight:
         weights = rate_weights_of(self._rates, tracker.facts)
         return tracker if weights is None else Tracker(
             model, stamp, sensors=self._sensors, rate_weights=weights)
+
+    @classmethod
+    def of_reference(cls, model, first):
+        """A night that begins with the model of an earlier one.
+
+        Parameters
+        ----------
+        model : PointingModel
+        first : float
+            UTC of the first row, s.
+        """
+        first = int(first * 1e9)
+        held = model.provenance.get('last_stamp_ns')
+        held = held if isinstance(held, int) else first
+        # one that tells of nights is of this one: how far nights differ is in it
+        return cls(model, RunZero(0.0, 0.0), first - _BEFORE if PAST in model.provenance
+                   else min(held, first - _A_DAY))
 
     @classmethod
     def of_model(cls, model):
@@ -231,15 +252,11 @@ class TrackedNight:
                     'difference': self._difference, 'lean': self._lean,
                     'rates': self._rates}}})
 
-    def bound_zero(self, name):
-        """The zero that goes with the model of that name: all that is not known is in the model.
-
-        Parameters
-        ----------
-        name : str
-            Of `model_document.identity`.
-        """
-        return replace(self.zero, covariance=np.zeros((2, 2)), model=name)
+    def pair(self, stamp):
+        """`model`, and the zero that goes with it: all that is not known is in the model."""
+        model = self.model(stamp)
+        return model, replace(self.zero, covariance=np.zeros((2, 2)),
+                              model=identity(model.to_json()))
 
     def document(self):
         """The last updates and how well the mount is known, for JSON, with findings; arcsec."""
@@ -383,78 +400,3 @@ def _noise_of(model):
     except (TypeError, KeyError, ValueError):
         return NOISE, NOISE
     return noise if min(noise) > 0.0 and np.isfinite(noise).all() else (NOISE, NOISE)
-
-
-#: a model of a file that does not tell when it held is of another night, ns
-_A_DAY = 86_400_000_000_000
-#: of a model that tells of the nights before: just before the first star, ns
-_BEFORE = 10**9
-
-
-class LiveTracking:
-    """Follows the mount of a `CalibrationState` from a model on.
-
-    Attributes
-    ----------
-    night : TrackedNight or None
-        None: there is no model to begin with.
-    """
-
-    def __init__(self):
-        self.night = None
-
-    def begin(self, state):
-        """Begin anew from the active model, which was fitted to all rows so far."""
-        report = state.report or {}
-        noise = report.get('noise_arcsec')
-        self.night = TrackedNight(
-            state.model, state.active_zeros.newest, state.last_stamp,
-            noise and tuple(float(v) * ARCSEC for v in noise),
-            difference_of(state.observations()), lean_of(state.observations()),
-            state.reference and state.reference.provenance.get(RATES))
-
-    def take_up(self, state, model):
-        """Go on with the night of a tracked model, with the rows that are here.
-
-        Whether it is one; ValueError where what it tells is damaged.
-        """
-        if KEY not in model.provenance:
-            return False
-        self.night = TrackedNight.of_model(model)
-        self.again(state)
-        return True
-
-    def again(self, state):
-        """Take the rows that are here: all of them, after a start in the middle of a night."""
-        if self.night is not None and len(state.rows):
-            self.night.take(state.observations())
-
-    def observed(self, state, rows):
-        """Take rows that have come.
-
-        Parameters
-        ----------
-        state : CalibrationState
-        rows : PointingRun
-
-        Returns
-        -------
-        bool
-            Whether there is another model.
-        """
-        if self.night is None:
-            reference = state.reference
-            if reference is None:
-                return False
-            first = int(rows['time'][0] * 1e9)
-            held = reference.provenance.get('last_stamp_ns')
-            held = held if isinstance(held, int) else first
-            # one that tells of nights is of this one: how far nights differ is in it
-            held = first - _BEFORE if PAST in reference.provenance else min(held, first - _A_DAY)
-            self.night = TrackedNight(reference, RunZero(0.0, 0.0), held)
-        return any(one.taken for one in self.night.take(rows))
-
-    def pair(self, state):
-        """The model by now, and the zero that goes with it."""
-        model = self.night.model(state.last_stamp)
-        return model, self.night.bound_zero(identity(model.to_json()))

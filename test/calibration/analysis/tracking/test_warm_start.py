@@ -55,7 +55,7 @@ def tracked(model, rows):
     for i in range(len(rows)):
         one = rows.select([i])
         state.add(one, int(np.rint(one['time'][0] * 1e9)))
-    return state, state.tracking
+    return state
 
 
 @pytest.mark.parametrize('off, story', [
@@ -64,13 +64,13 @@ def test_the_first_stars_say_what_has_happened_and_beat_a_fit_of_them(foretold, 
     rows = night(10, off, 2, n=60, drift=0.3)
     first = np.array([3, 12, 20, 33, 50])
     rest = np.setdiff1d(np.arange(60), first)
-    session, tracking = tracked(foretold, rows.select(first))
-    told = worded(tracking.night.document())
+    state = tracked(foretold, rows.select(first))
+    told = worded(state.tracked.document())
     chances = told['opening']['chances']
     assert max(chances, key=chances.get) == story and chances[story] > 0.6
     event, = told['events']
     assert told['stars'] == 5 and event['text'].startswith(f'since the last night: {story} (')
-    model, _ = tracking.pair(session)
+    model, _ = state.tracked.pair(state.last_stamp)
     held = rows.select(rest)
 
     def left(one):
@@ -85,28 +85,28 @@ def test_the_first_stars_say_what_has_happened_and_beat_a_fit_of_them(foretold, 
 def test_nothing_moved_is_a_good_answer_too(foretold):
     last = json.loads(foretold.to_json())['provenance'][PAST]['last']
     off = {name: value / ARCSEC - TERMS[name] / ARCSEC for name, value in zip(PHYSICAL, last)}
-    _, tracking = tracked(foretold, night(10, off, 3, drift=0.2).select(np.arange(0, 30, 6)))
-    chances = worded(tracking.night.document())['opening']['chances']
+    state = tracked(foretold, night(10, off, 3, drift=0.2).select(np.arange(0, 30, 6)))
+    chances = worded(state.tracked.document())['opening']['chances']
     assert max(chances, key=chances.get) == AS_IT_WAS
 
 
 def test_it_goes_on_to_the_bit_and_tells_of_the_nights_before_no_more(foretold):
     rows = night(10, {'IA': 50.0}, 4)
     for count in (3, 9):
-        session, tracking = tracked(foretold, rows.select(np.arange(count)))
-        model, _ = tracking.pair(session)
+        state = tracked(foretold, rows.select(np.arange(count)))
+        model, _ = state.tracked.pair(state.last_stamp)
         assert PAST not in model.provenance and model.provenance[RATES]
         again = TrackedNight.of_model(PointingModel.from_json(model.to_json()))
         again.take(rows.select(np.arange(count)))
-        assert again.model(session.last_stamp).to_json() == model.to_json()
+        assert again.model(state.last_stamp).to_json() == model.to_json()
 
 
 def test_an_encoder_switched_on_among_the_first_stars_is_told_of(foretold):
     one, two = night(10, {'IA': 50.0}, 6), night(11, {'IA': -400.0, 'IE': 200.0}, 6)
     two = PointingRun(two.columns | {'time': one['time']}, two.meta)
-    _, tracking = tracked(foretold, PointingRun.concatenate(
+    state = tracked(foretold, PointingRun.concatenate(
         [one.select(np.arange(3)), two.select(np.arange(3, 12))]))
-    terms = tracking.night.model(0).terms
+    terms = state.tracked.model(0).terms
     assert terms['IA'] / ARCSEC == pytest.approx(-90.0, abs=6.0)
     assert terms['IE'] / ARCSEC == pytest.approx(30.0, abs=6.0)
 
