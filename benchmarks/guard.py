@@ -31,7 +31,7 @@ from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.limits import Allowed, Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
-from telescope_mount.guard.track_judgement import Judge
+from telescope_mount.guard.track_check import TrackCheck
 from telescope_mount.guard.way import lead, stopped
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad
@@ -45,7 +45,7 @@ OF_A_SETTING = 200
 
 
 def setting(rng, number):
-    """A `Setting`, the guard's `Judge` of it, and the circles that it keeps out of."""
+    """A `Setting`, the guard's `TrackCheck` of it, and the circles that it keeps out of."""
     kind = ('altaz', 'equatorial', 'german', 'free')[number % 4]
     latitude, longitude = rng.uniform(-65.0, 65.0) * DEG, rng.uniform(-np.pi, np.pi)
     site = Site(latitude, longitude, rng.uniform(0.0, 3000.0))
@@ -78,7 +78,7 @@ def setting(rng, number):
         Horizon(least, [tuple(c) for c in corners.tolist()]), keep_out, timing)
     own = Setting(kind, pole, latitude, longitude, seconds, travel, rate, acceleration, least,
                   corners, away, timing)
-    own.judge, own.over = Judge(limits), site
+    own.check, own.over = TrackCheck(limits), site
     own.sky = [circle._replace(distance=away) for circle in sun.at(seconds)] if away else []
     own.found = None
     return own
@@ -170,16 +170,16 @@ def commands(rng, first, count):
 def judged(case, spent, spent_on_plans):
     """Ask the guard; whether it lets the command pass, and its words."""
     own = case['setting']
-    judge, sky = own.judge, own.sky
+    check, sky = own.check, own.sky
     state = AxisState(tuple(case['angles'].tolist()), tuple(case['rates'].tolist()))
     begin, steady = time.thread_time(), time.perf_counter()
-    found = judge.judge(*case['track'], state, sky)
+    found = check.check(*case['track'], state, sky)
     spent.append((time.thread_time() - begin, time.perf_counter() - steady,
                   not isinstance(found, Allowed) and found.cubic is not None))
     if not isinstance(found, Allowed) and found.cubic is not None:
         begin, steady = time.thread_time(), time.perf_counter()
-        rest = stopped(judge, state)
-        led = lead(judge, found.cubic, rest, sky)
+        rest = stopped(check, state)
+        led = lead(check, found.cubic, rest, sky)
         spent_on_plans.append((time.thread_time() - begin, time.perf_counter() - steady))
         if led is not None:
             vias, cubic = led

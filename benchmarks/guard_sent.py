@@ -19,7 +19,8 @@ from guard import KINDS, places, setting, track_of
 from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
-from telescope_mount.guard.keeper import GuardSettings, Keeper
+from telescope_mount.guard.course import GuardSettings
+from telescope_mount.guard.keeper import Keeper
 from telescope_mount.observing.axis_demand import Track
 
 TICK, SECONDS = 0.05, 240.0
@@ -34,7 +35,7 @@ class Session:
     def __init__(self, rng, own, here):
         self.rng, self.own, self.here, self.rate = rng, own, here, np.zeros(2)
         self.time, self.start = 0.0, round(own.time * 1e9)
-        self.keeper = Keeper(own.judge.limits, own.over, GuardSettings(whole=False),
+        self.keeper = Keeper(own.check.limits, own.over, GuardSettings(whole=False),
                              lambda: self.time)
         self.track, self.asked, self.path, self.wrong = None, None, [here], []
         self.hung = self.silent = self.dead = 0.0
@@ -93,11 +94,11 @@ class Session:
             with suppress(ValueError):
                 self.keeper.take_request(self.asked, self.now, 'commander')
         for track in self.keeper.step(self.now, number % 10 == 0):
-            self.judge(track)
+            self.check(track)
             self.track = track
         self.states.add(self.keeper.state)
 
-    def judge(self, track):
+    def check(self, track):
         """What is sent."""
         times, angles, rates = track[1:]
         if rates[-1].any():

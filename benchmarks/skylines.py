@@ -19,7 +19,7 @@ from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.limits import Allowed, Axis, Limits
 from telescope_mount.guard.motion import AxisState
-from telescope_mount.guard.track_judgement import Judge
+from telescope_mount.guard.track_check import Judge
 from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
 
 #: what the guard may refuse beside a limit, and what the observer keeps away, deg

@@ -12,7 +12,7 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import parse_plan
 
 from .graph import measured_graph, night_graph
-from .loop_judgement import judgement, paired, points_worse
+from .loop_outcome import outcome, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
 from .simulation import kind_of_mount, scenario_names, undeclared
 from .whole_night import NightFailed, observe, prepare_folder
@@ -312,7 +312,7 @@ def _judge(folder, report, told, incomplete):
     judged = report['judged'] or {}
     harmful = report['published'] and not judged.get('taken_back') and points_worse(
         report['blind_before'], report['blind_after'], judged)
-    report['found'], report['false'] = judgement(
+    report['found'], report['false'] = outcome(
         told and told['shows_as'], report['effects'], report['verdict'], harmful,
         report['follows'])
     report['files'] = {name: str(folder / file) for name, file in (

@@ -6,6 +6,8 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
+from .motion import AxisState
+
 #: faster than an axis can be by this factor, and farther than this (rad), is a jump
 FASTER, FARTHER = 1.5, 2.0 * DEG
 #: so many readings of a place that was jumped to are believed
@@ -40,7 +42,7 @@ class AxisReadings:
         self.stamp, self._jumped, self._odd = 0, None, 0
         self._first = self._raw = 0.0  # of the first axis, as read: at first, and last, rad
         self._moved = False  # since then: it counts turns from where it was
-        self._heard = self._period = None
+        self._last_take = self._period = None
 
     def take(self, stamp, angles, rates):
         """A reading, rad and rad/s (NaN: not told); ValueError for one that cannot be.
@@ -51,12 +53,12 @@ class AxisReadings:
             Whether it is believed now that the axes are elsewhere than their readings led.
         """
         now = self._wall()
-        if self._heard is not None and now > self._heard:
-            passed = now - self._heard
+        if self._last_take is not None and now > self._last_take:
+            passed = now - self._last_take
             # bursts and single gaps are not its period
             self._period = passed if self._period is None else (
                 self._period + 0.1 * (min(passed, 2.0 * self._period) - self._period))
-        self._heard = now
+        self._last_take = now
         # two numbers a thousand times a second: floats cost a third of arrays
         angles = [float(angle) for angle in angles]
         if not all(map(math.isfinite, angles)):
@@ -95,6 +97,12 @@ class AxisReadings:
         return jumped
 
     @property
+    def state(self):
+        """`AxisState` as read; an axis whose rate is not known rests."""
+        return AxisState(tuple(map(float, self.here)), tuple(
+            float(v) if math.isfinite(v) else 0.0 for v in self.rate))
+
+    @property
     def doubtful(self):
         """Whether the last reading contradicts `here`, and is not believed yet."""
         return self._jumped is not None
@@ -102,6 +110,10 @@ class AxisReadings:
     def stand(self, still):
         """Whether both axes are known to be slower than `still`, rad/s."""
         return self.here is not None and bool(np.all(np.abs(self.rate) < still))
+
+    def rest_at(self, place, near, still):
+        """Whether they do, and both axes are nearer than `near`, rad, to a pair of angles."""
+        return self.stand(still) and all(abs(a - b) < near for a, b in zip(self.here, place))
 
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""
@@ -134,7 +146,7 @@ class AxisReadings:
 
     def quiet(self, seconds):
         """For how long nothing was read, s, where that is too long; else 0."""
-        if self._heard is None:
+        if self._last_take is None:
             return 0.0
-        passed = self._wall() - self._heard
+        passed = self._wall() - self._last_take
         return passed if passed > max(seconds, PERIODS * (self._period or 0.0)) else 0.0

@@ -13,8 +13,8 @@ from msg_tools.units import DEG
 
 from ..observing.axis_demand import Track
 from .axis_track import resting
-from .keeper import KNOT, OK, Keeper
-from .motion import AxisState
+from .course import Course
+from .keeper import Keeper
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
 LONGEST = 150.0 * DEG
@@ -38,10 +38,9 @@ class GotoKeeper(Keeper):
         self._low = self._high = None
 
     def _here(self, now):
-        return AxisState(tuple(map(float, self.readings.here)), tuple(
-            float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+        return self.readings.state
 
-    def _to_via(self, now):
+    def _to_via(self, now, name='around'):
         first, second = self._vias[0]
         beside = second - 0.5 * math.pi
         # the last one of a way to the park position is that itself
@@ -49,9 +48,9 @@ class GotoKeeper(Keeper):
                 self._goal is not None or len(self._vias) > 1):
             side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
             self._vias[0] = first, 0.5 * math.pi + side * POLE
-        super()._to_via(now)
+        super()._to_via(now, name)
 
-    def _set_out(self, cubic, state, now, name, text=''):
+    def _set_out(self, cubic, state, now, name):
         here, move = np.array(state.angles), cubic.angles[0] - state.angles
         longest = float(np.abs(move).max())
         legs = math.ceil(longest / LONGEST)
@@ -60,30 +59,22 @@ class GotoKeeper(Keeper):
             there = here + np.clip(move, -longest / legs, longest / legs)
             self._vias = [tuple(there.tolist()), *self._vias]
             cubic = resting(there)
-            name, text = 'around', f'{len(self._vias)} points to pass'
-        self._path = now, None, cubic
+            name = 'parking' if name == 'parking' else 'around'
+        self._course = Course(now, cubic)
         ends = np.vstack([cubic.angles, here])
         self._low, self._high = ends.min(0), ends.max(0)
-        self._piece(now)
-        self._told(name, OK, text or 'as requested')
+        self._send_piece(now)
+        self._announce(name)
         return True
 
-    def _piece(self, now):
-        start, _, cubic = self._path
-        count = max(1, round(self._settings.ahead / KNOT))
-        times = KNOT * np.arange(count + 1)
-        at = (now - start) * 1e-9 + times
-        points = np.array([[cubic.at(t, i) for i in (0, 1)] for t in at.tolist()])
-        self._send_braked(now, times, points[:, :, 0], points[:, :, 1])
-
     def _brake(self, now):
-        self._path = None
+        self._course = None
         if self.readings.here is not None:
             self._out.append(Track(now, np.array([0.0, STOP]), np.tile(self.readings.here, (2, 1)),
                                    np.zeros((2, 2))))
 
     def _astray(self):
-        if self.readings.stamp <= self._path[0]:
+        if self.readings.stamp <= self._course.start:
             return ''
         here, most = self.readings.here, self._settings.behind
         # near the pole the first axis turns far while the tube hardly does

@@ -1,40 +1,30 @@
-"""Stands between who commands and the mount: judges requests, and sends what was allowed.
+"""Stands between who commands and the mount: checks requests, and sends what was allowed.
 
-Two ways to send. Whole: the judged track as it is, for a simulated mount whose time passes as
+Two ways to send. Whole: the track as it is, for a simulated mount whose time passes as
 events need it. In pieces: what the axes shall do within the next moments, slew and track alike, and
 then rest; renewed as long as request and readings are alive, so that a mount that hears nothing
 more stops by itself.
 
-One class, and longer than most: request, readings and what was sent decide together at each step.
+Request, readings and what was sent (`course`) decide together at each step.
 """
 
 import math
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
-
-import numpy as np
 
 from msg_tools.units import DEG
 
-from ..observing.axis_demand import Track
 from .axis_readings import AxisReadings
-from .axis_track import braked, ended, resting
-from .limits import Allowed, Refused, safe_travel
-from .motion import AxisState, moment, plan_move
+from .axis_track import ended, resting
+from .course import SHARE, Course, moves_onto, stop_track
+from .limits import Allowed, Refused
+from .motion import AxisState
 from .sky_limits import SkyCircles
-from .track_judgement import Judge
+from .track_check import TrackCheck
 from .way import around, lead
 
-#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
-#: catching up
-SHARE = 0.8
-#: between knots of a piece, s
-KNOT = 0.25
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG
-#: an axis that moves may be behind by the way of so long, s
-LAG = 0.5
 #: a track that begins later than this has to wait for its time, s
 LATER = 1.0
 #: a request that begins so much later is none of now, and a clock that steps back by more makes
@@ -53,7 +43,7 @@ class Keeper:
     ----------
     limits : limits.Limits
     site : Site
-    settings : Settings
+    settings : GuardSettings
     wall : callable
         Seconds of a clock that goes on while simulated time stands still.
 
@@ -69,14 +59,14 @@ class Keeper:
     def __init__(self, limits, site, settings, wall):
         if not settings.whole:
             limits = replace(limits, timing=min(limits.timing, SHARE))
-        self._limits, self._judge = limits, Judge(limits)
+        self._limits, self._check = limits, TrackCheck(limits)
         self._circles = SkyCircles(limits.keep_out, site)
         self._settings, self._wall = settings, wall
         self.readings = AxisReadings(limits, wall)
         self.state, self.level, self.reason = 'idle', OK, 'no request'
         self.refused = (0, '')
-        self._goal = self._path = None
-        self._vias, self._heard, self._owner, self._last = [], 0.0, '', 0
+        self._goal = self._course = None
+        self._vias, self._renewed, self._owner, self._last = [], 0.0, '', 0
         self._sent = 0  # when something was sent last, ns
         self._unread = None  # stamp of the newest reading as a whole track was sent
         self._turns = None  # of the first axis, where a way led to the goal on another turn
@@ -94,20 +84,20 @@ class Keeper:
         """A reading of the encoders, rad and rad/s; ValueError for one that cannot be."""
         known = self.readings.here is not None
         jumped = self.readings.take(stamp, angles, rates)
-        if jumped and self._path is not None and not self._settings.whole:
-            self._goal = self._path = None  # where it was sent is of a place where it is not
+        if jumped and self._course is not None and not self._settings.whole:
+            self._goal = self._course = None  # where it was sent is of a place where it is not
             self._brake(stamp)
-            self._told('aborted', ERROR, 'the readings jumped to another place and stay there: '
-                       'stopped; somebody homed it, or look at its encoder; then call resume')
+            self._set_state('aborted', ERROR, 'the readings jumped to another place and stay '
+                            'there: stopped; somebody homed it, or look at its encoder; then call '
+                            'resume')
         if self.readings.here is None:
-            self._judge = Judge(self._limits)
-            if known:  # another power-on: what was asked for was of this one
-                self._lose(stamp, 'the encoders give no number any more: home the mount')
+            self._check = TrackCheck(self._limits)
+            if known and (self._goal is not None or self.state == 'parking'):
+                self._drop(stamp)  # another power-on: what was asked for was of this one
+                self._set_state('stopped', OK if self._settings.whole else WARN,
+                                'the encoders give no number any more: home the mount')
         elif (jumped or not known) and not self._settings.turn_known:
-            first, second = self._limits.axes
-            low, high = safe_travel(self.readings.here[0], first.low, first.high)
-            self._judge = Judge(replace(
-                self._limits, axes=(first._replace(low=low, high=high), second)))
+            self._check = TrackCheck(self._limits.on_turn_of(self.readings.here[0]))
 
     def take_request(self, track, now, owner=''):
         """A track that is asked for, or the one before once more: it is still wanted.
@@ -132,27 +122,26 @@ class Keeper:
         self._forget_future(now)
         ahead = (track.start - now) * 1e-9
         if ahead > FAR and not self._settings.whole:
-            text = f'a request for {ahead:.0f} s from now: send one of now'
             # whoever asks may hear of a clock that was set back a moment later
-            raise (self._refuse(track, text) if self._wall() > self._back else ValueError(text))
+            raise self._refuse(track, f'a request for {ahead:.0f} s from now: send one of now',
+                               self._wall() > self._back)
         again = self._goal is not None and track.start == self._goal.start
         if not again and track.start == self._last:
             return  # it is over
         if self.locked:
             raise self._refuse(track, self.locked)
-        self._heard, self._owner = self._wall(), owner
+        self._renewed, self._owner = self._wall(), owner
         if again:
-            if self.state == 'stopped' and not self.readings.quiet(self._settings.silence):
+            # where nothing was read since it was sent it may have been lost
+            if (self.state == 'stopped' and not self.readings.quiet(self._settings.silence)) or (
+                    self.state in ('following', 'around') and self._unread == self.readings.stamp):
                 self._begin(now)
-            elif self._unread == self.readings.stamp and self.state in ('following', 'around'):
-                self._begin(now)  # nothing was read since it was sent: it may have been lost
             elif self._settings.asleep and self.readings.here is None:
                 self._begin(now, True)  # a guard that was started again: nothing would ever be read
             return
         if track.start < self._last:
-            text = 'a request older than the one before: check its stamp'
-            raise (ValueError(text) if self._last - track.start > FAR * 1e9  # ours will be set back
-                   else self._refuse(track, text))
+            raise self._refuse(track, 'a request older than the one before: check its stamp',
+                               self._last - track.start <= FAR * 1e9)  # else ours will be set back
         self._last, self._vias, self._turns = track.start, [], None
         self._goal = track if self._settings.whole else ended(track, self._limits.axes)
         if self.state != 'paused':
@@ -165,64 +154,60 @@ class Keeper:
             return False
         self._last = self._sent = 0
         self._halt, self._back = True, self._wall() + FAR
-        if self._goal is None and self._path is None:
+        if self._goal is None and self._course is None:
             return False
-        self._goal, self._path, self._vias, self._out = None, None, [], []
+        self._goal, self._course, self._vias, self._out = None, None, [], []
         if not self.locked:
-            self._told('stopped', WARN, 'the clock was set back: ask anew')
+            self._set_state('stopped', WARN, 'the clock was set back: ask anew')
         return True
 
     def _halted(self, now):
         """After that: a stop from the first reading of the new time, as nobody knows the way."""
         if self._halt and self.readings.stamp <= now + round(0.5 * FAR * 1e9):
             self._halt = False
-            if self._path is None and not self.readings.stand(STILL):
+            if self._course is None and not self.readings.stand(STILL):
                 self._brake(now)
 
     def withdraw(self, now):
         """Nobody asks for anything any more: stop."""
         if self._goal is not None and not self.locked:
-            self._goal = None
-            if self._path is not None and not self._settings.whole:
-                self._brake(now)
-            self._path = None
-            self._told('idle', OK, 'the request was withdrawn')
+            self._drop(now)
+            self._set_state('idle', OK, 'the request was withdrawn')
 
-    def _lose(self, now, reason):
-        if self._goal is None and self.state != 'parking':
-            return
-        if not self._settings.whole and self._path is not None:
+    def _drop(self, now):
+        """Nothing is asked for any more, and nothing more is sent but a stop."""
+        if self._course is not None and not self._settings.whole:
             self._brake(now)
-        self._goal = self._path = None
-        self._told('stopped', OK if self._settings.whole else WARN, reason)
+        self._goal = self._course = None
 
     @property
     def _alive(self):
         return self._goal is not None and (
-            self._settings.whole or self._wall() - self._heard <= self._settings.commander)
+            self._settings.whole or self._wall() - self._renewed <= self._settings.commander)
 
-    def _refuse(self, track, reason):
-        self.refused = track.start, reason
+    def _refuse(self, track, reason, for_good=True):
+        if for_good:
+            self.refused = track.start, reason
         return ValueError(reason)
 
     # --- a request ----------------------------------------------------------------------------
 
     def _begin(self, now, unread=False):
-        """Judge what is asked for from where the axes are, and set out.
+        """Check what is asked for from where the axes are, and set out.
 
         `unread`: from where it begins, where nothing was read yet.
         """
         goal, late, self._vias = self._goal, 0.0, []
         if self._blind and not (unread and self.readings.here is None):
-            return self._told('waiting', WARN, UNKNOWN)
+            return self._set_state('waiting', WARN, UNKNOWN)
         if not self._settings.whole:
             late = (now - goal.start) * 1e-9
             if late < -LATER:
-                return self._told('waiting', OK, 'the track begins later')
+                return self._set_state('waiting', OK, 'the track begins later')
         state = (self._here(now) if self.readings.here is not None
                  else AxisState(tuple(map(float, goal.angles[0]))))
         circles = self._circles_at(max(now, goal.start))
-        found = self._judge.judge(goal.times - late, goal.angles, goal.rates, state, circles,
+        found = self._check.check(goal.times - late, goal.angles, goal.rates, state, circles,
                                   self._turns)
         if isinstance(found, Allowed):
             if self._set_out(found.cubic, state, now, 'following'):
@@ -231,20 +216,20 @@ class Keeper:
         if found.cubic is not None:
             if max(map(abs, state.rates)) > 2.0 * STILL:
                 self._brake(now)
-                return self._told('stopping', OK, f'{found.reason.partition(":")[0]}: '
+                return self._set_state('stopping', OK, f'{found.reason.partition(":")[0]}: '
                                   'stopping, to go around')
-            led = lead(self._judge, found.cubic, AxisState(state.angles), circles)
+            led = lead(self._check, found.cubic, AxisState(state.angles), circles)
             if led is not None:
                 self._vias, cubic = list(led[0]), led[1]
                 self._turns = round(float(cubic.angles[0, 0] - goal.angles[0, 0]) / (2.0 * math.pi))
                 if not self._settings.whole:  # the search took its time: the next step sets out
-                    return self._told('waiting', OK, 'a way is found')
+                    return self._set_state('waiting', OK, 'a way is found')
                 return (self._to_via(now) if self._vias
                         else self._set_out(cubic, state, now, 'following'))
         self._goal = None
-        if self._path is not None:
+        if self._course is not None:
             self._brake(now)
-        self._told('stopped', WARN, f'refused: {found.reason}')
+        self._set_state('stopped', WARN, f'refused: {found.reason}')
         raise self._refuse(goal, found.reason)
 
     @property
@@ -254,72 +239,57 @@ class Keeper:
             self._halt or self.readings.doubtful
             or self.readings.quiet(self._settings.silence))
 
-    def _to_via(self, now):
+    def _to_via(self, now, name='around'):
         here, there = self._here(now), self._vias[0]
-        found = self._judge.way(here.angles, there, self._circles_at(now))
+        found = self._check.way(here.angles, there, self._circles_at(now))
         if not isinstance(found, Allowed):  # a circle has come into the way since
             self._vias = []
-            return self._told('waiting', WARN, found.reason)
-        self._set_out(resting(there), here, now, 'around', f'{len(self._vias)} points to pass')
+            return self._set_state('waiting', WARN, found.reason)
+        self._set_out(resting(there), here, now, name)
 
     def _circles_at(self, now):
         return self._circles.at(now * 1e-9)
 
     def _here(self, now):
         """Of the axes now: where they were sent, while they follow, else their reading."""
-        if self._path is not None and not self._settings.whole and not self._hung(now):
-            points = [self._moment(now, i) for i in (0, 1)]
-            return AxisState(*zip(*points))
-        return AxisState(tuple(map(float, self.readings.here)), tuple(
-            float(v) if math.isfinite(v) else 0.0 for v in self.readings.rate))
+        if self._course is not None and not self._settings.whole and not self._hung(now):
+            return self._course.state(now)
+        return self.readings.state
 
     def _hung(self, now):
         """Whether nothing was sent in time, and the mount has braked; or has not begun at all."""
         ahead = round(self._settings.ahead * 1e9)
-        return now > max(self._sent, self._path[0]) + ahead or (
+        return now > max(self._sent, self._course.start) + ahead or (
             bool(self._out) and now > self._out[-1].start + ahead // 5)
 
-    def _moment(self, now, axis):
-        start, moves, cubic = self._path
-        return moment(moves[axis], cubic, (now - start) * 1e-9, axis)
-
-    def _set_out(self, cubic, state, now, name, text=''):
+    def _set_out(self, cubic, state, now, name):
         if self._settings.whole:
             start = self._goal.start if name == 'following' else now
-            self._out.append(Track(start, cubic.times, cubic.angles, cubic.rates))
-            self._path, self._unread = (start, None, cubic), self.readings.stamp
+            self._course, self._unread = Course(start, cubic), self.readings.stamp
+            self._out.append(self._course.track)
         else:
-            moves = [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
-                               SHARE * axis.acceleration, 1e-9)
-                     for i, axis in enumerate(self._limits.axes)]
+            moves = moves_onto(cubic, state, self._limits.axes)
             if None in moves:
                 return False
-            self._path = now, moves, cubic
-            self._piece(now)
-        self._told(name, OK, text or 'as requested')
+            self._course = Course(now, cubic, moves)
+            self._send_piece(now)
+        self._announce(name)
         return True
 
-    def _piece(self, now):
-        """The next moments, and rest."""
-        start, moves, cubic = self._path
-        count = max(1, round(self._settings.ahead / KNOT))
-        t = (now - start) * 1e-9 + KNOT * np.arange(count + 1)
-        points = np.array([[moment(moves[i], cubic, at, i) for i in (0, 1)] for at in t.tolist()])
-        self._send_braked(now, KNOT * np.arange(count + 1), points[:, :, 0], points[:, :, 1])
+    def _announce(self, name):
+        self._set_state(name, OK, {
+            'following': 'as requested', 'parking': 'on the way to the park position'}.get(
+                name, f'{len(self._vias)} points to pass'))
 
-    def _send_braked(self, now, times, angles, rates):
-        """A track that ends at rest."""
-        self._out.append(Track(now, *braked(times, angles, rates, self._limits.axes)))
+    def _send_piece(self, now):
+        self._out.append(self._course.piece(now, self._settings.ahead, self._limits.axes))
 
     def _brake(self, now):
-        """Stop now."""
-        if self.readings.here is None and (
-                self._path is None or self._settings.whole or self._hung(now)):
-            self._path = None  # nobody knows from where, and what was sent ends at rest
-            return
-        state = self._here(now)
-        self._send_braked(now, np.zeros(1), np.array([state.angles]), np.array([state.rates]))
-        self._path = None
+        """Stop now; where nobody knows from where, what was sent ends at rest by itself."""
+        if self.readings.here is not None or not (
+                self._course is None or self._settings.whole or self._hung(now)):
+            self._out.append(stop_track(now, self._here(now), self._limits.axes))
+        self._course = None
 
     # --- as time goes on ----------------------------------------------------------------------
 
@@ -360,37 +330,30 @@ class Keeper:
                 self._to_via(now)
             else:
                 self._begin(now)
-        if not self._settings.whole and self._path is not None:
+        if not self._settings.whole and self._course is not None:
             if self._hung(now):
-                self._path, self._out = None, []
+                self._course, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
-                return self._told(state, WARN, LATE)
+                return self._set_state(state, WARN, LATE)
             reason = self._why_stop(now)
             if reason:
                 self._brake(now)
-                self._told(*reason)
-                return
+                return self._set_state(*reason)
             if due and not self._out:
-                self._piece(now)
-        if self.state in ('around', 'parking') and self._vias and self._at(self._vias[0], now):
+                self._send_piece(now)
+        if self.state in ('around', 'parking') and self._vias and self._has_come(now):
             self._vias.pop(0)
             if self._vias:
-                self._next(now, self.state)
+                self._to_via(now, self.state)
             elif self.state == 'parking':
-                self._path = None
-                self._told('parked', OK, 'parked: call resume')
+                self._course = None
+                self._set_state('parked', OK, 'parked: call resume')
             else:
                 self._begin(now)
-        if self.state == 'following' and not self._settings.whole and self._path is not None:
-            start, _, cubic = self._path
-            if (now - start) * 1e-9 > cubic.times[-1] + self._settings.ahead:
-                self._path = self._goal = None
-                self._told('idle', OK, 'the track has ended')
-
-    def _next(self, now, state):
-        self._to_via(now)
-        if state == 'parking' and self.state == 'around':
-            self._told(state, OK, 'on the way to the park position')
+        if self.state == 'following' and not self._settings.whole and self._course is not None and (
+                self._course.seconds(now) > self._course.cubic.times[-1] + self._settings.ahead):
+            self._course = self._goal = None
+            self._set_state('idle', OK, 'the track has ended')
 
     def _why_stop(self, now):
         # one that parks has nobody to ask for it again
@@ -402,30 +365,19 @@ class Keeper:
         if self.state != 'parking' and not self._alive:
             return stopped, WARN, 'the request is no longer renewed: stopped'
         astray = self._astray()
-        if astray:
-            return 'aborted', ERROR, astray
-        return None
+        return ('aborted', ERROR, astray) if astray else None
 
     def _astray(self):
         """Which axis does not go where it was sent, in a sentence; '' for none."""
-        if self.readings.stamp <= self._path[0]:
+        if self.readings.stamp <= self._course.start:
             return ''
-        for i, word in enumerate(self._limits.mount.names.axes):
-            # where it was sent to at the time of the reading
-            angle, rate = self._moment(self.readings.stamp, i)
-            off = abs(self.readings.here[i] - angle)
-            if off > self._settings.behind + LAG * abs(rate):
-                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
-                        'somebody homed it, or look at its drive and encoder; then call resume')
-        return ''
+        return self._course.astray(self.readings, self._settings.behind,
+                                   self._limits.mount.names.axes)
 
-    def _at(self, place, now):
-        if self._path is None:
-            return False
-        start, moves, _ = self._path
-        over = not moves or (now - start) * 1e-9 >= max(move.end for move in moves)
-        return over and self.readings.stand(STILL) and all(
-            abs(a - b) < REACHED for a, b in zip(self.readings.here, place))
+    def _has_come(self, now):
+        """Whether the axes rest at the first of the points to pass."""
+        return self._course is not None and self._course.is_on_track(now) and (
+            self.readings.rest_at(self._vias[0], REACHED, STILL))
 
     # --- services -----------------------------------------------------------------------------
 
@@ -433,23 +385,22 @@ class Keeper:
         """Stop, forget the request, and take none until `resume`."""
         self._brake(now)
         self._goal, self._vias = None, []
-        self._told('aborted', WARN, 'aborted: call resume')
+        self._set_state('aborted', WARN, 'aborted: call resume')
 
     def pause(self, now):
         """Stop, and go on with the request at `resume`; ValueError where that is no matter."""
         if self.locked:
             raise ValueError(self.locked)
-        if self._path is not None:
+        if self._course is not None:
             self._brake(now)
-        self._told('paused', WARN, 'paused: call resume')
+        self._set_state('paused', WARN, 'paused: call resume')
 
     def resume(self, now):
         """Go on; ValueError where nothing holds the mount up."""
         if self.state not in ('paused', 'aborted', 'parked', 'parking', 'stopped'):
             raise ValueError('nothing is paused')
-        self._told('idle', OK, 'resumed')
+        self._set_state('idle', OK, 'resumed')
         if self._alive:
-            self._vias = []
             self._begin(now)
 
     def park(self, now, place):
@@ -466,44 +417,16 @@ class Keeper:
         if max(map(abs, state.rates)) > 2.0 * STILL:
             self._brake(now)  # it is a way of its own from there
             state = AxisState(tuple(self._out[-1].angles[-1].tolist()))
-        there = self._judge.limits.nearest_turn(place, state.angles[0])
+        there = self._check.limits.nearest_turn(place, state.angles[0])
         circles = self._circles_at(now)
-        found, vias = self._judge.way(state.angles, there, circles), []
+        found, vias = self._check.way(state.angles, there, circles), []
         if not isinstance(found, Allowed):
             vias = found.cubic is not None and around(
-                self._judge, found.cubic, AxisState(state.angles), circles)
+                self._check, found.cubic, AxisState(state.angles), circles)
             if not vias:
                 raise ValueError(f'park: {found.reason}')
         self._goal, self._vias = None, [*vias, tuple(there.tolist())]
-        self._next(now, 'parking')
+        self._to_via(now, 'parking')
 
-    def _told(self, state, level, reason):
+    def _set_state(self, state, level, reason):
         self.state, self.level, self.reason = state, level, reason
-
-
-class GuardSettings(NamedTuple):
-    """How a `Keeper` sends.
-
-    Attributes
-    ----------
-    whole : bool
-        The judged track at once; nothing is renewed, and silence is no matter.
-    ahead : float
-        From now to the last moving knot of a piece, s.
-    silence, commander : float
-        Seconds without a reading, and without a renewed request, after which the axes are stopped.
-    behind : float
-        Largest distance of an axis from where it was sent, rad.
-    turn_known : bool
-        The first axis reads the turn that it is on.
-    asleep : bool
-        Time waits for events: of a mount that is not asked to move nothing is read.
-    """
-
-    whole: bool = True
-    ahead: float = 1.5
-    silence: float = 0.5
-    commander: float = 0.45
-    behind: float = 2.0 * DEG
-    turn_known: bool = True
-    asleep: bool = False

@@ -1,6 +1,6 @@
 """Where the axes and the tube may be, and how fast."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -106,6 +106,12 @@ class Limits:
         first = here + wrap(place[0] - here) if self.mount.vertical else place[0]
         return np.array([first if self.axes[0].low <= first <= self.axes[0].high else place[0],
                          place[1]])
+
+    def on_turn_of(self, reading):
+        """The same limits where the turn of the first axis is not known; its reading, rad."""
+        first, second = self.axes
+        low, high = safe_travel(reading, first.low, first.high)
+        return replace(self, axes=(first._replace(low=low, high=high), second))
 
     def __post_init__(self):
         for axis, word in zip(self.axes, self.mount.names.axes):

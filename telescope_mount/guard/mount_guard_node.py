@@ -17,9 +17,10 @@ from pointing_model.sky.skyline import Horizon, parse_horizon
 from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
+from .course import GuardSettings
 from .goto import GotoKeeper
 from .guard_params import PARAMS
-from .keeper import ERROR, LATE, STILL, WARN, GuardSettings, Keeper
+from .keeper import ERROR, LATE, STILL, WARN, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
 
@@ -43,7 +44,7 @@ LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 class MountGuard(ManagedNode):
     """Publishes `command`: it alone, and nothing that the mount must not follow.
 
-    What is judged and sent stands in `guard.keeper`, which knows no ROS.
+    What is checked and sent is in `guard.keeper`, which knows no ROS.
     """
 
     GATHER = 0.002  # of readings at 1 kHz; a command waits no longer than that
@@ -72,10 +73,10 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
             time.monotonic)
-        self._said, self._renewed, self._crowd = None, 0.0, ''
-        self._idle, self._asked = time.monotonic(), False  # not active since, and asked then
+        self._published, self._renewed, self._crowd = None, 0.0, ''
+        self._idle, self._was_wanted = time.monotonic(), False  # not active since; and then
         self._ticked, self._late = 0.0, False
-        self._late_said, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
+        self._late_logged, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
         self._request = None  # the message as it came
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
@@ -129,12 +130,12 @@ class MountGuard(ManagedNode):
             self._look()
             return
         if not self.active and not self._resting:
-            self._asked = True  # it is renewed while it is wanted; the status says why not
+            self._was_wanted = True  # it is renewed while it is wanted; the status says why not
             return
         stamp, times, angles, rates = convert.read_trajectory(message)
-        asked = convert.joints_of(message.joint_names)
-        if asked != self._names:
-            raise ValueError(f'request for {" and ".join(asked)}: the parameter mount says '
+        named = convert.joints_of(message.joint_names)
+        if named != self._names:
+            raise ValueError(f'request for {" and ".join(named)}: the parameter mount says '
                              f'{" and ".join(self._names)}')
         owner = message.header.frame_id
         if self._crowd and not owner:
@@ -160,8 +161,8 @@ class MountGuard(ManagedNode):
     def _look(self):
         """Send what is due."""
         if not self.active:
-            if self._is_told:
-                self._tell()
+            if self._is_news:
+                self._publish_status()
             return
         now = time.monotonic()
         due = now - self._renewed >= self.value('renew_s')
@@ -170,7 +171,7 @@ class MountGuard(ManagedNode):
             self._send(track)
         if tracks:
             self._renewed = now
-        self._tell()
+        self._publish_status()
 
     def _send(self, track):
         message = self._request
@@ -179,24 +180,24 @@ class MountGuard(ManagedNode):
         message.header.frame_id = ''
         self._command_pub.publish(message)
 
-    def _tell(self):
+    def _publish_status(self):
         keeper = self._keeper
         state, level, reason = keeper.state, keeper.level, self._reason
         if not self.active:
             state, level, reason = 'inactive', WARN, self.inactive
-        told = state, reason, keeper.refused
-        if told == self._said:
+        status = state, reason, keeper.refused
+        if status == self._published:
             return
-        self._said = told
+        self._published = status
         self._status_pub.publish(convert.status(
             LEVELS[level], self.get_fully_qualified_name(), reason,
             state=state, refused=keeper.refused[0], reason=keeper.refused[1],
             goto=self.value('goto'), **self._sky))
         text = reason if reason.startswith(state) else f'{state}: {reason}'
         after, now = self._quiet, time.monotonic()
-        self._quiet = reason == LATE and now - self._late_said < LATE_ONCE
+        self._quiet = reason == LATE and now - self._late_logged < LATE_ONCE
         if reason == LATE and not self._quiet:
-            self._late_said = now
+            self._late_logged = now
         if self._quiet or after and not level:  # on the way again
             return
         if level == ERROR:
@@ -207,10 +208,11 @@ class MountGuard(ManagedNode):
             self.get_logger().info(text)
 
     @property
-    def _is_told(self):
+    def _is_news(self):
         """Whether it is news that this node is not active: at a start it is not, at first."""
         return not self.starting and (
-            self._asked or self._said is not None or time.monotonic() - self._idle > STARTS)
+            self._was_wanted or self._published is not None
+            or time.monotonic() - self._idle > STARTS)
 
     @property
     def _reason(self):
@@ -301,7 +303,7 @@ class MountGuard(ManagedNode):
 
     def waiting_for(self):
         """As all managed nodes; but not at once at each start for its activation."""
-        missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_told]
+        missing = [text for text in super().waiting_for() if text != ACTIVATION or self._is_news]
         command = self.resolve_topic_name(topics.COMMAND.name)
         if self.count_subscribers(command) and not self._is_driven():
             missing.append(f'a driver of the mount: of the subscribers of {command} none is one')

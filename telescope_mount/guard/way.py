@@ -26,19 +26,19 @@ WINDOW, TRIES = 480.0, 4
 SETTLED = 2.0
 
 
-def stopped(judge, state):
+def stopped(check, state):
     """At rest, where the axes of an `AxisState` stand after they have braked as they can."""
     return AxisState(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration)
                            for angle, rate, axis
-                       in zip(state.angles, state.rates, judge.limits.axes)))
+                       in zip(state.angles, state.rates, check.limits.axes)))
 
 
-def lead(judge, cubic, state, circles=()):
+def lead(check, cubic, state, circles=()):
     """A way to a track whose straight slew is refused: on its turn, else on another one.
 
     Parameters
     ----------
-    judge, cubic, state, circles
+    check, cubic, state, circles
         As of `around`.
 
     Returns
@@ -46,30 +46,30 @@ def lead(judge, cubic, state, circles=()):
     (list of (float, float), axis_track.Cubic) or None
         Points as of `around`, none where the straight slew is allowed; the track on its turn.
     """
-    for track in (cubic, *judge.other_turns(cubic, state)):
-        if _ok(judge.onto(track, state.angles, circles)):
+    for track in (cubic, *check.other_turns(cubic, state)):
+        if _ok(check.onto(track, state.angles, circles)):
             return [], track
-        vias = around(judge, track, state, circles)
+        vias = around(check, track, state, circles)
         if vias is not None:
             return vias, track
     return None
 
 
-def around(judge, cubic, state, circles=()):
+def around(check, cubic, state, circles=()):
     """Points that lead to a track whose straight slew is refused.
 
     Between points of a grid the axes go one at a time, so that nothing depends on their timing;
-    then points are left out wherever the judge allows the straight slew.
+    then points are left out wherever the check allows the straight slew.
 
     Parameters
     ----------
-    judge : track_judgement.Judge
+    check : track_check.TrackCheck
     cubic : axis_track.Cubic
         The track, on the turn that the mount takes.
     state : motion.AxisState
         At rest.
     circles
-        As of `Judge.judge`.
+        As of `TrackCheck.check`.
 
     Returns
     -------
@@ -80,11 +80,11 @@ def around(judge, cubic, state, circles=()):
     for _ in range(TRIES):
         # where they are in the middle of it, and so much wider
         then = [circle.later(0.5 * seconds, 0.5 * seconds * TURN_RATE) for circle in circles]
-        vias, clean = _free_of_all(judge, cubic, state, then, _Leaving(
-            judge, tuple(map(float, state.angles)), circles) if circles else None)
+        vias, clean = _free_of_all(check, cubic, state, then, _Leaving(
+            check, tuple(map(float, state.angles)), circles) if circles else None)
         if not clean:
             return None
-        needed = _lead_time(judge, state.angles, vias)
+        needed = _lead_time(check, state.angles, vias)
         if needed <= seconds:
             return vias
         seconds = 30.0 * math.ceil(1.1 * needed / 30.0)
@@ -97,35 +97,35 @@ class _Leaving:
 
     Parameters
     ----------
-    judge, circles
+    check, circles
         As of `around`.
     here : (float, float)
         rad.
     """
 
-    def __init__(self, judge, here, circles):
-        self._judge, self._here, self._circles = judge, here, circles
+    def __init__(self, check, here, circles):
+        self._check, self._here, self._circles = check, here, circles
 
     def to(self, place, there):
         """Of a way from `place`, whether it begins elsewhere or may be gone, too."""
-        return place != self._here or _ok(self._judge.way(place, there, self._circles, True))
+        return place != self._here or _ok(self._check.way(place, there, self._circles, True))
 
 
-def _free_of_all(judge, cubic, state, circles, leaving):
+def _free_of_all(check, cubic, state, circles, leaving):
     """The points of `around` for circles that stay; whether the track is clear of them too."""
-    own = judge.sky.in_axes(circles, state)
+    own = check.sky.in_axes(circles, state)
     for step in GRIDS:
-        path = _path(judge, cubic, state, own, step, circles, leaving)
-        vias = path and _shortened(judge, tuple(map(float, state.angles)), path, cubic, circles,
+        path = _path(check, cubic, state, own, step, circles, leaving)
+        vias = path and _shortened(check, tuple(map(float, state.angles)), path, cubic, circles,
                                    leaving)
         if vias:
-            return vias, not judge.sky.where_not(cubic.boxes(), own)
+            return vias, not check.sky.where_not(cubic.boxes(), own)
     return None, False
 
 
-def _lead_time(judge, here, vias):
+def _lead_time(check, here, vias):
     """Seconds until the axes have passed all points at the latest."""
-    timing = judge.limits.timing
+    timing = check.limits.timing
     if not timing:
         return 0.0  # as long as they like: each leg is judged once more when it begins
     seconds = 0.0
@@ -133,7 +133,7 @@ def _lead_time(judge, here, vias):
         cubic = resting(via)
         seconds += SETTLED + max(
             plan_move(here[i], 0.0, cubic, i, timing * axis.rate, timing * axis.acceleration).end
-            for i, axis in enumerate(judge.limits.axes))
+            for i, axis in enumerate(check.limits.axes))
         here = via
     return seconds
 
@@ -143,17 +143,17 @@ class _Grid:
 
     Parameters
     ----------
-    judge : Judge
+    check : TrackCheck
     ends : tuple of (int, int)
         Of each axis, in steps.
     step : float
         rad.
     """
 
-    def __init__(self, judge, ends, step):
+    def __init__(self, check, ends, step):
         self.nodes = [np.unique(np.clip(np.arange(low, high + 1) * step, axis.low + EDGE,
                                         axis.high - EDGE))
-                      for (low, high), axis in zip(ends, judge.limits.axes)]
+                      for (low, high), axis in zip(ends, check.limits.axes)]
         self.shape = tuple(map(len, self.nodes))
         self.size = self.shape[0] * self.shape[1]
         first, second = np.meshgrid(*self.nodes, indexing='ij')
@@ -166,9 +166,9 @@ class _Grid:
             high.append([first[b].ravel(), second[b].ravel()])
             row.append(index[a].ravel())
             column.append(index[b].ravel())
-            seconds.append((high[-1][axis] - low[-1][axis]) / judge.limits.axes[axis].rate)
+            seconds.append((high[-1][axis] - low[-1][axis]) / check.limits.axes[axis].rate)
         low, high = np.concatenate(low, 1), np.concatenate(high, 1)
-        free = judge.sky.free(Boxes(low, high, np.zeros(low.shape[1])), ())
+        free = check.sky.free(Boxes(low, high, np.zeros(low.shape[1])), ())
         self.boxes = Boxes(low, high, np.zeros(low.shape[1])).of(free)
         self.row, self.column, self.seconds = (
             np.concatenate(v)[free] for v in (row, column, seconds))
@@ -176,13 +176,13 @@ class _Grid:
         self.place = np.array([np.cos(middle[1]) * np.sin(middle[0]),
                                np.cos(middle[1]) * np.cos(middle[0]), np.sin(middle[1])])
 
-    def graph(self, judge, circles, step):
+    def graph(self, check, circles, step):
         """Sparse matrix of the seconds of each step that is free of the circles too."""
         free = np.ones(len(self.row), bool)
         for circle in circles:
             near = np.flatnonzero(circle.toward @ self.place
                                   > np.cos(min(circle.distance + step, np.pi)))
-            free[near] &= judge.sky.free(self.boxes.of(near), (circle,))
+            free[near] &= check.sky.free(self.boxes.of(near), (circle,))
         from scipy.sparse import coo_matrix  # few nights need a way around
         return coo_matrix((self.seconds[free], (self.row[free], self.column[free])),
                           shape=(self.size, self.size)).tocsr()
@@ -200,33 +200,33 @@ class _Grid:
 
 
 @lru_cache(16)
-def _grid(judge, ends, step):
-    return _Grid(judge, ends, step)
+def _grid(check, ends, step):
+    return _Grid(check, ends, step)
 
 
-def _path(judge, cubic, state, own, step, circles, leaving):
+def _path(check, cubic, state, own, step, circles, leaving):
     """Points of a grid from the begin to one from which the track is reached; None without."""
     from scipy.sparse.csgraph import connected_components, dijkstra
 
     here, there = state.angles, cubic.angles[0].tolist()
     ends = tuple((math.floor(max(axis.low, min(a, b) - REACH) / step),
                   math.ceil(min(axis.high, max(a, b) + REACH) / step))
-                 for axis, a, b in zip(judge.limits.axes, here, there))
-    grid = _grid(judge, ends, step)
-    graph = grid.graph(judge, own, step)
+                 for axis, a, b in zip(check.limits.axes, here, there))
+    grid = _grid(check, ends, step)
+    graph = grid.graph(check, own, step)
     region = connected_components(graph, directed=False)[1]
     starts, goals = grid.beside(here), grid.beside(there)
     both = {region[k] for k in starts} & {region[k] for k in goals}
     both = [r for r in both if np.count_nonzero(region == r) > 1]
     reached = []
     for k in goals:
-        if region[k] in both and _ok(judge.onto(cubic, grid.node(k), circles, True)):
+        if region[k] in both and _ok(check.onto(cubic, grid.node(k), circles, True)):
             reached.append(k)
             if len(reached) == 3:
                 break
     for start in starts:
         good = [k for k in reached if region[k] == region[start]]
-        if not good or not _ok(judge.way(here, grid.node(start), circles, True)) or (
+        if not good or not _ok(check.way(here, grid.node(start), circles, True)) or (
                 leaving and not leaving.to(tuple(map(float, here)), grid.node(start))):
             continue
         distance, before = dijkstra(graph, directed=False, indices=start,
@@ -240,16 +240,16 @@ def _path(judge, cubic, state, own, step, circles, leaving):
     return None
 
 
-def _shortened(judge, here, path, cubic, circles, leaving):
+def _shortened(check, here, path, cubic, circles, leaving):
     """Fewer points of a path: each time the last that is reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
-        if vias and _ok(judge.onto(cubic, place, circles, True)):
+        if vias and _ok(check.onto(cubic, place, circles, True)):
             break
         near, far, at = at + 1, len(path), at + 1
         last = len(path) - 1
         while near < last:  # by halves: what is reached straight mostly goes on so
-            if _ok(judge.way(place, path[last], circles, True)) and (
+            if _ok(check.way(place, path[last], circles, True)) and (
                     not leaving or leaving.to(place, path[last])):
                 at = near = last
             else:

@@ -163,9 +163,10 @@ class NightSteps:
             'star': star.number, 'camera_late_s': value('camera_late_s'),
             'found': clocks.offset_of(rows), 'exposures': rows,
             'absolute': clocks.offset_of(seconds), 'absolute_exposures': seconds}
-        found = self.clocks['found']
-        log = self.out.get_logger()
-        (log.warning if found is None or clocks.is_off(found) else log.info)(self.clocks_sentence)
+        if self.clocks['found'] is None or clocks.is_off(self.clocks['found']):
+            self.out.get_logger().warning(self.clocks_sentence)
+        else:  # a logger takes one severity from one line
+            self.out.get_logger().info(self.clocks_sentence)
         self.send_checks()
 
     def _do_track(self, step):

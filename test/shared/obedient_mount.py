@@ -6,7 +6,8 @@ from msg_tools.units import DEG
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
-from telescope_mount.guard.keeper import GuardSettings, Keeper
+from telescope_mount.guard.course import GuardSettings
+from telescope_mount.guard.keeper import Keeper
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing.axis_demand import Track
 

@@ -19,7 +19,7 @@ from pointing_model.runs.formats import read_run
 from pointing_model.zero import Zeros
 from telescope_mount.log_replay import _has_exposures
 from telescope_mount.loop import _site_of, close_the_loop, drive_error, loop_plan
-from telescope_mount.loop_judgement import judgement, paired, points_worse
+from telescope_mount.loop_outcome import outcome, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.runs import load_run
@@ -285,16 +285,16 @@ def effect(name, alternatives=(), aliases=()):
     (['a'], [effect('c')], ('no', ['c'])),
     (None, [effect('c')], (None, [])),
 ])
-def test_judgement(shows_as, effects, wanted):
-    assert judgement(shows_as, effects) == wanted
+def test_outcome(shows_as, effects, wanted):
+    assert outcome(shows_as, effects) == wanted
 
 
 @pytest.mark.parametrize('verdict, wanted', [
     ('unknown', 'unknown'), ('identified', 'wrong'), ('ambiguous', 'wrong')])
 def test_what_an_answer_is_worth_where_no_effect_is_the_right_one(verdict, wanted):
-    assert judgement([], [effect('a')], verdict) == (wanted, ['a'])
-    assert judgement([], [effect('a')], verdict, harmful=True) == ('harmful', ['a'])
-    assert judgement(['a'], [effect('a')], verdict, harmful=True) == ('harmful', [])
+    assert outcome([], [effect('a')], verdict) == (wanted, ['a'])
+    assert outcome([], [effect('a')], verdict, harmful=True) == ('harmful', ['a'])
+    assert outcome(['a'], [effect('a')], verdict, harmful=True) == ('harmful', [])
 
 
 @pytest.mark.parametrize('shows_as, effects, follows, wanted', [
@@ -306,7 +306,7 @@ def test_what_an_answer_is_worth_where_no_effect_is_the_right_one(verdict, wante
     ([], [], ['elevation'], ('rightly none', [])),
 ])
 def test_counts_that_are_followed_are_found(shows_as, effects, follows, wanted):
-    assert judgement(shows_as, effects, 'none', follows=follows) == wanted
+    assert outcome(shows_as, effects, 'none', follows=follows) == wanted
 
 
 def test_before_and_after_are_of_the_same_stars():

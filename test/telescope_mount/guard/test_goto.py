@@ -12,8 +12,8 @@ from pointing_model.mounts import Mount
 from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
+from telescope_mount.guard.course import GuardSettings
 from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
-from telescope_mount.guard.keeper import GuardSettings
 from telescope_mount.guard.limits import Axis, Limits
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')

@@ -28,7 +28,7 @@ SOON = 1e-6
 NO_ANGLE = 100.0 * _TURN
 
 
-class Judge:
+class TrackCheck:
     """Judges tracks by the limits of a mount.
 
     Parameters
@@ -46,8 +46,8 @@ class Judge:
         self._words = limits.mount.names.axes
         self._slow = tuple(axis.acceleration * (limits.timing or 1.0) for axis in limits.axes)
 
-    def judge(self, times, angles, rates, state, circles=(), turns=None):
-        """Judge a track from where the axes are.
+    def check(self, times, angles, rates, state, circles=(), turns=None):
+        """Check a track from where the axes are.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class Judge:
         return self._way(cubic, state, self.sky.in_axes(circles, state), True)
 
     def onto(self, cubic, here, circles=(), quick=False):
-        """As `judge`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed.
+        """As `check`, of a slew from rest at a pair of angles onto a `Cubic` that is allowed.
 
         What is `quick` may refuse more.
         """
@@ -117,7 +117,7 @@ class Judge:
         return [cubic.turned(n) for n in turns[:2]]
 
     def _way(self, cubic, state, circles, track=False, quick=False):
-        """Judge the way onto a track and, if told so, what it passes of the sky itself."""
+        """Check the way onto a track and, with `track`, what it passes of the sky itself."""
         if self._surely_clear(cubic, state, circles):
             return Allowed(cubic)
         reason = track and self.sky.why_not(*cubic.angles[0].tolist(), float(cubic.times[0]),

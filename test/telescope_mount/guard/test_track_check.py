@@ -11,7 +11,7 @@ from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.limits import Allowed, Axis, Limits, Refused, safe_travel, travel_of
 from telescope_mount.guard.motion import AxisState, Slew
 from telescope_mount.guard.sky_limits import SUN, Circle, SkyCircles, SkyLimit
-from telescope_mount.guard.track_judgement import Judge
+from telescope_mount.guard.track_check import TrackCheck
 from telescope_mount.guard.way import around, lead
 
 KNOTS = np.arange(0.0, 121.0, 20.0)
@@ -36,22 +36,22 @@ def circles(az, el, distance=20.0, limit=SUN):
     return [Circle(toward(az, el), POLE if limit.turns else None, distance * DEG, limit)]
 
 
-def refused(judge, *args, **named):
-    found = judge.judge(*args, **named)
+def refused(check, *args, **named):
+    found = check.check(*args, **named)
     assert isinstance(found, Refused)
     return found.reason
 
 
 @pytest.fixture(scope='module')
-def judge():
-    return Judge(Limits(horizon=Horizon(15.0 * DEG, [(100.0 * DEG, 15.0 * DEG),
+def check():
+    return TrackCheck(Limits(horizon=Horizon(15.0 * DEG, [(100.0 * DEG, 15.0 * DEG),
                                                      (110.0 * DEG, 40.0 * DEG),
                                                      (120.0 * DEG, 15.0 * DEG)])))
 
 
-def test_an_ordinary_star_passes_as_it_was_asked_for(judge):
+def test_an_ordinary_star_passes_as_it_was_asked_for(check):
     times, angles, rates = star(30.0, 50.0)
-    found = judge.judge(times, angles, rates, at(-60.0, 70.0), circles(250.0, -40.0))
+    found = check.check(times, angles, rates, at(-60.0, 70.0), circles(250.0, -40.0))
     assert isinstance(found, Allowed)
     assert found.cubic.angles is angles
 
@@ -66,14 +66,14 @@ def test_an_ordinary_star_passes_as_it_was_asked_for(judge):
     (star(np.nan, 40.0), (0.0, 50.0), 'a value that is not finite'),
     (star(30.0, 40.0), (np.nan, 50.0), 'where the axes stand is not known'),
 ])
-def test_a_refusal_says_what_and_where(judge, track, state, words):
-    reason = refused(judge, *track, at(*state))
+def test_a_refusal_says_what_and_where(check, track, state, words):
+    reason = refused(check, *track, at(*state))
     assert words in reason and ': ' in reason and '\n' not in reason
 
 
-def test_the_azimuth_takes_the_turn_that_the_cables_allow(judge):
+def test_the_azimuth_takes_the_turn_that_the_cables_allow(check):
     times, angles, rates = star(280.0, 50.0)
-    found = judge.judge(times, angles, rates, at(250.0, 50.0))
+    found = check.check(times, angles, rates, at(250.0, 50.0))
     assert found.cubic.angles[0, 0] == pytest.approx(-80.0 * DEG)
 
 
@@ -84,16 +84,16 @@ def test_an_unknown_turn_leaves_what_is_safe_on_any():
         safe_travel(200.0 * DEG, -90.0 * DEG, 90.0 * DEG)
 
 
-def test_the_way_past_the_sun_is_refused_and_led_around(judge):
+def test_the_way_past_the_sun_is_refused_and_led_around(check):
     sun = circles(0.0, 45.0)
     track, state = star(60.0, 45.0), at(-60.0, 45.0)
-    found = judge.judge(*track, state, sun)
+    found = check.check(*track, state, sun)
     assert 'the way to the track comes within 20 deg of the Sun' in found.reason
-    vias = around(judge, found.cubic, state, sun)
+    vias = around(check, found.cubic, state, sun)
     assert vias
     places = [state.angles, *vias]
-    assert all(isinstance(judge.way(a, b, sun), Allowed) for a, b in zip(places, vias))
-    assert 'the track comes within' in refused(judge, *star(10.0, 40.0), state, sun)
+    assert all(isinstance(check.way(a, b, sun), Allowed) for a, b in zip(places, vias))
+    assert 'the track comes within' in refused(check, *star(10.0, 40.0), state, sun)
 
 
 def test_one_more_limit_in_the_sky_is_one_object():
@@ -102,56 +102,56 @@ def test_one_more_limit_in_the_sky_is_one_object():
     both = SkyCircles([(SUN, 20.0 * DEG), (laser, 5.0 * DEG)], DEFAULT_SITE)
     sun, beam = both.at(1_768_482_000.0)
     assert np.allclose(beam.toward, both.at(1_768_490_000.0)[1].toward)  # it stands
-    judge, state = Judge(Limits()), at(30.0, 50.0)
+    check, state = TrackCheck(Limits()), at(30.0, 50.0)
     assert "comes within 5 deg of the neighbour's laser" in refused(
-        judge, *star(61.0, 52.0), state, [sun, beam])
-    assert isinstance(judge.judge(*star(61.0, 60.0), state, [sun, beam]), Allowed)
-    found = judge.judge(*star(110.0, 45.0), state, [beam, *circles(75.0, 62.0)])
-    vias = around(judge, found.cubic, state, [beam, *circles(75.0, 62.0)])
+        check, *star(61.0, 52.0), state, [sun, beam])
+    assert isinstance(check.check(*star(61.0, 60.0), state, [sun, beam]), Allowed)
+    found = check.check(*star(110.0, 45.0), state, [beam, *circles(75.0, 62.0)])
+    vias = around(check, found.cubic, state, [beam, *circles(75.0, 62.0)])
     path = [state.angles, *vias, (110.0 * DEG, 45.0 * DEG)]
     for near in (beam, *circles(75.0, 62.0)):
-        assert all(isinstance(judge.way(a, b, [near]), Allowed) for a, b in zip(path, path[1:]))
+        assert all(isinstance(check.way(a, b, [near]), Allowed) for a, b in zip(path, path[1:]))
 
 
 def test_a_slow_mount_on_its_way_around_keeps_away_from_where_the_sun_will_be():
     slow = tuple(Axis(*ends, 0.4 * DEG, 0.3 * DEG) for ends in (
         (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
-    judge = Judge(Limits(axes=slow, horizon=Horizon(15.0 * DEG), timing=0.4))
+    check = TrackCheck(Limits(axes=slow, horizon=Horizon(15.0 * DEG), timing=0.4))
     sun = circles(-15.0, 40.0)
     track, state = star(-70.0, 35.0, (0.0, 0.0)), at(40.0, 35.0)
-    vias = around(judge, judge.judge(*track, state, sun).cubic, state, sun)
+    vias = around(check, check.check(*track, state, sun).cubic, state, sun)
     seconds, here = 0.0, state.angles
     for there in (*vias, (-70.0 * DEG, 35.0 * DEG)):
-        assert isinstance(judge.way(here, there, [sun[0].later(seconds)]), Allowed)
-        assert isinstance(judge.way(here, there, [sun[0].later(0.4 * seconds)]), Allowed)
+        assert isinstance(check.way(here, there, [sun[0].later(seconds)]), Allowed)
+        assert isinstance(check.way(here, there, [sun[0].later(0.4 * seconds)]), Allowed)
         way = np.abs(np.subtract(there, here))
         seconds += (way / (0.16 * DEG)).max() + 0.4 / (0.4 * 0.3)  # and up to speed
         here = there
     assert seconds > 600.0  # in which the Sun goes 2.5 deg
 
 
-def test_whoever_stands_too_low_or_by_the_sun_may_come_out(judge):
+def test_whoever_stands_too_low_or_by_the_sun_may_come_out(check):
     sun = circles(0.0, 45.0)
-    out = judge.judge(*star(60.0, 50.0), at(10.0, 45.0), sun)
+    out = check.check(*star(60.0, 50.0), at(10.0, 45.0), sun)
     assert isinstance(out, Allowed)
-    assert 'Sun' in refused(judge, *star(-60.0, 45.0), at(10.0, 45.0), sun)
-    assert isinstance(judge.judge(*star(30.0, 50.0), at(30.0, 5.0)), Allowed)
-    assert 'horizon' in refused(judge, *star(30.0, 50.0), at(30.0, 5.0, 0.0, -2.0))
+    assert 'Sun' in refused(check, *star(-60.0, 45.0), at(10.0, 45.0), sun)
+    assert isinstance(check.check(*star(30.0, 50.0), at(30.0, 5.0)), Allowed)
+    assert 'horizon' in refused(check, *star(30.0, 50.0), at(30.0, 5.0, 0.0, -2.0))
 
 
 def test_a_german_mount_changes_its_side_around_what_is_in_the_way():
     axis = (4.0 * DEG, 2.0 * DEG)
     german = Mount.equatorial(34.3 * DEG, 'german')
-    judge = Judge(Limits(german, (Axis(-10.0 * DEG, 190.0 * DEG, *axis),
+    check = TrackCheck(Limits(german, (Axis(-10.0 * DEG, 190.0 * DEG, *axis),
                                   Axis(-90.0 * DEG, 270.0 * DEG, *axis)), Horizon(10.0 * DEG)))
     west, east = at(20.0, 10.0), (150.0 * DEG, 170.0 * DEG)
-    found = judge.way(west.angles, east)
+    found = check.way(west.angles, east)
     cubic = Cubic(np.zeros(1), np.array([east]), np.zeros((1, 2)))
-    vias = around(judge, cubic, west)
+    vias = around(check, cubic, west)
     assert isinstance(found, Allowed) or vias
     late = np.array([[200.0, 20.0]]) * DEG
     assert 'hour angle of the track from 200.0' in refused(
-        judge, np.zeros(1), late, np.zeros((1, 2)), west)
+        check, np.zeros(1), late, np.zeros((1, 2)), west)
 
 
 def test_corners_of_a_horizon_are_read_from_text_and_file(tmp_path):
@@ -185,32 +185,32 @@ def test_the_axes_of_a_polar_mount_in_the_south_go_through_the_other_pole():
     assert ends[1] == (-270.0, 90.0) and limits.blocked_pole is None
     # as the observer writes them: -90 to 270 deg
     west, east = limits.on_travel(20.0 * DEG, -50.0 * DEG), (150.0 * DEG, 230.0 * DEG)
-    judge = Judge(limits)
-    found = judge.judge(np.zeros(1), np.array([east]), np.zeros((1, 2)), AxisState(west))
+    check = TrackCheck(limits)
+    found = check.check(np.zeros(1), np.array([east]), np.zeros((1, 2)), AxisState(west))
     assert found.cubic.angles[0, 1] == pytest.approx(-130.0 * DEG)
-    assert isinstance(found, Allowed) or lead(judge, found.cubic, AxisState(west))
+    assert isinstance(found, Allowed) or lead(check, found.cubic, AxisState(west))
     low = Limits(Mount.equatorial(5.0 * DEG, 'german'), limits.axes, Horizon(10.0 * DEG))
     assert np.array(low.blocked_pole) / DEG == pytest.approx((-5.0, 10.0))
 
 
 def test_a_way_is_found_on_another_turn():
     skyline = [(40.0, 10.0), (41.0, 80.0), (43.0, 80.0), (44.0, 10.0)]
-    judge = Judge(Limits(axes=(Axis(-330.0 * DEG, 330.0 * DEG, 4.0 * DEG, 2.0 * DEG),
+    check = TrackCheck(Limits(axes=(Axis(-330.0 * DEG, 330.0 * DEG, 4.0 * DEG, 2.0 * DEG),
                                Axis(-5.0 * DEG, 79.0 * DEG, 4.0 * DEG, 2.0 * DEG)),
                          horizon=Horizon(10.0 * DEG, [(a * DEG, e * DEG) for a, e in skyline])))
     track, state = star(60.0, 40.0), at(20.0, 40.0)
-    found = judge.judge(*track, state)
-    vias, cubic = lead(judge, found.cubic, state)
+    found = check.check(*track, state)
+    vias, cubic = lead(check, found.cubic, state)
     assert cubic.angles[0, 0] == pytest.approx(-300.0 * DEG)
-    assert around(judge, found.cubic, state) is None
+    assert around(check, found.cubic, state) is None
 
 
-def test_a_track_that_ends_in_motion_has_room_to_stop(judge):
+def test_a_track_that_ends_in_motion_has_room_to_stop(check):
     fast = (np.array([0.0, 50.0]), np.array([[30.0, 40.0], [30.0, 90.0]]) * DEG,
             np.array([[0.0, 1.0], [0.0, 1.0]]) * DEG)
-    assert isinstance(judge.judge(*fast, at(30.0, 40.0)), Allowed)
+    assert isinstance(check.check(*fast, at(30.0, 40.0)), Allowed)
     high = fast[0], fast[1] + np.array([0.0, 4.8]) * DEG, fast[2]
-    assert 'elevation of the track from' in refused(judge, *high, at(30.0, 44.5))
+    assert 'elevation of the track from' in refused(check, *high, at(30.0, 44.5))
 
 
 def test_boxes_reach_to_where_a_fast_axis_stops_that_brakes_slowly():
@@ -230,21 +230,21 @@ def test_an_axis_in_full_speed_goes_beyond_a_target_that_stops_before_it():
         (-270.0 * DEG, 270.0 * DEG), (-5.0 * DEG, 95.0 * DEG)))
     down = (np.array([0.0, 13.0]), np.array([[171.0, 27.6], [186.0, 5.3]]) * DEG,
             np.tile([15.0, -22.3], (2, 1)) / 13.0 * DEG)
-    judge = Judge(Limits(axes=axes, horizon=Horizon(4.2 * DEG), timing=0.9))
-    assert 'below the horizon' in refused(judge, *down, at(111.0, 82.0))
-    assert isinstance(judge.judge(*down, at(171.0, 30.0)), Allowed)  # it is there in time
+    check = TrackCheck(Limits(axes=axes, horizon=Horizon(4.2 * DEG), timing=0.9))
+    assert 'below the horizon' in refused(check, *down, at(111.0, 82.0))
+    assert isinstance(check.check(*down, at(171.0, 30.0)), Allowed)  # it is there in time
 
 
 @pytest.mark.parametrize('times, rates', [([0.0, 20.0], 1e300), ([0.0, 1e-300], 0.1),
                                           ([0.0, 20.0], 1e200)])
-def test_numbers_beyond_all_reason_are_refused(judge, times, rates):
-    refused(judge, np.array(times), np.array([[30.0, 40.0], [31.0, 41.0]]) * DEG,
+def test_numbers_beyond_all_reason_are_refused(check, times, rates):
+    refused(check, np.array(times), np.array([[30.0, 40.0], [31.0, 41.0]]) * DEG,
             np.full((2, 2), rates), at(30.0, 40.0))
 
 
 def test_axes_of_unknown_timing_may_pass_all_that_lies_between():
     limits = Limits(horizon=Horizon(10.0 * DEG), timing=0.0)
     sun, state = circles(45.0, 60.0), at(0.0, 30.0)
-    assert isinstance(Judge(limits).judge(*star(60.0, 30.0), state, sun), Allowed)
+    assert isinstance(TrackCheck(limits).check(*star(60.0, 30.0), state, sun), Allowed)
     there = star(60.0, 70.0)
-    assert 'comes within' in refused(Judge(limits), *there, state, sun)
+    assert 'comes within' in refused(TrackCheck(limits), *there, state, sun)

@@ -8,7 +8,7 @@ _UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
 _REFUSED = ('withheld', 'taken_back')
 
 
-def judgement(shows_as, effects, verdict='', harmful=False, follows=()):
+def outcome(shows_as, effects, verdict='', harmful=False, follows=()):
     """Whether the diagnosis found what the scenario does.
 
     Parameters

@@ -1,0 +1,126 @@
+"""The course of the axes: what a mount was sent, or will be, and where it leads at a time."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG
+
+from ..observing.axis_demand import Track
+from .axis_track import Cubic, braked
+from .motion import AxisState, moment, plan_move
+
+#: of the speed and the acceleration of an axis, what a slew in pieces uses: the rest is for
+#: catching up
+SHARE = 0.8
+#: between knots of a piece, s
+KNOT = 0.25
+#: an axis that moves may be behind by the way of so long, s
+LAG = 0.5
+
+
+class GuardSettings(NamedTuple):
+    """How a `keeper.Keeper` sends.
+
+    Attributes
+    ----------
+    whole : bool
+        The track that was checked at once; nothing is renewed, and silence is no matter.
+    ahead : float
+        From now to the last moving knot of a piece, s.
+    silence, commander : float
+        Seconds without a reading, and without a renewed request, after which the axes are stopped.
+    behind : float
+        Largest distance of an axis from where it was sent, rad.
+    turn_known : bool
+        The first axis reads the turn that it is on.
+    asleep : bool
+        Time waits for events: of a mount that is not asked to move nothing is read.
+    """
+
+    whole: bool = True
+    ahead: float = 1.5
+    silence: float = 0.5
+    commander: float = 0.45
+    behind: float = 2.0 * DEG
+    turn_known: bool = True
+    asleep: bool = False
+
+
+class Course(NamedTuple):
+    """A way onto a track, and the track.
+
+    Attributes
+    ----------
+    start : int
+        ns.
+    cubic : Cubic
+        The track, by seconds since then.
+    moves : list of Move, optional
+        Of each axis onto it; None where the mount has the track alone.
+    """
+
+    start: int
+    cubic: Cubic
+    moves: list | None = None
+
+    def seconds(self, stamp):
+        """From its start to a stamp, ns."""
+        return (stamp - self.start) * 1e-9
+
+    def moment(self, seconds, axis):
+        """Angle and rate of an axis, rad and rad/s."""
+        if self.moves is None:
+            return self.cubic.at(seconds, axis)
+        return moment(self.moves[axis], self.cubic, seconds, axis)
+
+    def state(self, stamp):
+        """Of both axes at a stamp, an `AxisState`."""
+        return AxisState(*zip(*(self.moment(self.seconds(stamp), axis) for axis in (0, 1))))
+
+    def is_on_track(self, stamp):
+        """Whether both axes have come to the track."""
+        return not self.moves or self.seconds(stamp) >= max(move.end for move in self.moves)
+
+    def piece(self, now, ahead, axes):
+        """The `Track` of the next `ahead` seconds, and then rest."""
+        times = KNOT * np.arange(max(1, round(ahead / KNOT)) + 1)
+        points = np.array([[self.moment(at, axis) for axis in (0, 1)]
+                           for at in (self.seconds(now) + times).tolist()])
+        return Track(now, *braked(times, points[:, :, 0], points[:, :, 1], axes))
+
+    @property
+    def track(self):
+        """The `Track` alone, as it is."""
+        return Track(self.start, self.cubic.times, self.cubic.angles, self.cubic.rates)
+
+    def astray(self, readings, behind, words):
+        """Which axis does not go where it was sent, in a sentence; '' for none.
+
+        Parameters
+        ----------
+        readings : AxisReadings
+        behind : float
+            Largest distance, rad; of an axis that moves more.
+        words : sequence of str
+            What the axes are called.
+        """
+        for i, word in enumerate(words):
+            angle, rate = self.moment(self.seconds(readings.stamp), i)  # at the time of the reading
+            off = abs(readings.here[i] - angle)
+            if off > behind + LAG * abs(rate):
+                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
+                        'somebody homed it, or look at its drive and encoder; then call resume')
+        return ''
+
+
+def moves_onto(cubic, state, axes):
+    """Of each axis the `Move` onto a track, with `SHARE` of what it can; None where there is none.
+    """
+    return [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
+                      SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
+
+
+def stop_track(now, state, axes):
+    """The `Track` of a stop, from an `AxisState`."""
+    return Track(now, *braked(np.zeros(1), np.array([state.angles]), np.array([state.rates]), axes))
