@@ -38,7 +38,7 @@ def survey(seed, pointings, checks, period_ms=100):
     mount = Mount.equatorial(site.latitude, 'german')
     observer = Survey(mount, site)
     ticks = Ticks(observer.take)
-    with SimulatorServer() as server, IndiClient('localhost', server.port, heard=ticks) as client:
+    with SimulatorServer() as server, IndiClient('localhost', server.port, update=ticks) as client:
         telescope = ticks.telescope = observer.telescope = IndiTelescope(client, DEVICE)
         telescope.connect()
         terms = draw_errors(seed, MODEL)

@@ -66,18 +66,18 @@ class Axes:
 
     def __init__(self, port):
         self.rows, self.said, self.state = [], [], ''
-        self.client = IndiClient('localhost', port, heard=self._heard)
+        self.client = IndiClient('localhost', port, update=self._heard)
         self.client.start()
 
     def _heard(self, device, name, vector):
         if name == 'MOUNT_AXES':
-            self.rows.append((vector.heard * 1e-9, *vector.values.values()))
+            self.rows.append((vector.received * 1e-9, *vector.values.values()))
         elif name in ('TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE', 'EQUATORIAL_EOD_COORD'):
             if name.startswith('EQUATORIAL'):
                 if vector.state == self.state:
                     return
                 self.state = vector.state
-            self.said.append((vector.heard * 1e-9, name, vector.state, vector.on))
+            self.said.append((vector.received * 1e-9, name, vector.state, vector.on))
 
     @property
     def slewing(self):

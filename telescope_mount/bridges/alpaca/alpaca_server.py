@@ -46,13 +46,13 @@ class AlpacaServer(ABC):
                 self.wfile.write(data)
 
             def do_GET(self):
-                self.answer(outer.tell, urlsplit(self.path).path.rpartition('/')[2])
+                self.answer(outer.value, urlsplit(self.path).path.rpartition('/')[2])
 
             def do_PUT(self):
                 size = int(self.headers.get('Content-Length', 0))
-                told = {key: value[0] for key, value in parse_qs(
+                given = {key: value[0] for key, value in parse_qs(
                     self.rfile.read(size).decode(), keep_blank_values=True).items()}
-                self.answer(outer.obey, self.path.rpartition('/')[2], told)
+                self.answer(outer.obey, self.path.rpartition('/')[2], given)
 
             def log_message(self, *_):
                 pass
@@ -67,17 +67,17 @@ class AlpacaServer(ABC):
         self.port = self._http.server_port
 
     @abstractmethod
-    def tell(self, name):
+    def value(self, name):
         """Value of a property, its name in small letters; KeyError where there is none."""
 
     @abstractmethod
-    def obey(self, order, told):
+    def obey(self, order, given):
         """Carry out an order, its name in small letters; what it answers.
 
         Parameters
         ----------
         order : str
-        told : dict of str to str
+        given : dict of str to str
 
         Raises
         ------

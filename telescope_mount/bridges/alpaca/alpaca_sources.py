@@ -30,7 +30,7 @@ class AlpacaStars(Source):
         self.why = ''
         while self.on and not self._closed:
             stamp, (*place, second) = telescope.true_place()
-            self.seen.append((stamp, self.field.miss(stamp, place, second)))
+            self.exposures.append((stamp, self.field.miss(stamp, place, second)))
             self._wake.wait(1.0 / self._rate)
             self._wake.clear()
 

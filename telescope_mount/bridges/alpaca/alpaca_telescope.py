@@ -77,7 +77,7 @@ class AlpacaTelescope:
             from alpaca.telescope import Telescope
             self._device = Telescope(f'{host}:{port}', number)
         self.device = f'telescope {number} of {host} port {port}'
-        self._state, self._heard = {}, 0
+        self._state, self._received = {}, 0
         self._at_once = True  # the server tells all of it in one answer
 
     def ask(self, name, default=None):
@@ -92,7 +92,7 @@ class AlpacaTelescope:
                 raise
             return default
 
-    def tell(self, name, value):
+    def set(self, name, value):
         """Set a property."""
         with _asking(f'{self.device}, {name}'):
             setattr(self._device, name, value)
@@ -157,8 +157,8 @@ class AlpacaTelescope:
                 ASKED[2:], (None, None, -1, False))}
         else:
             after = time.time_ns()
-        self._state, self._heard = state, (before + after) // 2
-        return self._heard
+        self._state, self._received = state, (before + after) // 2
+        return self._received
 
     @property
     def kind(self):
@@ -194,7 +194,7 @@ class AlpacaTelescope:
     @property
     def taken_up(self):
         """When it was heard last that it follows the sky, ns; 0 where it does not."""
-        return self._heard if self.tracks else 0
+        return self._received if self.tracks else 0
 
     @property
     def side(self):
@@ -209,17 +209,17 @@ class AlpacaTelescope:
     @property
     def place(self):
         """Right ascension and declination of date, rad, and when; None where they are old."""
-        if time.time_ns() - self._heard > OLD * 1e9:
+        if time.time_ns() - self._received > OLD * 1e9:
             return None
         return np.array([self._state['RightAscension'] * HOUR,
-                         self._state['Declination'] * DEG]), self._heard
+                         self._state['Declination'] * DEG]), self._received
 
     # --- orders -------------------------------------------------------------------------------
 
     def connect(self):
         """Have the server connect to the mount."""
         if not self.ask('Connected'):
-            self.tell('Connected', True)
+            self.set('Connected', True)
 
     def prepare(self, site=None):
         """Make it ready to be pointed: connected, standing, not parked.
@@ -237,8 +237,8 @@ class AlpacaTelescope:
         if not self.ask('CanSlewAsync', False):
             raise AlpacaError(f'{self.device} cannot slew (CanSlewAsync is false)')
         if site is not None:
-            self.tell('SiteLatitude', site.latitude / DEG)
-            self.tell('SiteLongitude', float(wrap(site.longitude)) / DEG)
+            self.set('SiteLatitude', site.latitude / DEG)
+            self.set('SiteLongitude', float(wrap(site.longitude)) / DEG)
         self.poll()
         if self.parked:
             self.call('Unpark')
@@ -249,7 +249,7 @@ class AlpacaTelescope:
     def goto(self, ra, dec):
         """Slew to a place of date, rad, and track it."""
         if not self.tracks:
-            self.tell('Tracking', True)
+            self.set('Tracking', True)
         self.call('SlewToCoordinatesAsync', float(np.mod(ra, 2.0 * np.pi)) / HOUR, dec / DEG)
         self._state['Slewing'] = True  # until the next tick tells
 
@@ -258,4 +258,4 @@ class AlpacaTelescope:
         try:
             self.call('AbortSlew')
         finally:
-            self.tell('Tracking', False)
+            self.set('Tracking', False)

@@ -32,7 +32,7 @@ class SimulatedTelescope(AlpacaServer):
         super().__init__(port)
         self._telescope, self._parked = telescope, True
 
-    def tell(self, name):
+    def value(self, name):
         """A property."""
         telescope = self._telescope
         (ra, dec), site = telescope.look()[1], telescope.site
@@ -46,21 +46,21 @@ class SimulatedTelescope(AlpacaServer):
             'SiteLatitude': site.latitude / DEG, 'SiteLongitude': float(wrap(site.longitude)) / DEG,
             'SiteElevation': site.height, 'SupportedActions': [TRUE_PLACE]}.items()}[name]
 
-    def obey(self, order, told):
+    def obey(self, order, given):
         """An order."""
         telescope = self._telescope
         if order == 'slewtocoordinatesasync':
             if self._parked:
                 raise ValueError('it is parked')
-            telescope.goto(float(told['RightAscension']) * HOUR, float(told['Declination']) * DEG)
+            telescope.goto(float(given['RightAscension']) * HOUR, float(given['Declination']) * DEG)
         elif order == 'tracking':
-            telescope.track(told['Tracking'] == 'True')
+            telescope.track(given['Tracking'] == 'True')
         elif order == 'abortslew':
             if telescope.slewing:
                 telescope.abort()
         elif order == 'unpark':
             self._parked = False
-        elif order == 'action' and told['Action'] == TRUE_PLACE:
+        elif order == 'action' and given['Action'] == TRUE_PLACE:
             axes, _, true = telescope.look()
             return ' '.join(repr(float(value)) for value in (*true, axes[1]))
         elif order != 'connected':

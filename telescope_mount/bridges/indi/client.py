@@ -37,13 +37,13 @@ class Vector:
         By element: numbers as float, switches as ``On`` and ``Off``.
     state : str
         ``Idle``, ``Ok``, ``Busy`` or ``Alert``.
-    heard : int
+    received : int
         When it came, ns since 1970 by the clock of this machine.
     """
 
     values: dict
-    state: str
-    heard: int
+    state: str = ''
+    received: int = 0
 
     @property
     def on(self):
@@ -58,10 +58,8 @@ class IndiClient:
     ----------
     host : str
     port : int
-    heard : callable, optional
-        ``heard(device, name, vector)``, in the thread of the connection, as a property comes.
-    said : callable, optional
-        ``said(device, text)``: as a driver says something.
+    update : callable, optional
+        ``update(device, name, vector)``, in the thread of the connection, as a property comes.
     connection : callable, optional
         ``connection(up)``: as it is made or lost.
     blob : callable, optional
@@ -73,7 +71,7 @@ class IndiClient:
     connected : bool
     """
 
-    def __init__(self, host, port, heard=None, said=None, connection=None, blob=None):
+    def __init__(self, host, port, update=None, connection=None, blob=None):
         try:
             import indipyclient
         except ImportError:
@@ -85,7 +83,7 @@ class IndiClient:
         logger.propagate = False
         self.host, self.port = host, port
         self.connected = self._closed = False
-        self._heard, self._said, self._connection, self._blob = heard, said, connection, blob
+        self._update, self._connection, self._blob = update, connection, blob
         self._vectors, self._defined = {}, {}
         self._news = threading.Condition()
         self._loop = self._client = None
@@ -162,8 +160,8 @@ class IndiClient:
                 if kind == 'Define':
                     self._defined[device, name] = now
                 self._news.notify_all()
-            if self._heard is not None:
-                self._heard(device, name, vector)
+            if self._update is not None:
+                self._update(device, name, vector)
         elif kind == 'SetBLOB' and self._blob is not None:
             self._blob(device, dict(event), {
                 member: form for member, (_, form) in event.sizeformat.items()})
@@ -173,18 +171,27 @@ class IndiClient:
                             if key[0] == device and name in (None, key[1])]:
                     del self._vectors[key]
                 self._news.notify_all()
-        elif kind == 'Message' and device and self._said is not None:
-            self._said(device, event.message)
 
-    def get(self, device, name):
-        """The `Vector` of a property, None if it has not come."""
+    def get(self, device, name, default=None):
+        """The `Vector` of a property, `default` if it has not come."""
         with self._news:
-            return self._vectors.get((device, name))
+            return self._vectors.get((device, name), default)
 
-    def devices(self, name):
-        """Devices that have a property."""
-        with self._news:
-            return sorted({key[0] for key in self._vectors if key[1] == name})
+    def only(self, what, interface, timeout=PATIENCE):
+        """Name of the one device on the server that is a `what`.
+
+        Before it is connected it is known by what its driver says of itself: a bit of
+        DRIVER_INTERFACE. IndiError where there is none, or there are several.
+        """
+        def found():
+            return sorted(
+                device for (device, name), vector in self._vectors.items() if name == 'DRIVER_INFO'
+                and int(vector.values.get('DRIVER_INTERFACE', '0')) & interface)
+        devices = self.wait(found, f'the server tells of no {what}', timeout)
+        if len(devices) > 1:
+            raise IndiError(f'several {what}s on the server: {", ".join(devices)}; choose one by '
+                            'its name')
+        return devices[0]
 
     def wait(self, condition, what, timeout=PATIENCE):
         """Wait until `condition` gives something true, and return that.
@@ -237,9 +244,11 @@ class IndiClient:
         """
         asked = time.time_ns()
         with contextlib.suppress(IndiError, concurrent.futures.TimeoutError):
-            asyncio.run_coroutine_threadsafe(
-                self._client.send_getProperties(device, name), self._loop).result(timeout)
+            self._await(self._client.send_getProperties(device, name), timeout)
             self.wait(lambda: self._defined.get((device, name), 0) > asked, '', timeout)
+
+    def _await(self, work, timeout=PATIENCE):
+        asyncio.run_coroutine_threadsafe(work, self._loop).result(timeout)
 
     # --- what is sent -------------------------------------------------------------------------
 
@@ -265,15 +274,13 @@ class IndiClient:
         unknown = set(members) - set(vector.values)
         if unknown:
             raise IndiError(f'{name} of {device} has no {", ".join(sorted(unknown))}')
-        asyncio.run_coroutine_threadsafe(
-            self._client.send_newVector(device, name, members={
-                key: value if isinstance(value, str) else repr(float(value))
-                for key, value in members.items()}), self._loop).result(PATIENCE)
+        self._await(self._client.send_newVector(device, name, members={
+            key: value if isinstance(value, str) else repr(float(value))
+            for key, value in members.items()}))
 
     def enable_blobs(self, device):
         """Have the images of a device sent."""
-        asyncio.run_coroutine_threadsafe(
-            self._client.send_enableBLOB('Also', device), self._loop).result(PATIENCE)
+        self._await(self._client.send_enableBLOB('Also', device))
 
     def switch(self, device, name, member):
         """Switch one on."""

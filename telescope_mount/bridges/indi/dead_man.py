@@ -57,7 +57,7 @@ class DeadMan:
             stdin=subprocess.PIPE, start_new_session=True)
         os.set_blocking(self._process.stdin.fileno(), False)
 
-    def tell(self, armed):
+    def signal(self, armed):
         """Whether the mount is to be stopped if no more is heard; False where nobody hears it."""
         try:
             os.write(self._process.stdin.fileno(), ARMED if armed else SAFE)
@@ -92,7 +92,7 @@ def _stop_indi(host, port, device):
     with socket.create_connection((host, port), 2.0) as connection:
         connection.sendall(f'<getProperties version="1.7" device="{name}"/>\n'.encode())
         # a slew that is aborted may end as it would have, tracking: so once more, and again
-        sent, due, heard = 0, 0.0, b''
+        sent, due, received = 0, 0.0, b''
         connection.settimeout(0.05)
         end = time.monotonic() + TIMES * AGAIN
         while time.monotonic() < end:
@@ -103,12 +103,12 @@ def _stop_indi(host, port, device):
                 data = connection.recv(65536)
                 if not data:
                     return
-                heard, taken = heard + data, 0
-                for told in _TRACKS.finditer(heard):
-                    taken = told.end()
-                    if _ON.search(told[0]):
+                received, taken = received + data, 0
+                for state in _TRACKS.finditer(received):
+                    taken = state.end()
+                    if _ON.search(state[0]):
                         due = 0.0
-                heard = heard[taken:][-4096:]
+                received = received[taken:][-4096:]
 
 
 def _stop_alpaca(host, port, device):
@@ -130,9 +130,9 @@ def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
     armed = False
     while True:
         ready, _, _ = select.select([stream], [], [], silence if armed else None)
-        told = os.read(stream, 4096) if ready else b''
-        if told:
-            armed = told[-1:] == ARMED
+        words = os.read(stream, 4096) if ready else b''
+        if words:
+            armed = words[-1:] == ARMED
             continue
         if armed:
             why = 'has died' if ready else f'says nothing for {silence:g} s'

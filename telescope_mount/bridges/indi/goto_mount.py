@@ -64,10 +64,10 @@ class GotoMount:
         self.where, self.mount, self.site, self._retry = where, mount, site, retry
         self.telescope = None
         self.ready, self.why = False, f'connecting to {where}'
-        self.stopper, self._told_it = None, 0.0
+        self.stopper, self._signalled = None, 0.0
         self._follower = AxisFollower(mount, site, tolerance)
         self._track = self._last = self._fresh = None
-        self._sent, self._told, self._beside = 0.0, 0, ''
+        self._sent, self._newest, self._beside = 0.0, 0, ''
         self._stopping, self._stopped, self._stop_sent = False, 0.0, 0
         self._readings = deque(maxlen=10_000)
         self._lock, self._wake, self._closed = threading.Lock(), threading.Event(), False
@@ -111,7 +111,7 @@ class GotoMount:
                     self._make_stand(telescope)
                     time.sleep(0.02)  # polls: of what the thread of the connection hears
         if self.stopper is not None:
-            self.stopper.tell(self._track is not None or not self.ready)
+            self.stopper.signal(self._track is not None or not self.ready)
             self.stopper.close()
         self.shut()
 
@@ -162,8 +162,8 @@ class GotoMount:
     def take(self, tick):
         """A `indi_telescope.Tick`, in the thread of the connection."""
         with self._lock:
-            if tick.stamp > self._told:
-                self._told = tick.stamp
+            if tick.stamp > self._newest:
+                self._newest = tick.stamp
                 self._readings.append((tick.stamp, np.array(self.mount.on_travel(*tick.axes))))
         if tick.tracking:
             self._fresh = tick
@@ -176,19 +176,19 @@ class GotoMount:
             return []
         now = time.time_ns()
         with self._lock:
-            if not self._readings and now - self._told > STILL * 1e9:
-                self._say_again(telescope, now)
+            if not self._readings and now - self._newest > STILL * 1e9:
+                self._repeat_reading(telescope, now)
             out = list(self._readings)
             self._readings.clear()
         if out:
             self._last = out[-1]
         return out
 
-    def _say_again(self, telescope, now):
+    def _repeat_reading(self, telescope, now):
         """Axes that stand, or that are not told at all."""
         if telescope.has_axes:
             # a mount that tracks and says nothing is no mount that stands
-            if self._told and telescope.tracks:
+            if self._newest and telescope.tracks:
                 return
             angles = np.array(self.mount.on_travel(*telescope.axes[0]))
         else:
@@ -197,7 +197,7 @@ class GotoMount:
                 return
             beyond = self.mount.two_sided and bool(telescope.beyond)
             angles = np.array(axes_at(self.mount, *place[0], now * 1e-9, self.site, beyond))
-        self._told = now
+        self._newest = now
         self._readings.append((now, angles))
 
     # --- orders -------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ class GotoMount:
             The driver does not take it: it is made ready again.
         """
         try:
-            self._tell_stopper()
+            self._signal_stopper()
             self._step()
         except BridgeError as err:
             self.ready, self.why, self._sent = False, str(err), 0.0
@@ -261,13 +261,13 @@ class GotoMount:
             self._wake.set()
             raise
 
-    def _tell_stopper(self):
+    def _signal_stopper(self):
         now = time.monotonic()
-        if self.stopper is None or now - self._told_it < HEARTBEAT:
+        if self.stopper is None or now - self._signalled < HEARTBEAT:
             return
-        self._told_it = now
+        self._signalled = now
         # lost with the connection is not stopped: it stays armed
-        if not self.stopper.tell(self._track is not None or not self.ready):
+        if not self.stopper.signal(self._track is not None or not self.ready):
             self.stopper = None
             raise BridgeError('the process that stops the mount if this one dies has ended: it is '
                             'started again')

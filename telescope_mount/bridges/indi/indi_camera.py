@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 from msg_tools.iso_time import iso_seconds
 
-from .client import PATIENCE, IndiError
+from .client import IndiError
 
 EXPOSURE, VALUE = 'CCD_EXPOSURE', 'CCD_EXPOSURE_VALUE'
 #: bit of DRIVER_INTERFACE of a camera
 CCD = 2
 #: s beyond the exposure in which the image has to come
 READOUT = 60.0
-#: clocks of camera and this machine that are farther apart are not believed, s
-APART = 2.0
+#: clocks of camera and this machine that differ by more are not believed, s
+LARGEST_OFFSET = 2.0
 
 
 class Image(NamedTuple):
@@ -64,21 +64,14 @@ class IndiCamera:
         self._blob = None
         self._came.set()
 
-    def connect(self, timeout=PATIENCE):
+    def connect(self):
         """Have the server connect to it, and send its images here; IndiError where it does not."""
         client = self.client
         if not self.device:
-            def cameras():
-                return [device for device in client.devices('DRIVER_INFO') if int(client.get(
-                    device, 'DRIVER_INFO').values.get('DRIVER_INTERFACE', '0')) & CCD]
-            found = client.wait(cameras, 'the server tells of no camera', timeout)
-            if len(found) > 1:
-                raise IndiError(f'several cameras on the server: {", ".join(found)}; choose one '
-                                'by its name')
-            self.device = found[0]
-        if client.property(self.device, 'CONNECTION', timeout).on != 'CONNECT':
+            self.device = client.only('camera', CCD)
+        if client.property(self.device, 'CONNECTION').on != 'CONNECT':
             client.switch(self.device, 'CONNECTION', 'CONNECT')
-        client.property(self.device, EXPOSURE, timeout)
+        client.property(self.device, EXPOSURE)
         upload = client.get(self.device, 'UPLOAD_MODE')
         if upload is not None and upload.on == 'UPLOAD_LOCAL':
             client.switch(self.device, 'UPLOAD_MODE', 'UPLOAD_CLIENT')
@@ -112,16 +105,16 @@ def _middle(data, began, seconds):
     from astropy.io import fits
     header = fits.getheader(BytesIO(data))
     here = began + round(seconds * 0.5e9)
-    told = header.get('DATE-OBS')
-    if told is None:
+    stamp = header.get('DATE-OBS')
+    if stamp is None:
         return here, 'the camera tells no DATE-OBS: exposures are taken to begin when asked for'
     try:
-        start = iso_seconds(str(told))
+        start = iso_seconds(str(stamp))
         there = round((start + 0.5 * float(header.get('EXPTIME', seconds))) * 1e9)
     except ValueError:
-        return here, f'DATE-OBS {told!r} of the camera is no time'
-    apart = (there - here) * 1e-9
-    if abs(apart) > APART:
-        return here, (f'the clock of the camera is {apart:.1f} s off: set it; exposures are taken '
+        return here, f'DATE-OBS {stamp!r} of the camera is no time'
+    offset = (there - here) * 1e-9
+    if abs(offset) > LARGEST_OFFSET:
+        return here, (f'the clock of the camera is {offset:.1f} s off: set it; exposures are taken '
                       'to begin when asked for')
     return there, ''

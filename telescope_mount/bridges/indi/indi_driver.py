@@ -39,7 +39,7 @@ class MountDriver(GotoMount):
         self._device, self._axes, self._set_site = device, axes, set_site
         self._period_ms, self._dead_man, self._fresh_within = period_ms, dead_man, fresh
         self._ticks = Ticks(self.take)
-        self.client = IndiClient(host, port, heard=self._ticks, connection=self._connection)
+        self.client = IndiClient(host, port, update=self._ticks, connection=self._connection)
 
     def open(self):
         """Begin to connect; returns at once."""
@@ -62,17 +62,17 @@ class MountDriver(GotoMount):
         telescope = IndiTelescope(self.client, device, self._axes, self.mount.vertical)
         telescope.connect()
         check_kind(telescope, self.mount.kind)
-        apart = self.check(telescope)
-        if apart and not self._set_site:
+        elsewhere = self.check(telescope)
+        if elsewhere and not self._set_site:
             raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
         # told again where it is the same: drivers that have it from a file may not act on it
         telescope.prepare(self.site if self._set_site else None)
         if telescope.has_axes:
-            told = time.time_ns()
+            asked = time.time_ns()
             with contextlib.suppress(IndiError):
-                self.client.wait(lambda: telescope.axes[1] > told, 'no reading',
+                self.client.wait(lambda: telescope.axes[1] > asked, 'no reading',
                                  self._fresh_within)
         if self._dead_man and self.stopper is None:
             self.stopper = DeadMan(self.client.host, self.client.port, device)

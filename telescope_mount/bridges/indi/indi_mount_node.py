@@ -39,7 +39,7 @@ class IndiMount(ManagedNode):
         check_kind(mount)  # a kind that cannot be driven is refused at once
         self._names = mount.names.keys
         self._driver = self.make_driver(mount)
-        self._said = ''
+        self._reported = ''
         self._before = None
         self._pub = self.publisher(topics.INCREMENTAL)
         self.subscribe(topics.COMMAND, self._on_command)
@@ -87,8 +87,8 @@ class IndiMount(ManagedNode):
         except BridgeError as err:
             self.reject(topics.COMMAND.name, str(err))
         text = self._driver.state()[0]
-        if text != self._said:
-            self._said = text
+        if text != self._reported:
+            self._reported = text
             if text:
                 self.get_logger().warning(text)
             else:

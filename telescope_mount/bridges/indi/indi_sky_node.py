@@ -52,7 +52,7 @@ class IndiSky(ManagedNode):
             mount_of(self), *sky_of(self), value('field_deg') * DEG, value('magnitude_limit'),
             value('noise_arcsec') * ARCSEC, value('seed')))
         self._source.switch(False)
-        self._without, self._said, self._started = 0, '', False
+        self._without, self._reported, self._started = 0, '', False
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.every(0.05, self._expose)
 
@@ -99,13 +99,13 @@ class IndiSky(ManagedNode):
         source = self._source
         if not self.active:
             return
-        while source.seen:
-            stamp, miss = source.seen.popleft()
+        while source.exposures:
+            stamp, miss = source.exposures.popleft()
             self._without += int(miss[0] != miss[0])
             self._pub.publish(convert.vector(stamp, *miss, 'camera'))
         text = source.why or source.note
-        if text != self._said:
-            self._said = text
+        if text != self._reported:
+            self._reported = text
             if text:
                 self.get_logger().warning(text)
             else:

@@ -33,7 +33,7 @@ class Source:
     ----------
     on : bool
         Whether exposures are wanted; a camera is left alone where not.
-    seen : deque of (int, ndarray)
+    exposures : deque of (int, ndarray)
         Stamp (ns) and miss distance (rad; NaN: no star) of each exposure.
     why : str
         What is missing; '' while all is well.
@@ -42,7 +42,7 @@ class Source:
     """
 
     def __init__(self, field, where):
-        self.field, self.where, self.seen, self.on = field, where, deque(maxlen=100), True
+        self.field, self.where, self.exposures, self.on = field, where, deque(maxlen=100), True
         self.why, self.note = f'connecting to {where}', ''
         self._wake, self._closed = threading.Event(), False
 
@@ -58,7 +58,7 @@ class Source:
     def switch(self, on):
         """Begin with exposures, or end with them."""
         self.on = on
-        self.seen.clear()
+        self.exposures.clear()
         self._wake.set()
 
     def take_axes(self, second):
@@ -88,13 +88,13 @@ class IndiSource(Source):
     ----------
     host, port : str, int
     field : StarField
-    **heard
+    **calls
         As of `client.IndiClient`.
     """
 
-    def __init__(self, host, port, field, **heard):
+    def __init__(self, host, port, field, **calls):
         super().__init__(field, f'{host}:{port}')
-        self.client = IndiClient(host, port, connection=self._connection, **heard)
+        self.client = IndiClient(host, port, connection=self._connection, **calls)
 
     def start(self):
         """Begin; returns at once."""
@@ -128,7 +128,7 @@ class TrueSky(IndiSource):
 
     def __init__(self, host, port, field, device='', axes='', rate=2.0):
         self.ticks = Ticks(self._take)
-        super().__init__(host, port, field, heard=self.ticks)
+        super().__init__(host, port, field, update=self.ticks)
         self._device, self._axes, self._rate = device, axes, rate
         self._tick, self._last = None, 0
 
@@ -154,7 +154,7 @@ class TrueSky(IndiSource):
             return
         place = before.place if before.place is not None else telescope.place[0]
         self._last = before.stamp
-        self.seen.append((before.stamp, self.field.miss(before.stamp, place, before.axes[1])))
+        self.exposures.append((before.stamp, self.field.miss(before.stamp, place, before.axes[1])))
 
 
 class SolvedSky(IndiSource):
@@ -196,10 +196,10 @@ class SolvedSky(IndiSource):
             if self._second is None:
                 raise IndiError('the mount tells no axes, and with them the side of the pier')
             try:
-                self.seen.append((image.middle, self._miss(image)))
+                self.exposures.append((image.middle, self._miss(image)))
             except NotSolved as err:
                 self.note = f'an image was not solved: {err}'
-                self.seen.append((image.middle, np.full(2, np.nan)))
+                self.exposures.append((image.middle, np.full(2, np.nan)))
 
     def _miss(self, image):
         from pointing_model.runs.plate_solves.frames import ICRS, to_icrs

@@ -12,7 +12,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .client import PATIENCE, IndiError
+from .client import PATIENCE, IndiError, Vector
 from .indi_server import SIMULATOR, TWO_AXES
 from .pointing import HOUR
 
@@ -22,6 +22,8 @@ HORIZONTAL = 'HORIZONTAL_COORD'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
 ON_SET, SITE, SIDE = 'ON_COORD_SET', 'GEOGRAPHIC_COORD', 'TELESCOPE_PIER_SIDE'
 RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC', 'CONNECTION'
+#: bit of DRIVER_INTERFACE of a telescope
+TELESCOPE = 1
 #: what a driver calls a kind of mount -> `pointing_model.mounts.KINDS`
 KINDS = {'ALTAZ': 'altaz', 'EQ_FORK': 'equatorial', 'EQ_GEM': 'german'}
 #: readings that come within so much of each other are of one tick, ns: a driver sends them at once
@@ -69,15 +71,7 @@ def find_device(client, wanted='', timeout=PATIENCE):
     if wanted:
         client.property(wanted, CONNECTION, timeout)
         return wanted
-    # before it is connected a telescope is known by what it says of itself: bit 0
-    def telescopes():
-        return [device for device in client.devices('DRIVER_INFO')
-                if int(client.get(device, 'DRIVER_INFO').values.get('DRIVER_INTERFACE', '0')) & 1]
-    found = client.wait(telescopes, 'the server tells of no telescope', timeout)
-    if len(found) > 1:
-        raise IndiError(f'several telescopes on the server: {", ".join(found)}; choose one by its '
-                        'name')
-    return found[0]
+    return client.only('telescope', TELESCOPE, timeout)
 
 
 def is_simulator(telescope):
@@ -86,8 +80,7 @@ def is_simulator(telescope):
 
 
 def _driver(telescope):
-    driver = telescope.get('DRIVER_INFO')
-    return driver and driver.values.get('DRIVER_EXEC')
+    return telescope.last('DRIVER_INFO').values.get('DRIVER_EXEC')
 
 
 def check_kind(telescope, kind):
@@ -140,6 +133,10 @@ class IndiTelescope:
         """A `Vector`, None where it has not come."""
         return self.client.get(self.device, name)
 
+    def last(self, name):
+        """A `Vector`, without values where it has not come."""
+        return self.client.get(self.device, name, Vector({}))
+
     def connect(self, timeout=PATIENCE):
         """Have the server connect to the mount, and hear all that its driver defines.
 
@@ -166,43 +163,37 @@ class IndiTelescope:
     @property
     def kind(self):
         """Kind of mount where the driver says, else ''."""
-        told = self.get(KIND)
-        if told is not None and told.on:
-            return KINDS.get(told.on, '')
-        return ''
+        return KINDS.get(self.last(KIND).on, '')
 
     @property
     def site(self):
         """Latitude and longitude, rad, and height, m, as the driver has them; None if not."""
-        told = self.get(SITE)
-        if told is None:
+        values = self.last(SITE).values
+        if not values:
             return None
-        values = told.values
         return (values['LAT'] * DEG, float(wrap(values['LONG'] * DEG)), values.get('ELEV', 0.0))
 
     @property
     def parked(self):
         """Whether it says so."""
-        told = self.get(PARK)
-        return told is not None and told.on == 'PARK'
+        return self.last(PARK).on == 'PARK'
 
     @property
     def tracks(self):
         """Whether it says that it follows the sky; None where it does not say."""
-        told = self.get(TRACK)
-        return None if told is None else told.on == 'TRACK_ON'
+        track = self.get(TRACK)
+        return None if track is None else track.on == 'TRACK_ON'
 
     @property
     def taken_up(self):
         """When it said last that it follows the sky, ns; 0 where it says that it does not."""
-        told = self.get(TRACK)
-        return told.heard if told is not None and told.on == 'TRACK_ON' else 0
+        track = self.last(TRACK)
+        return track.received if track.on == 'TRACK_ON' else 0
 
     @property
     def side(self):
         """Side of the pier as the driver calls it, '' where it does not say."""
-        told = self.get(SIDE)
-        return '' if told is None else told.on
+        return self.last(SIDE).on
 
     @property
     def beyond(self):
@@ -212,16 +203,15 @@ class IndiTelescope:
     @property
     def slewing(self):
         """Whether it is under way."""
-        told = self.get(PLACE)
-        return told is not None and told.state == 'Busy'
+        return self.last(PLACE).state == 'Busy'
 
     @property
     def axes(self):
         """Last axis angles, rad, shape (2,), and when they came, ns; None where none have."""
-        told = self.get(self._axes_property)
-        if told is None:
+        axes = self.get(self._axes_property)
+        if axes is None:
             return None
-        return np.array([told.values[name] for name in self._elements]) * DEG, told.heard
+        return np.array([axes.values[name] for name in self._elements]) * DEG, axes.received
 
     @property
     def place(self):
@@ -229,15 +219,12 @@ class IndiTelescope:
 
         The true pointing where a simulator offers it apart.
         """
-        told = self.get(TRUE_PLACE)
-        if told is not None:
-            first, second = (told.values[name] for name in ('RA_PE', 'DEC_PE'))
-        else:
-            told = self.get(PLACE)
-            if told is None:
-                return None
-            first, second = (told.values[name] for name in ('RA', 'DEC'))
-        return np.array([first * HOUR, second * DEG]), told.heard
+        for name, elements in ((TRUE_PLACE, ('RA_PE', 'DEC_PE')), (PLACE, ('RA', 'DEC'))):
+            place = self.get(name)
+            if place is not None:
+                hours, degrees = (place.values[element] for element in elements)
+                return np.array([hours * HOUR, degrees * DEG]), place.received
+        return None
 
     def is_axes(self, name):
         """Whether a property is that of the axis angles."""
@@ -272,9 +259,9 @@ class IndiTelescope:
             self.client.switch(self.device, ON_SET, 'TRACK')
             self.client.wait(lambda: self.get(ON_SET).on == 'TRACK',
                              f'{self.device} does not take ON_COORD_SET.TRACK', timeout)
-        rates = self.get(RATE)
-        if rates is not None and rates.values:
-            self.client.switch(self.device, RATE, list(rates.values)[-1])
+        rates = list(self.last(RATE).values)
+        if rates:
+            self.client.switch(self.device, RATE, rates[-1])
 
     def set_site(self, site, timeout=PATIENCE):
         """Tell the driver where it stands, and the time where it takes it."""
@@ -293,11 +280,11 @@ class IndiTelescope:
 
     def goto(self, ra, dec):
         """Slew to a place of date, rad, and track it."""
-        on_set = self.get(ON_SET)
+        on_set = self.last(ON_SET).on
         # a driver that synchronises instead would move the zero that is measured
-        if on_set is None or on_set.on != 'TRACK':
-            raise IndiError(f'{self.device} is set to {on_set.on if on_set else "nothing"} and '
-                            'not to TRACK: no slew')
+        if on_set != 'TRACK':
+            raise IndiError(f'{self.device} is set to {on_set or "nothing"} and not to TRACK: no '
+                            'slew')
         if self.tracks is False:
             # some go on as they did before the slew
             self.track(True)
@@ -313,12 +300,6 @@ class IndiTelescope:
         """Stop at once, and stand."""
         self.client.switch(self.device, ABORT, 'ABORT')
         self.track(False)
-
-    def park(self):
-        """Slew to the park position, which the driver knows."""
-        if self.get(PARK) is None:
-            raise IndiError(f'{self.device} cannot park')
-        self.client.switch(self.device, PARK, 'PARK')
 
 
 class Ticks:
@@ -341,14 +322,14 @@ class Ticks:
         self._lock = threading.Lock()
 
     def __call__(self, device, name, vector):
-        """As `heard` of an `IndiClient`."""
+        """As `update` of an `IndiClient`."""
         telescope = self.telescope
         if telescope is None or device != telescope.device:
             return
         if telescope.is_place(name):
             axes, place = telescope.axes, telescope.place
             tracking = not telescope.slewing and vector.state != 'Alert'
-            if axes is not None and abs(vector.heard - axes[1]) <= TICK:
+            if axes is not None and abs(vector.received - axes[1]) <= TICK:
                 self._tick(Tick(axes[1], axes[0], place[0], tracking))
         elif telescope.is_axes(name):
-            self._tick(Tick(vector.heard, telescope.axes[0], None, not telescope.slewing))
+            self._tick(Tick(vector.received, telescope.axes[0], None, not telescope.slewing))

@@ -47,7 +47,7 @@ class TwoAxesServer:
         self._clients, self._over, self._lock = [], threading.Event(), threading.Lock()
 
     def __enter__(self):
-        for work in (self._accept, self._tell):
+        for work in (self._accept, self._publish):
             threading.Thread(target=work, daemon=True).start()
         return self
 
@@ -87,16 +87,16 @@ class TwoAxesServer:
              _vector('def', 'Number', 'GEOGRAPHIC_COORD', 'Ok', there),
              *(_vector('def', 'Number', *row) for row in self._numbers())])
 
-    def _tell(self):
+    def _publish(self):
         tracked = None
         while not self._over.wait(EVERY):
             numbers = self._numbers()
             text = ''.join(_vector('set', 'Number', *row) for row in numbers)
             if tracked != (tracked := self._telescope.tracking):
-                text += self._say('TELESCOPE_TRACK_STATE')
+                text += self._switch_vector('TELESCOPE_TRACK_STATE')
             self._send(text)
 
-    def _say(self, name):
+    def _switch_vector(self, name):
         return _vector('set', 'Switch', name, 'Ok', self._switch(name))
 
     def _send(self, text, to=None):
@@ -160,7 +160,7 @@ class TwoAxesServer:
                 self._telescope.track(on == 'TRACK_ON')
             elif name != 'MOUNT_TYPE':
                 self._on[name] = on
-            self._send(self._say(name) + self._say('TELESCOPE_TRACK_STATE'))
+            self._send(self._switch_vector(name) + self._switch_vector('TELESCOPE_TRACK_STATE'))
 
 
 def _place(names, place):

@@ -40,7 +40,7 @@ class Server(AlpacaServer):
         self.got = []
         self._named = {name.lower(): name for name in self.state}
 
-    def tell(self, name):
+    def value(self, name):
         """As it was told last."""
         return self.state[self._named[name]]
 
@@ -169,7 +169,7 @@ def test_a_server_that_is_gone_is_said_and_found_again():
 def test_a_mount_is_stopped_when_its_commander_dies():
     with Server() as server:
         process = DeadMan('127.0.0.1', server.port, '0', kind=ALPACA)
-        assert process.tell(True)
+        assert process.signal(True)
         process.close()
         end = time.monotonic() + 10.0
         while not (server.orders('abortslew') and server.orders('tracking')):
@@ -193,8 +193,8 @@ def test_a_simulated_altazimuth_telescope_tells_its_axes_and_where_it_looks():
         assert bench.last[1][1] / DEG == pytest.approx(80.0, abs=0.02)
         source = AlpacaStars('127.0.0.1', server.port, 0, Field(), 20.0)
         source.start()
-        bench.until(lambda: len(source.seen) > 1)
-        stamp, (ra, dec, second) = source.seen[-1]
+        bench.until(lambda: len(source.exposures) > 1)
+        stamp, (ra, dec, second) = source.exposures[-1]
         source.close()
     az, el = axes_at(ALTAZ, ra, dec, stamp * 1e-9, DEFAULT_SITE, False)
     assert wrap(az) / ARCSEC == pytest.approx(-300.0, abs=60.0)  # the question takes its time
@@ -209,7 +209,7 @@ def test_a_real_telescope_does_not_know_where_it_looks():
         while 'reports what it believes, not what is seen' not in source.why:
             assert time.monotonic() < end, source.why
             time.sleep(0.01)  # polls: another thread's doing
-        assert not source.seen
+        assert not source.exposures
         source.close()
 
 

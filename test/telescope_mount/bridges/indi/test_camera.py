@@ -96,10 +96,10 @@ def seen(server, solver, second=30.0 * DEG, exposure=EXPOSURE):
     source.start()
     try:
         end = time.monotonic() + 30.0
-        while not source.seen:
+        while not source.exposures:
             assert time.monotonic() < end, source.why
             time.sleep(0.01)  # polls: of a thread of the source
-        return *source.seen[0], source
+        return *source.exposures[0], source
     finally:
         source.close()
 

@@ -29,7 +29,7 @@ def until(condition, seconds=10.0):
 def test_a_mount_is_stopped_when_its_commander_dies_or_hangs(silent):
     with FakeServer() as server:
         process = DeadMan('localhost', server.port, 'Mount', 0.3)
-        assert process.tell(False) and process.tell(True)
+        assert process.signal(False) and process.signal(True)
         if not silent:
             process.close()
         assert until(lambda: stopped(server))

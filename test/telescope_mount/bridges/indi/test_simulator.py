@@ -32,7 +32,7 @@ def survey(wanted):
     """A server of its own, which waits for its slews beside the others."""
     observer = Survey(MOUNT, SITE)
     ticks = Ticks(observer.take)
-    with SimulatorServer() as server, IndiClient('localhost', server.port, heard=ticks) as client:
+    with SimulatorServer() as server, IndiClient('localhost', server.port, update=ticks) as client:
         telescope = ticks.telescope = observer.telescope = IndiTelescope(client, DEVICE)
         telescope.connect()
         set_model(telescope, draw_errors(SEED, MODEL))
