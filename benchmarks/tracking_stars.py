@@ -20,7 +20,7 @@ import numpy as np
 from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.tracking.history import Past, rates_of_nights
+from calibration.analysis.tracking.history import Past, past_of_runs, rates_of_nights, rows_of
 from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.smoother import smooth
 from calibration.analysis.tracking.tracker import Tracker
@@ -29,23 +29,97 @@ from calibration.analysis.tracking.warm_start import (
     HYPOTHESES,
     LEAN,
     REFIT,
+    STARS,
     ZEROS,
     begin,
-    choose,
-    menus,
-    prediction_errors,
 )
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import design
+from pointing_model.terms import design, terms_of
 from telescope_mount.observing.next_star import SlewTime, next_star, until
 
 GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0
 STEP = 10.0  # s, of the true path
 PLACES = sky(np.random.default_rng(11), 80)
+
+
+def choose(covariance, columns, everywhere, count, noise):
+    """The stars that tell most about the pointing all over the sky, one after the other.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (k, k)
+        Of the terms before any star, rad^2.
+    columns : ndarray, shape (n, 2, k)
+        Of stars that could be taken.
+    everywhere : ndarray, shape (p, 2, k)
+        Of places where the mount shall point.
+    count : int
+    noise : float
+        1 sigma of a star, rad.
+
+    Returns
+    -------
+    list of int
+        Rows of `columns`, in order. What the stars will show is not asked.
+    """
+    weight = np.einsum('pij,pik->jk', everywhere, everywhere)
+    chosen = []
+    for _ in range(min(count, len(columns))):
+        gains = covariance @ columns.swapaxes(1, 2)  # (n, k, 2)
+        inverse = np.linalg.inv(columns @ gains + noise**2 * np.eye(2))
+        gain = np.einsum('aki,aij,alj,kl->a', gains, inverse, gains, weight)
+        gain[chosen] = -np.inf
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        covariance = covariance - gains[best] @ inverse[best] @ gains[best].T
+    return chosen
+
+
+def prediction_errors(runs, names, everywhere, *, memory=np.inf, first=4):
+    """How well a few chosen stars of each run and the runs before it predict the rest of it.
+
+    Parameters
+    ----------
+    runs : sequence of PointingRun
+    names : sequence of str
+        Terms.
+    everywhere : ndarray, shape (p, 2, k)
+        As of `choose`.
+    memory : float
+        As of `past_of_runs`.
+    first : int
+        Runs that are only past.
+
+    Returns
+    -------
+    list of (ndarray, shape (n, 2))
+        What is left of each run from `first` on, rad; NaN in the rows that were chosen.
+    """
+    rows = [rows_of(run, names) for run in runs]
+    out = []
+    for place in range(first, len(rows)):
+        columns, offsets = rows[place]
+        past = past_of_runs(rows[:place], names, memory=memory)
+        chosen = choose(past.covariance, columns, everywhere, STARS, past.noise)
+        found = begin(past, columns[chosen], offsets[chosen], mount=runs[place].mount)
+        left = offsets - columns @ np.array(list(found.terms.values()))
+        left[chosen] = np.nan
+        out.append(left)
+    return out
+
+
+def menus():
+    """Sets of terms of an alt-azimuth mount to choose from by `prediction_errors`."""
+    names, known = ALTAZ.names, tuple(terms_of(ALTAZ))
+    rest = tuple(name for name in known if name not in names.physical)
+    return {'six': names.standard6, 'physical': names.physical,
+            'encoders': (*names.physical, *(name for name in (
+                'TX', 'ACEC', 'ACES', 'HACA2', 'HASA2') if name in rest)),
+            'all': (*names.physical, *(name for name in rest if name != 'TX3'))}
 
 
 def raster():
@@ -317,7 +391,7 @@ def say_arc(folder):
     rng, first, from_run = np.random.default_rng(1), 4, 8
     az, el = sky(rng, 200)
     left, size = {}, {}
-    for name, names in menus(ALTAZ).items():
+    for name, names in menus().items():
         everywhere = np.stack(design(names, az, el), axis=1)
         for memory in (np.inf, 10.0):
             left[name, memory] = prediction_errors(

@@ -21,7 +21,6 @@ from pointing_model.terms import design
 
 from ...estimation.gaussian_sum import GaussianSum
 from ..finding import Finding
-from .history import past_of_runs, rows_of
 
 AS_IT_WAS, ZEROS, LEAN, REFIT = HYPOTHESES = (
     'all as it was', 'only the zeros moved', 'the lean too', 'more than that')
@@ -31,7 +30,7 @@ CHANCES = (0.4, 0.3, 0.15, 0.15)
 FARTHER = ((1.0, 0.7), (3.0, 0.3))
 #: 1 sigma of what is as it was: zeros, lean, others, rad
 _STILL = (1.0 * ARCSEC, 0.5 * ARCSEC, 0.2 * ARCSEC)
-#: stars that a night begins with, and by which a set of terms is compared on earlier runs
+#: stars that a night begins with
 STARS = 5
 #: columns are first order about the terms: offsets are taken again about where they went
 _ROUNDS = 2
@@ -191,90 +190,3 @@ class WarmStart:
         start = self.start
         return Finding('night start', start.chances[start.likeliest], unit='',
                        causes=(start.likeliest,), evidence={'stars': self.stars})
-
-
-def choose(covariance, columns, everywhere, count, noise):
-    """The stars that tell most about the pointing all over the sky, one after the other.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (k, k)
-        Of the terms before any star, rad^2.
-    columns : ndarray, shape (n, 2, k)
-        Of stars that could be taken.
-    everywhere : ndarray, shape (p, 2, k)
-        Of places where the mount shall point.
-    count : int
-    noise : float
-        1 sigma of a star, rad.
-
-    Returns
-    -------
-    list of int
-        Rows of `columns`, in order. What the stars will show is not asked.
-    """
-    weight = np.einsum('pij,pik->jk', everywhere, everywhere)
-    chosen = []
-    for _ in range(min(count, len(columns))):
-        gains = covariance @ columns.swapaxes(1, 2)  # (n, k, 2)
-        inverse = np.linalg.inv(columns @ gains + noise**2 * np.eye(2))
-        gain = np.einsum('aki,aij,alj,kl->a', gains, inverse, gains, weight)
-        gain[chosen] = -np.inf
-        best = int(np.argmax(gain))
-        chosen.append(best)
-        covariance = covariance - gains[best] @ inverse[best] @ gains[best].T
-    return chosen
-
-
-def prediction_errors(runs, names, everywhere, *, memory=np.inf, first=4):
-    """How well a few chosen stars of each run and the runs before it predict the rest of it.
-
-    Parameters
-    ----------
-    runs : sequence of PointingRun
-    names : sequence of str
-        Terms.
-    everywhere : ndarray, shape (p, 2, k)
-        As of `choose`.
-    memory : float
-        As of `past_of_runs`.
-    first : int
-        Runs that are only past.
-
-    Returns
-    -------
-    list of (ndarray, shape (n, 2))
-        What is left of each run from `first` on, rad; NaN in the rows that were chosen.
-    """
-    rows = [rows_of(run, names) for run in runs]
-    out = []
-    for place in range(first, len(rows)):
-        columns, offsets = rows[place]
-        past = past_of_runs(rows[:place], names, memory=memory)
-        chosen = choose(past.covariance, columns, everywhere, STARS, past.noise)
-        found = begin(past, columns[chosen], offsets[chosen], mount=runs[place].mount)
-        left = offsets - columns @ np.array(list(found.terms.values()))
-        left[chosen] = np.nan
-        out.append(left)
-    return out
-
-
-def menus(mount):
-    """Sets of terms to choose from by `prediction_errors`, the smallest first.
-
-    Parameters
-    ----------
-    mount : Mount
-
-    Returns
-    -------
-    dict of str to tuple of str
-    """
-    from pointing_model.terms import terms_of
-    names, known = mount.names, tuple(terms_of(mount))
-    of_axes = ('ACEC', 'ACES', 'HACA2', 'HASA2') if mount.vertical else (
-        'HCEC', 'HCES', 'HHCH2', 'HHSH2')
-    rest = tuple(name for name in known if name not in names.physical)
-    return {'six': names.standard6, 'physical': names.physical,
-            'encoders': names.physical + tuple(name for name in ('TX', *of_axes) if name in rest),
-            'all': names.physical + tuple(name for name in rest if name != 'TX3')}
