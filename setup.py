@@ -37,7 +37,7 @@ setup(
     maintainer_email='maintainers@telescope-mount.example.org',
     packages=find_packages(include=[f'{part}*' for part in PARTS]),
     package_data={
-        'calibration': ['data/*'],
+        'calibration': ['data/*', 'report/page.*'],
         'encoder_sim': ['scenarios/*.yaml'],
         'telescope_mount': ['dds/*.xml'],
     },

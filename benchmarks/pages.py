@@ -17,7 +17,8 @@ import numpy as np
 
 from calibration.analysis.run_fit import fit_run
 from calibration.report.fit_document import fit_document
-from calibration.report.fit_page import write_fit_page
+from calibration.report.fit_page import render_fit
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
 
@@ -52,7 +53,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         path, run = Path(folder, 'page.html'), a_run(args.rows)
         found = fit_run(run)
-        write_fit_page(path, found, fit_document(found))
+        write_text(path, render_fit(found, fit_document(found)))
         size, seconds = path.stat().st_size, []
         for number in range(args.times):  # each in a browser of its own: nothing is cached
             home = Path(folder, f'home_{number}')

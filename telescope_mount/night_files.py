@@ -33,13 +33,14 @@ def write_page(folder, report, kept, log=None):
         return
     from calibration.report.night_page import write_night_page
     try:
-        path = write_night_page(folder, kept['run'], kept['model'], report, log)
+        write_night_page(folder / 'page.html', kept['run'], kept['model'], report,
+                         log or folder / 'bag')
     except OSError as err:
         report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
     except Exception as err:  # whatever it is: a night is not lost for its page
         report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
     else:
-        report['files']['page'] = str(path)
+        report['files']['page'] = str(folder / 'page.html')
 
 
 def write_results(folder, results, kept=None, incomplete=None):

@@ -7,6 +7,7 @@ from msg_tools.output import write_text
 from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as page
+from . import page_parts as html
 from .cause_words import counted, open_causes
 from .diagnosis_view import view_of
 from .diagnosis_words import (
@@ -19,8 +20,15 @@ from .diagnosis_words import (
     verdict_summary,
 )
 from .drawing import clean
-from .method_words import STAYS, causes_of, model_words, proposals, way_size
-from .page_parts import cards, folded, listed, said, section, verdict, whole
+from .method_words import (
+    STAYS,
+    causes_of,
+    model_words,
+    no_star_sentences,
+    proposals,
+    serves_sentence,
+    way_size,
+)
 from .provenance import provenance_section
 from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
@@ -69,39 +77,43 @@ def render(view, more=''):
     title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     body = [
         f'<h1>{clean(title)}</h1>', _meta(view), controls(data), _verdict(view),
-        section('Where the residuals are on the sky', sky_maps(data)),
-        section('Target', targets(data)),
+        html.section('Error before and after', page.gain_bars(document, data.axes),
+                     page.held_out(document, data.axes)),
+        html.section('Where the residuals are on the sky', sky_maps(data)),
+        html.section('Target', targets(data)),
         _effects(view),
-        section('What to observe next', page.next_observations(
-            proposals(document), view.mount,
-            causes_of(document)), page.serves(document), page.no_star(document),
+        html.section('What to observe next', page.next_observations(
+            proposals(document), data.mount,
+            causes_of(document)), html.paragraph(serves_sentence(document)),
+            *map(html.paragraph, no_star_sentences(document)),
             note='Observations that would best tell causes apart. They are no lower than the rows: '
                  'where the mount may go lower, stars there tell more of what follows the '
                  'elevation.'),
-        section('Notes on the data', listed(view.notes)),
-        section('Residual against each driver', page.legend(view.changed),
+        html.section('Notes on the data', html.listed(view.notes)),
+        html.section('Residual against each driver', page.legend(view.changed),
                      page.driver_figures(view), note=view.axes_note),
-        section('Ranking of the candidate effects',
-                     page.ranking(view.ranking, view.set_width,
-                                  slow=(view.document.get('wander') or {}).get('like', ())),
+        html.section('Ranking of the candidate effects', page.ranking(
+            view.ranking, (document.get('wander') or {}).get('like', ())),
                      note=f'Each alone, on what {model_words(document, whose=False)} leave.'),
-        section('Distribution of the residuals', histograms(data)),
-        section('Terms of the model', terms_table(view.terms),
+        html.section('Distribution of the residuals', histograms(data)),
+        html.section('Terms of the model', terms_table(view.terms),
                      page.run_terms_table(view.run_terms),
-                     _correlations(view),
+                     html.folded('Correlations of the terms',
+                            correlation_table(view.correlated, view.correlations)),
                      note='Encoder − catalogue, σ from the fit, each axis weighed by its own '
                      'scatter; `fit` weighs both alike and has no effects, so its terms may '
                      f'differ. {_tpoint_signs(document)}'),
-        section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
-        section('What was left out, and why', page.exclusions(
-            document.get('excluded'), document.get('rows_are') or 'row')),
-        section('What these observations cannot show', page.untestable(view.untestable)),
+        html.section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
+        html.section('What was left out, and why', page.exclusions(
+            document.get('excluded') or (), document.get('rows_are') or 'row')
+            or html.paragraph('Nothing was left out.')),
+        html.section('What these observations cannot show', page.untestable(view.untestable)),
         more,
         f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
         'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
     ]
-    return whole(f'{title} ({_VERDICTS.get(document["verdict"], document["verdict"])})', body,
-                 'Pointing diagnosis of a telescope mount')
+    return html.whole(f'{title} ({_VERDICTS.get(document["verdict"], document["verdict"])})', body,
+                      'Pointing diagnosis of a telescope mount')
 
 
 def _meta(view):
@@ -119,7 +131,7 @@ def _meta(view):
     base = document.get('base_terms') or []
     text += f' · model: {model_words(document)}' + (
         f' ({", ".join(map(str, base))})' if base else '')
-    return f'<p class="meta">{clean(text)}</p>'
+    return html.paragraph(text, 'meta')
 
 
 def _verdict(view):
@@ -130,8 +142,6 @@ def _verdict(view):
     if view.effects and name in ('ambiguous', 'identified'):
         badge = 'ambiguous' if any(
             open_causes(row) > 1 for row in document['effects']) else 'identified'
-    body = page.gain_bars(document, view.axes)
-    numbers = _numbers(document)
     headline, _, then = told.headline.partition('. ')
     first, ranked = told.first, told.ranked
     if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
@@ -139,12 +149,13 @@ def _verdict(view):
         first = [one for one in first if one.text != count_sentence(document)]
         ranked = [led(ranked[0].more) if len(ranked) == 1 else replace(
             ranked[0], lead=f'{view.effects[0].name}.'), *ranked[1:]]
-    return (verdict(_VERDICTS.get(badge, badge), headline, [], cards(numbers),
-                    badge if badge in _VERDICTS else '',
-                    page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
-                    said(first) + said(ranked, True) + page.smaller(told.smaller)
-                    + said([Said(told.as_read)] if told.as_read else []) + said(told.rest), then)
-            + section('Error before and after', body, page.held_out(document, view.axes)))
+    return html.verdict(
+        _VERDICTS.get(badge, badge), headline, [], html.cards(_numbers(document)),
+        badge if badge in _VERDICTS else '',
+        page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
+        html.said(first) + html.said(ranked, True)
+        + html.folded(f'And {len(told.smaller)} more, smaller', html.said(told.smaller))
+        + html.said([Said(told.as_read)] if told.as_read else []) + html.said(told.rest), then)
 
 
 def _numbers(document):
@@ -160,12 +171,6 @@ def _numbers(document):
     return numbers
 
 
-def _correlations(view):
-    """How the terms go together, folded away."""
-    body = correlation_table(view.correlated, view.correlations)
-    return folded('Correlations of the terms', body) if body else ''
-
-
 def _tpoint_signs(document):
     """Which signs of another program are the other way round."""
     kind = kind_of(document)
@@ -177,19 +182,17 @@ def _tpoint_signs(document):
 def _effects(view):
     parts = []
     for effect in view.effects:
-        facts = ''.join(f'<dt>{clean(name)}</dt><dd>{clean(text)}</dd>'
-                        for name, text in effect.facts)
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
-        parts.append(f'<h3>{clean(effect.name)}</h3><p>{clean(effect.told.sentence)}</p>'
-                     f'<div class="{kind}"><dl>{facts}</dl>{drawing}</div>'
-                     f'{page.rivals(effect.ranking)}')
+        parts.append(html.subsection(
+            effect.name, html.paragraph(effect.told.sentence),
+            f'<div class="{kind}">{html.definitions(effect.facts)}{drawing}</div>',
+            page.rivals(effect.ranking)))
     parts.append(page.words(' '.join(f'{e.name} {e.told.sentence}' for e in view.effects)))
-    return section('What was added to the model', *parts,
-                   note=' '.join(filter(None, ['In the order of what each takes off.'
-                                               if len(parts) > 2 else '', view.axes_note])))
+    return html.section('What was added to the model', *parts, note=' '.join(filter(None, [
+        'In the order of what each takes off.' if len(parts) > 2 else '', view.axes_note])))
 
 
 def _offsets(view):
-    first, second = (name.partition(' × ')[0] for name in view.axes)
+    first, second = (name.partition(' × ')[0] for name in view.residuals.axes)
     return f'{first} times cos {second}'

@@ -4,11 +4,14 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.estimation.select import SET_WIDTH
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
+from pointing_model.rms import rms
 
+from . import page_parts as html
 from .diagnosis_words import floor_words
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
 from .method_words import (
@@ -17,12 +20,8 @@ from .method_words import (
     counterweight_up,
     enough,
     explained,
-    no_star_sentences,
-    serves_sentence,
     spread_sentence,
 )
-from .page_parts import Markup, figure, folded, gains, number, pair, said, table
-from .page_parts import legend as legend_of
 
 _MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
@@ -44,13 +43,13 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
         rows.insert(at, ('stretches of rows left out', apart['before'], apart['after']))
     if not rows:
         return ''
-    return gains([(label, [(pair[0], 'before', 'before'), (pair[1], 'after', 'after')])
-                  for label, *pair in rows], document.get('noise_floor_arcsec'),
-                 floor_words(document)) + (
-        '<p class="note">RMS on the sky in arcsec (″), radial unless an axis is named. A gain '
-        f'counts on rows that neither the fit nor the choice has seen. {_floor_note(document)}</p>'
-        + ''.join(f'<p class="note">{clean(text)}</p>' for text in (
-            spread_sentence(document), choice_sentence(document)) if text))
+    note = ('RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on rows '
+            f'that neither the fit nor the choice has seen. {_floor_note(document)}')
+    return html.gains([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
+                       for label, one, other in rows], document.get('noise_floor_arcsec'),
+                      floor_words(document)) + ''.join(
+        html.paragraph(text, 'note')
+        for text in (note, spread_sentence(document), choice_sentence(document)))
 
 
 def _floor_note(document):
@@ -63,50 +62,29 @@ def _floor_note(document):
 
 def words(text):
     """What words of a text mean, folded away."""
-    rows = explained(text)
-    return folded('Words', '<dl>' + ''.join(
-        f'<dt>{clean(word)}</dt><dd>{clean(meaning)}</dd>' for word, meaning in rows)
-        + '</dl>') if rows else ''
+    return html.folded('Words', html.definitions(explained(text)))
 
 
 def held_out(document, axes):
     """Runs held out, each for itself."""
     nights = document.get('held_out') or []
-    if not nights:
-        return ''
     keys = [f'rms_{key}arcsec' for key in ('x_', 'y_', '')]
     rows = [[f'{night["run"]}: bad' if night['bad'] else night['run'], str(night['rows']),
              str(night['set_aside']),
-             *(number(night[when][key]) for when in ('before', 'after') for key in keys)]
+             *(html.number(night[when][key]) for when in ('before', 'after') for key in keys)]
             for night in nights]
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
-    return '<h3>Runs held out</h3>' + table(
-        ['run', 'rows', 'set aside', *(f'{when}, {name}' for when in ('before', 'after')
-                                       for name in names)], rows, 'numbers folding') + (
-        '<p class="note">RMS on the sky in arcsec, of all rows: those set aside as outliers too.'
-        '</p>')
-
-
-def serves(document):
-    """Whether the proposals serve the largest effect, where they do not."""
-    text = serves_sentence(document)
-    return f'<p>{clean(text)}</p>' if text else ''
-
-
-def no_star(document):
-    """Of which effects no observation tells the causes apart."""
-    return ''.join(f'<p>{clean(text)}</p>' for text in no_star_sentences(document))
-
-
-def smaller(rows):
-    """Effects that are not among the first ones, folded away."""
-    return folded(f'And {len(rows)} more, smaller', said(rows)) if rows else ''
+    head = ['run', 'rows', 'set aside',
+            *(f'{when}, {name}' for when in ('before', 'after') for name in names)]
+    note = 'RMS on the sky in arcsec, of all rows: those set aside as outliers too.' * bool(nights)
+    return html.subsection('Runs held out', html.table(head, rows, 'numbers folding'),
+                           html.paragraph(note, 'note'))
 
 
 def legend(fit=False):
     """What the marks mean."""
     marks = [('before', 'before'), ('after', 'after')]
-    return legend_of(*marks, *[('fit', 'what the added effects, and the terms fitted anew '
+    return html.legend(*marks, *[('fit', 'what the added effects, and the terms fitted anew '
                                 'beside them, take away')] * fit)
 
 
@@ -135,9 +113,10 @@ def _panel(driver, top, height, limit, x_label, y_label, title):
 def driver_figure(view, driver):
     """Both axes against one driver: before with the fit drawn in, after below."""
     out = []
-    x, used = _spread(driver), view.used
-    for axis, title in enumerate(view.axes):
-        before, after = view.before[axis], view.after[axis]
+    x, data = _spread(driver), view.residuals
+    used = data.used
+    for axis, title in enumerate(data.axes):
+        before, after = data.before[axis], data.after[axis]
         limit = limit_of(before[used], after[used])
         top = _panel(driver, 24, 120, limit, '', 'before [arcsec]', title)
         low = _panel(driver, 156, 120, limit, driver.label, 'after [arcsec]', '')
@@ -148,14 +127,14 @@ def driver_figure(view, driver):
         out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
     missing = int((~np.isfinite(driver.values[used])).sum())
     caption = f'Unknown in {missing} rows.' if missing else ''
-    return f'<h3>{clean(driver.title)}</h3>' + figure(pair(out), caption)
+    return html.subsection(driver.title, html.figure(html.pair(out), caption))
 
 
 def driver_figures(view, limit=8):
     """All drivers; those after the first `limit` fold away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
     shown, more = ''.join(drawn[:limit]), ''.join(drawn[limit:])
-    return shown + folded(f'{len(drawn) - limit} more drivers', more) if more else shown
+    return shown + html.folded(f'{len(drawn) - limit} more drivers', more)
 
 
 def effect_figure(view, effect):
@@ -164,30 +143,28 @@ def effect_figure(view, effect):
     if driver is None or effect.fitted is None:
         return ''
     own = effect.fitted if effect.own is None else effect.own
-    x, used = _spread(driver), view.used & np.isfinite(own).all(axis=0)
+    data = view.residuals
+    x, used = _spread(driver), data.used & np.isfinite(own).all(axis=0)
     out = []
-    for axis, title in enumerate(view.axes):
+    for axis, title in enumerate(data.axes):
         if not np.any(np.abs(effect.fitted[axis][used]) > 1e-9):
             continue
         fitted = own[axis]
-        partial = view.after[axis] + fitted
+        partial = data.after[axis] + fitted
         limit = limit_of(partial[used], fitted[used])
         panel = _panel(driver, 26, 190, limit, driver.label, 'residual [arcsec]', title)
-        names = [view.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
+        names = [data.names[i] for i in np.flatnonzero(used)] if used.sum() <= MAX_NAMED else None
         panel.points(x[used], partial[used], 'before', names)
         panel.dashes(x[used], fitted[used], 'fit', 26.0 if driver.levels else 7.0)
         out.append(svg(420, 262, panel.parts, f'{effect.name}, {title}'))
     if not out:
         return ''
-    return figure(out[0] if len(out) == 1 else pair(out),
-                  'What no term and no other effect can take up, all of them fitted beside it: the '
-                  f'effect (strokes, {arcsec(_radial(own[:, used]))} RMS) and the effect with what '
-                  f'is left (dots), against {driver.label}. The effect is there as far as the dots '
-                  f'go with the strokes.{_how_to_read(driver, effect)}')
-
-
-def _radial(offsets):
-    return float(np.sqrt(np.square(offsets).sum() / max(offsets.shape[1], 1)))
+    return html.figure(
+        out[0] if len(out) == 1 else html.pair(out),
+        'What no term and no other effect can take up, all of them fitted beside it: the effect '
+        f'(strokes, {arcsec(float(rms(*own[:, used])))} RMS) and the effect with what is left '
+        f'(dots), against {driver.label}. The effect is there as far as the dots go with the '
+        f'strokes.{_how_to_read(driver, effect)}')
 
 
 def _how_to_read(driver, effect):
@@ -208,19 +185,17 @@ def _how_to_read(driver, effect):
 
 # ------------------------------------------------------------------------------- the candidates
 
-def ranking(rows, width, limit=15, slow=()):
+def ranking(rows, slow=(), limit=15):
     """Candidates by gain, those that are not told apart marked.
 
     Parameters
     ----------
     rows : list of dict
         ``name, delta_bic, in_set, driver, axes``.
-    width : float
-        Of a set, in BIC.
-    limit : int
-        Rows shown; the others fold away.
     slow : sequence of str
         Names of those that a zero that wanders explains as well.
+    limit : int
+        Rows shown; the others fold away.
     """
     if not rows:
         return ''
@@ -228,18 +203,17 @@ def ranking(rows, width, limit=15, slow=()):
     for cell, row in zip(cells, rows):
         if row['name'] in slow:
             cell[5] = f'{cell[5]}{"; " * bool(cell[5])}or a wander'
-    out = table(_RANKING, cells[:limit], 'ranking')
-    if len(cells) > limit:
-        out += folded(f'{len(cells) - limit} more candidates',
-                      table(_RANKING, cells[limit:], 'ranking'))
-    return out + (f'<p class="note">Candidates within {width:g} of the best ΔBIC are one set: '
-                  'alone, these observations do not tell them apart. '
-                  + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
-                     'explains them as well, so they were not added. ' * any(
-                         row['name'] in slow for row in rows))
-                  + 'A large gain alone is none beside the effects that were found: of each of '
-                  'these "What else was tried in its place" has the gains with the others in '
-                  'the model.</p>')
+    return html.table(_RANKING, cells[:limit], 'ranking') + html.folded(
+        f'{len(cells) - limit} more candidates', html.table(_RANKING, cells[limit:], 'ranking')) \
+        + html.paragraph(
+            f'Candidates within {SET_WIDTH:g} of the best ΔBIC are one set: alone, these '
+            'observations do not tell them apart. '
+            + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
+               'explains them as well, so they were not added. ' * any(
+                   row['name'] in slow for row in rows))
+            + 'A large gain alone is none beside the effects that were found: of each of these '
+            '"What else was tried in its place" has the gains with the others in the model.',
+            'note')
 
 
 _RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'set')
@@ -252,8 +226,8 @@ def _candidates(rows):
     for i, r in enumerate(rows, 1):
         gain = r['delta_bic']
         part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
-        bar = Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
-                     f'style="width:{100 * part:.0f}%"></i></span>{number(gain, 1)}')
+        bar = html.Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
+                          f'style="width:{100 * part:.0f}%"></i></span>{html.number(gain, 1)}')
         out.append([str(i), readable(r['name']), readable(r.get('driver') or '–'),
                     AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar,
                     '● in the set' if r['in_set'] else ''])
@@ -264,16 +238,14 @@ def rivals(rows, limit=6):
     """The strongest candidates for the place of one effect, folded away."""
     if len(rows) < 2:
         return ''
-    return folded('What else was tried in its place, all other effects in the model',
-                  table(_RANKING, _candidates(rows)[:limit], 'ranking'))
+    return html.folded('What else was tried in its place, all other effects in the model',
+                       html.table(_RANKING, _candidates(rows)[:limit], 'ranking'))
 
 
 # ------------------------------------------------------------------------ exclusions, proposals
 
 def exclusions(excluded, word='row', limit=12):
     """What was left out, by reason, with the rows."""
-    if not excluded:
-        return '<p>Nothing was left out.</p>'
     reasons = {}
     for one in excluded:
         reasons.setdefault(str(one.get('reason')), []).append(one)
@@ -284,10 +256,10 @@ def exclusions(excluded, word='row', limit=12):
                   if several and one.get('source') else str(one.get('row')) for one in ones]
         short = ', '.join(places[:limit])
         if len(places) > limit:
-            more = folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
-            short = Markup(f'{clean(short)} {more}')
+            more = html.folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
+            short = html.Markup(f'{clean(short)} {more}')
         rows.append([reason, str(len(ones)), short])
-    return table(['reason', 'count', f'{word}s'], rows)
+    return html.table(['reason', 'count', f'{word}s'], rows)
 
 
 def next_observations(rows, mount=ALTAZ, told=None):
@@ -311,7 +283,7 @@ def next_observations(rows, mount=ALTAZ, told=None):
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
-    drawing = figure(svg(320, 320, sky.parts, 'Where to observe next'),
+    drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'),
                      'Zenith in the middle, horizon at the rim, numbered as in the tables.')
     told = told or {}
     tables = ''.join(_next_group([told.get(name) or readable(name) for name in names], group, kind)
@@ -335,9 +307,10 @@ def _next_group(names, group, kind):
             sides.insert(0, 'counterweight up')
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
-        hours = [f'{number(row.get("after_hours"), 1)} {row.get("utc") or ""}'] if timed else []
-        cells.append([str(i), *(number(row[key], 0) for key in places),
-                      ', '.join(sides) or 'any', *hours, number(row.get('separation_after'), 1)])
+        hours = f'{html.number(row.get("after_hours"), 1)} {row.get("utc") or ""}'
+        cells.append([str(i), *(html.number(row[key], 0) for key in places),
+                      ', '.join(sides) or 'any', *[hours] * timed,
+                      html.number(row.get('separation_after'), 1)])
     text = enough([row for _, row in group]) \
         if None not in (group[0][1].get('separation_before'),
                         group[-1][1].get('separation_after')) else ''
@@ -345,13 +318,14 @@ def _next_group(names, group, kind):
         text += f'. Hours count{WHY_LATER}'
     if group[0][1].get('next_night'):
         text += '. It is not dark any more tonight: observe in the next night'
-    text = f'<p class="note">{clean(text[:1].upper() + text[1:])}.</p>' if text else ''
-    return (f'<h3>{clean("Tells " + head if head else "Proposed")}</h3>{text}'
-            + table(['', *(f'{word} [°]' for word in places.values()),
-                     'side, last motion' if KINDS[kind].two_sided or any(
-                         row.get('through_pole') for _, row in group) else 'last motion',
-                     *(['hours from the last row [h], UTC'] if timed else []),
-                     'ΔBIC expected with it and those above'], cells))
+    return html.subsection(
+        f'Tells {head}' if head else 'Proposed',
+        html.paragraph(text and f'{text[:1].upper()}{text[1:]}.', 'note'),
+        html.table(['', *(f'{word} [°]' for word in places.values()),
+               'side, last motion' if KINDS[kind].two_sided or any(
+                   row.get('through_pole') for _, row in group) else 'last motion',
+               *(['hours from the last row [h], UTC'] if timed else []),
+               'ΔBIC expected with it and those above'], cells))
 
 
 _SAME_CURVE = 'it is the same as terms of the base on these directions'
@@ -359,21 +333,17 @@ _SAME_CURVE = 'it is the same as terms of the base on these directions'
 
 def untestable(rows):
     """What the run cannot show, and why, by reason."""
-    if not rows:
-        return ''
     reasons = {}
     for name, reason in rows:
         reasons.setdefault(reason or _SAME_CURVE, []).append(readable(name))
-    return table(['reason', 'effects'], [[reason, ', '.join(names)]
+    return html.table(['reason', 'effects'], [[reason, ', '.join(names)]
                                          for reason, names in reasons.items()])
 
 
 def run_terms_table(runs):
     """Terms that each run fitted for itself."""
-    if not runs:
-        return ''
     names = list(dict.fromkeys(name for terms in runs.values() for name in terms))
-    rows = [[PurePath(str(run)).name, *(number(terms.get(name), 2, True) for name in names)]
+    rows = [[PurePath(str(run)).name, *(html.number(terms.get(name), 2, True) for name in names)]
             for run, terms in runs.items()]
-    return folded('Terms that each run fits for itself',
-                  table(['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))
+    return html.folded('Terms that each run fits for itself', html.table(
+        ['run', *(f'{name} [arcsec]' for name in names)], rows, 'numbers'))

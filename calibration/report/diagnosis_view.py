@@ -1,6 +1,5 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
@@ -8,11 +7,10 @@ import numpy as np
 
 from calibration.analysis.diagnosis.page_figures import correlations, effect_offsets, its_own
 from calibration.analysis.diagnosis.row_counts import row_word
-from calibration.estimation.select import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
-from pointing_model.mounts import ALTAZ, Mount, is_beyond
+from pointing_model.mounts import is_beyond
 
 from .cause_words import still_open
 from .effect_words import EffectSummary, title_of, told_of
@@ -20,7 +18,7 @@ from .method_words import plain_name, signs_sentences
 from .page_parts import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
-from .residual_figures import Residuals
+from .residual_figures import Residuals, turned
 from .wording import paragraph, wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
@@ -66,14 +64,8 @@ class DiagnosisView:
     ----------
     document : dict
         The JSON result.
-    az, el : ndarray, shape (n,)
-        Radians.
-    before, after : ndarray, shape (2, n)
-        Residuals x, y, arcsec on the sky.
-    used : ndarray of bool, shape (n,)
-        Rows with weight in the fit.
-    names : sequence of str
-        Of each row, for tooltips.
+    residuals : Residuals
+        The rows, for the figures that all pages have.
     drivers : list of Driver
     effects : list of FoundEffect
     ranking : list of dict
@@ -89,19 +81,16 @@ class DiagnosisView:
         What this run cannot show, and why.
     run_terms : dict
         Run -> {term: arcsec} that it fitted for itself.
-    set_width : float
-        BIC.
     caution : str
         `Diagnosis.cautions` in words.
+    about : str
+        Of which telescope, when and where.
+    axes_note : str
+        What the angles are through the pole.
     """
 
     document: dict
-    az: np.ndarray
-    el: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    used: np.ndarray
-    names: Sequence
+    residuals: Residuals
     drivers: list
     effects: list
     ranking: list
@@ -112,41 +101,14 @@ class DiagnosisView:
     notes: list = field(default_factory=list)
     untestable: list = field(default_factory=list)
     run_terms: dict = field(default_factory=dict)
-    set_width: float = SET_WIDTH
     caution: str = ''
-    #: what x and y are, for people
-    axes: tuple = ('azimuth × cos E', 'elevation')
-    #: components toward azimuth and elevation of x and y, shape (2, 2, n); None: the same
-    turned: np.ndarray | None = None
-
-    #: of each row: time (s, None where it is not known) and whether it is UTC, number of its run,
-    #: what became of it
-    time: np.ndarray | None = None
-    utc: bool = True
-    groups: np.ndarray | None = None
-    words: Sequence = ()
-    #: of which telescope, when and where; what the angles are through the pole
     about: str = ''
     axes_note: str = ''
-    mount: Mount = ALTAZ
-
-    @property
-    def residuals(self):
-        """The rows for the figures that all pages have."""
-        floor = self.document.get('noise_floor_arcsec')
-        return Residuals(
-            self.names, self.az, self.el, self.before, self.after, self.used, self.words,
-            self.axes, self.time, self.groups, noise=None if floor is None else (
-                floor / np.sqrt(2.0), floor / np.sqrt(2.0)),
-            before_text='with the terms alone', after_text='with what was found' if self.changed
-            else 'after', turned=self.turned, utc=self.utc, mount=self.mount,
-            noise_text='all that the model leaves'
-            if (self.document.get('wander') or {}).get('slow') else 'noise of the fit')
 
     @property
     def changed(self):
         """Whether anything was added."""
-        return bool(np.any(np.abs(self.before - self.after) > 1e-9))
+        return bool(np.any(np.abs(self.residuals.before - self.residuals.after) > 1e-9))
 
 
 def view_of(diagnosis):
@@ -160,26 +122,30 @@ def view_of(diagnosis):
     -------
     DiagnosisView
     """
-    obs = diagnosis.observations
-    context = obs.context
-    az, el = context.on_horizon()
-    document = diagnosis.to_dict()
+    obs, document = diagnosis.observations, diagnosis.to_dict()
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
     names, matrix = correlations(diagnosis)
     return DiagnosisView(
-        document={**document, 'excluded': diagnosis.excluded},
-        az=az, el=el,
-        before=diagnosis.residual_before / ARCSEC,
-        after=diagnosis.residual_after / ARCSEC, used=diagnosis.weights > 0.0,
-        names=RowNames(obs), drivers=_drivers(diagnosis, effects), effects=effects,
-        ranking=_in_words(diagnosis.ranking, context.mount), terms=_terms(diagnosis),
-        correlated=_coefficients(names, diagnosis), correlations=matrix, sources=_sources(obs),
-        notes=_notes(diagnosis),
-        untestable=diagnosis.untestable,
-        run_terms=diagnosis.run_terms, caution=paragraph(diagnosis.cautions), **_axes_of(context),
-        time=context.get('time'), utc=getattr(context, 'time_is_utc', True),
-        groups=_groups(obs), about=about(obs, _sources(obs)), axes_note=axes_note(context),
-        words=np.where(diagnosis.weights > 0.0, 'used', 'outlier: not used'))
+        {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
+        _drivers(diagnosis, effects), effects, _in_words(diagnosis.ranking, obs.context.mount),
+        _terms(diagnosis), _coefficients(names, diagnosis), matrix, _sources(obs),
+        _notes(diagnosis), diagnosis.untestable, diagnosis.run_terms,
+        paragraph(diagnosis.cautions), about(obs, _sources(obs)), axes_note(obs.context))
+
+
+def _residuals(diagnosis, document):
+    obs, context = diagnosis.observations, diagnosis.observations.context
+    before, after = diagnosis.residual_before / ARCSEC, diagnosis.residual_after / ARCSEC
+    used, floor = diagnosis.weights > 0.0, document.get('noise_floor_arcsec')
+    return Residuals(
+        _row_names(obs), *context.on_horizon(), before, after, used,
+        np.where(used, 'used', 'outlier: not used'), **_axes_of(context),
+        time=context.get('time'), utc=getattr(context, 'time_is_utc', True), groups=_groups(obs),
+        noise=None if floor is None else (floor / np.sqrt(2.0),) * 2,
+        before_text='with the terms alone',
+        after_text='with what was found' if np.any(np.abs(before - after) > 1e-9) else 'after',
+        noise_text='all that the model leaves'
+        if (document.get('wander') or {}).get('slow') else 'noise of the fit')
 
 
 def _groups(obs):
@@ -212,36 +178,21 @@ def _axes_of(context):
     if mount.vertical and not is_beyond(context.el).any():
         return {}
     first, second = mount.names.axes
-    horizon = ALTAZ.tangents(*context.on_horizon())
     return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
-            'turned': np.array([[np.sum(own * toward, axis=0) for own in context.tangent()]
-                                for toward in horizon])}
+            'turned': turned(context.tangent(), *context.on_horizon())}
 
 
-class RowNames:
-    """Names of the rows for tooltips, each made when it is asked for.
-
-    Parameters
-    ----------
-    obs : Observations
-    """
-
-    def __init__(self, obs):
-        self._lines, self._sources = obs.lines, obs.sources if len(_sources(obs)) > 1 else None
-        self._word = row_word(obs.run)
-        self._stars = obs.run.columns.get('star')
-
-    def __len__(self):
-        return len(self._lines)
-
-    def __getitem__(self, i):
-        text = f'{self._word} {self._lines[i]}'
-        if self._sources is not None:
-            text = f'{PurePath(str(self._sources[i])).name} {text}'
-        if self._stars is None:
-            return text
-        star = self._stars[i].item()
-        return f'{text}, star {star:g}' if isinstance(star, float) else f'{text}, star {star}'
+def _row_names(obs):
+    """Names of the rows, for tooltips."""
+    word = row_word(obs.run)
+    names = [f'{word} {line}' for line in obs.lines]
+    if len(_sources(obs)) > 1:
+        names = [f'{PurePath(str(source)).name} {name}'
+                 for source, name in zip(obs.sources, names)]
+    stars = obs.run.columns.get('star')
+    return names if stars is None else [
+        f'{name}, star {star:g}' if isinstance(star, float) else f'{name}, star {star}'
+        for name, star in zip(names, stars.tolist())]
 
 
 def _sources(obs):

@@ -6,7 +6,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .drawing import Panel, limit_of, svg
 from .night_document import BOTH, RAW, steps_of
-from .page_parts import figure, folded, listed, number, pair, section, table
+from .page_parts import figure, folded, listed, number, pair, section, subsection, table
 
 #: nodes of which all that they say is shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
@@ -107,53 +107,44 @@ def _agreement(run, axes):
         said = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
         out.append(figure(svg(440, 202, panel.parts, said), said[0].upper() + said[1:] + '.'))
-    return '<h3>The two encoders beside each other</h3>' + pair(out) if out else ''
+    return subsection('The two encoders beside each other', pair(out) if out else '')
 
 
 def _streams(rows):
-    if not rows:
-        return ''
-    return '<h3>Rates and gaps</h3>' + table(
+    return subsection('Rates and gaps', table(
         ('stream', 'messages', 'mean rate Hz', 'usual interval s', 'longest gap s', 'lost'),
         [(row['what'], row['count'], number(row['rate_hz'], 3), number(row['interval_s'], 3),
           number(row['longest_s'], 1), row['lost']) for row in rows], 'numbers',
-        'Messages of the instruments')
+        'Messages of the instruments'))
 
 
 def _marks(rows):
-    if not rows:
-        return ''
-    return '<h3>Reference marks</h3>' + table(
+    return subsection('Reference marks', table(
         ('power-on', 'axis', 'homed', 'met from', 'passages', 'missed', 'worst error, counts',
          'supply V', 'temperature °C'),
         [(row['power_on'], row['axis'], 'yes' if row['homed'] else 'no', row['side'] or None,
           row['passages'], row['missed'], None if row['worst_error_counts'] is None
           else f'{row["worst_error_counts"]:g}', number(row['supply'], 3),
-          number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks')
+          number(row['temperature'], 1)) for row in rows], 'numbers', 'Reference marks'))
 
 
 def _decoding(health):
-    rows = health['sigmas_arcsec']
-    if not rows:
-        return ''
-    return '<h3>Quality of the absolute readings</h3>' + table(
+    return subsection('Quality of the absolute readings', table(
         ('axis', 'readings looked at', 'σ, middle ″', 'σ of 95 % below ″', 'largest σ ″',
          'without σ'),
         [(axis, row['count'], *(number(row.get(key), 3) for key in (
-            'middle', 'beyond_95', 'largest')), row['none']) for axis, row in rows.items()],
-        'numbers', 'Errors that the absolute encoder tells of its readings')
+            'middle', 'beyond_95', 'largest')), row['none'])
+         for axis, row in health['sigmas_arcsec'].items()],
+        'numbers', 'Errors that the absolute encoder tells of its readings'))
 
 
 def _nodes(nodes):
-    if not nodes:
-        return ''
-    rows = [(node['name'], node['level'], node['worst'], node['message'],
-             '; '.join(f'{key} {value}' for key, value in node['values'].items())
-             if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
-            for node in nodes]
     return folded('What each node said last', table(
-        ('node', 'at the end', 'worst', 'in words', 'what it counts'), rows, 'nodes',
-        'What each node said last'))
+        ('node', 'at the end', 'worst', 'in words', 'what it counts'),
+        [(node['name'], node['level'], node['worst'], node['message'],
+          '; '.join(f'{key} {value}' for key, value in node['values'].items())
+          if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
+         for node in nodes], 'nodes', 'What each node said last'))
 
 
 def headline_of(report):
@@ -203,12 +194,11 @@ def models_section(report):
                              for key in ('x', 'y', 'radial')), step['held_out']['n']))
     out = table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
                  'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
-                'numbers', 'Models compared') if rows else ''
+                'numbers', 'Models compared')
     checks = [(check['check'], *(number(check[key]) for key in ('x', 'y', 'radial')), check['n'])
               for check in report.get('external_check') or ()]
-    if checks:
-        out += '<h3>External check</h3>' + table(
-            ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
-            'numbers', 'External check')
+    out += subsection('External check', table(
+        ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
+        'numbers', 'External check'))
     return section('Models that were compared', out, note='Half of the stars fit each model, the '
                    'other half judges it. RMS on the sky, arcsec.')

@@ -1,5 +1,6 @@
 """The page of a night: one file with all that it found."""
 
+import json
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -10,66 +11,106 @@ from calibration.distrust import distrusted
 from calibration.report.row_wording import expected_sentence
 from calibration.report.track_page import innovations_figure, tracking_lines
 from calibration.rows import is_kept_out
+from msg_tools.bag.names import prefix_of
 from msg_tools.bag.parameters import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
 from pointing_model.zero_drift import Following
 
 from .drawing import clean
 from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
-from .page_parts import body_of, cards, gains, listed, section, verdict, whole
+from .page_parts import FOOTER, body_of, cards, gains, listed, section, verdict, whole
 from .provenance import provenance_section, site_text
-from .residual_axes import of_mount, on_horizon
-from .residual_figures import Residuals, controls, residual_sections
+from .residual_figures import controls, residual_sections, run_residuals
 from .term_table import terms_section
 from .zero_figures import zeros_of, zeros_section
 
+#: ends of the topics that a page is made of: rows one by one, all of them, and what came of them
+_ENDS = ('observation', 'observations', 'calibration/report', 'model', 'tracking',
+         'observer/checks')
 #: written beside the page into the folder of a night, if they are there
 FILES = ('observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
 
-def write_night_page(folder, run, model, report, log=None, title='Night'):
-    """Write ``page.html`` into the folder of a night.
+def write_night_page(path, run, model, report, log):
+    """Write the page of a night; a diagnosis whose page lies beside the log becomes a part of it.
 
     Parameters
     ----------
-    folder : Path
-        Of the night, with the files that the page names.
+    path : Path
     run : PointingRun
         All rows.
     model : PointingModel
         Published last.
     report : dict
         Of the calibration, with ``tracking`` and ``checks`` where there are some.
-    log : Path, optional
-        The log of the night; by default ``bag`` in the folder.
-    title : str
-
-    Returns
-    -------
-    Path
+    log : Path
+        Of the night, with the files that the page names beside it.
 
     Raises
     ------
     OSError
         It cannot be written.
     """
-    folder = Path(folder)
-    log = Path(log or folder / 'bag')
-    diagnosed = folder / 'diagnosis.html'
-    path = folder / 'page.html'
+    diagnosed = log.parent / 'diagnosis.html'
     write_text(path, render_night(
-        run, model, report, told_of(log), title,
+        run, model, report, log_summary(log),
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
-        [log, *(folder / name for name in FILES)]))
-    return path
+        [log, *(log.parent / name for name in FILES if log.is_dir())]))
 
 
-def told_of(log):
+def write_page_of_log(log, path):
+    """Write the page of a night that is over, from its log alone.
+
+    Parameters
+    ----------
+    log : Path
+        Folder or file.
+    path : str or Path
+        HTML file to write.
+
+    Raises
+    ------
+    ValueError
+        It is no log of a night, or that of the simulator's truth.
+    OSError
+        It cannot be read, or the page not be written.
+    """
+    log = Path(log)
+    bag = open_bag(log)
+    if bag.has_truth:
+        raise ValueError(f'{log} holds the truth of the simulator; give the log beside it')
+    rows, last = [], {}
+    prefix = prefix_of(bag)
+    for message in bag.messages([f'{prefix}{end}' for end in _ENDS], decode=True):
+        end = message.topic.removeprefix(prefix)
+        if end == 'observation':
+            rows.append(cloud_to_run(message.data))
+        else:
+            last[end] = message.data
+    if not rows and 'observations' not in last:
+        raise ValueError(f'{log} has no observation in it; it is no log of a night')
+    run = cloud_to_run(last['observations']) if 'observations' in last else None
+    if run is None or len(run) < sum(map(len, rows)):
+        run = PointingRun.concatenate(rows)  # it was interrupted
+    report, tracking, checks = (json.loads(last[end].data) if end in last else {} for end in (
+        'calibration/report', 'tracking', 'observer/checks'))
+    report = report or {'notes': []}
+    if tracking:
+        report['tracking'] = tracking
+    report['checks'] = checks.get('checks', [])
+    model = PointingModel.from_json(last['model'].data) if 'model' in last \
+        else PointingModel({}, mount=run.mount)
+    write_night_page(path, run, model, report, log)
+
+
+def log_summary(log):
     """Health and parameters of a log, for `render_night`; what cannot be read is not there."""
     try:
         bag = open_bag(log)
@@ -80,15 +121,15 @@ def told_of(log):
         return {'health': None, 'problem': str(error)}
 
 
-def render_night(run, model, report, told=None, title='Night', diagnosis='', files=()):
+def render_night(run, model, report, log=None, diagnosis='', files=()):
     """The page of a night as text.
 
     Parameters
     ----------
-    run, model, report, title
+    run, model, report
         As of `write_night_page`.
-    told : dict
-        ``health`` (`log_health.log_health`), ``site``, ``split_seed``, ``problem``: of the log.
+    log : dict, optional
+        Of `log_summary`.
     diagnosis : str
         Page of the diagnosis of the night, to be a part of this one.
     files : iterable of Path
@@ -98,19 +139,20 @@ def render_night(run, model, report, told=None, title='Night', diagnosis='', fil
     -------
     str
     """
-    told = told or {}
-    data = residuals_of(run, model, report, told.get('split_seed'))
+    log = log or {}
+    data = residuals_of(run, model, report, log.get('split_seed'))
     names = run.mount.names.axes
     when = '' if data.time is None else \
         f'{datetime.fromtimestamp(float(np.nanmin(data.time)), timezone.utc):%Y-%m-%d}'
-    rows = zeros_of(report, run, (told.get('health') or {}).get('marks', ()))
-    params = told.get('site') or {}
+    rows = zeros_of(report, run, (log.get('health') or {}).get('marks', ()))
+    params = log.get('site') or {}
     begin, end = _span(data.time)
+    *figures, stars = residual_sections(data)
     body = [
-        f'<h1>{clean(title)}{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
-        controls(data), _verdict(report, data), *residual_sections(data, ('Stars',)),
-        zeros_section(report, rows, names), health_section(told.get('health'), run, names),
-        *residual_sections(data, _ALL_BUT_STARS),
+        f'<h1>Night{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
+        controls(data), _verdict(report, data), *figures,
+        zeros_section(report, rows, names), health_section(log.get('health'), run, names),
+        stars,
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit; a number in brackets is the change of that term from the '
                       'first power-on.'),
@@ -120,16 +162,11 @@ def render_night(run, model, report, told=None, title='Night', diagnosis='', fil
         provenance_section([
             ('observed', f'{begin} to {end} UTC' if begin else ''),
             ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
-            ('plan', params.get('plan')), ('written with', told.get('written_with')),
-            ('seed of the stars held out', told.get('split_seed')),
-            ('log', told.get('problem'))], files),
-        '<footer>All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
-        'RMS values are radial unless an axis is named.</footer>']
-    return whole(f'{title} {when}'.strip(), body, 'A night of a telescope mount')
-
-
-_ALL_BUT_STARS = ('Where the residuals are on the sky', 'Target', 'Errors in the order of time',
-                  'What is left, against the axes', 'Distribution of the residuals')
+            ('plan', params.get('plan')), ('written with', log.get('written_with')),
+            ('seed of the stars held out', log.get('split_seed')),
+            ('log', log.get('problem'))], files),
+        FOOTER]
+    return whole(f'Night {when}'.strip(), body, 'A night of a telescope mount')
 
 
 def _span(time):
@@ -222,19 +259,12 @@ def residuals_of(run, model, report, split_seed=None):
     before, after = (_offsets(one, rows, zeros) for one, zeros in (
         (plain, measured), (model, in_force)))
     used, words = _words(run, report, split_seed)
-    mount = rows.mount
-    az, el, turned = on_horizon(rows)
     noise = report.get('noise_arcsec')
-    return Residuals(
-        [_name(star) for star in rows.get('star', np.arange(len(rows)))], az, el, before, after,
-        used[stars], words[stars], **of_mount(mount), time=rows.columns.get('time'),
-        groups=rows.columns.get('run'), group_word='power-on',
-        noise=tuple(noise) if noise else None,
+    return run_residuals(
+        rows, [_name(star) for star in rows.get('star', np.arange(len(rows)))], before, after,
+        used[stars], words[stars], group_word='power-on', noise=tuple(noise) if noise else None,
         before_text='zero set, no model' if measured else 'as the encoders read',
-        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read',
-        turned=turned,
-        places=None if mount.vertical else (rows['az'], rows['el']),
-        utc=run.meta.get('time_is_utc', True))
+        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read')
 
 
 def _offsets(model, rows, zeros):

@@ -3,20 +3,27 @@
 import re
 from base64 import b64encode
 from hashlib import sha256
+from importlib.resources import files
 
 import numpy as np
 
 from pointing_model.effects.base import arcsec
 
 from .drawing import clean
-from .page_script import SCRIPT
-from .page_style import CSS
 
+#: colours that the colour-blind tell apart, light and dark, and paper; what a page does when it is
+#: touched: rows light up in every plot, tables sort, nights filter. Everything is on the page
+#: without it, and it needs no character that XML keeps for itself
+CSS, SCRIPT = ('\n' + files(__package__).joinpath(f'page.{kind}').read_text(encoding='utf-8')
+               for kind in ('css', 'js'))
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
 _CONTROLS = re.compile('<div class="controls">.*?</div>', re.DOTALL)
 #: a script in a name could not run even if it came through: only ours has this sum
 _POLICY = ("default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-"
            + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
+#: of pages of residuals
+FOOTER = ('<footer>All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
+          'RMS values are radial unless an axis is named.</footer>')
 
 
 class Markup(str):
@@ -70,9 +77,26 @@ def section(title, *parts, note='', kind=''):
     body = ''.join(part for part in parts if part)
     if not body:
         return ''
-    note = f'<p class="note">{clean(note)}</p>' if note else ''
     kind = f' class="{kind}"' if kind else ''
-    return f'<section{kind}><h2>{clean(title)}</h2>{note}{body}</section>'
+    return f'<section{kind}><h2>{clean(title)}</h2>{paragraph(note, "note")}{body}</section>'
+
+
+def subsection(title, *parts):
+    """A part of a section with a heading; nothing if there is nothing in it."""
+    body = ''.join(parts)
+    return f'<h3>{clean(title)}</h3>{body}' if body else ''
+
+
+def paragraph(text, kind=''):
+    """A paragraph of a class; nothing of no text."""
+    kind = f' class="{kind}"' if kind else ''
+    return f'<p{kind}>{clean(text)}</p>' if text else ''
+
+
+def definitions(rows):
+    """Words, and what each is, as a list; nothing of none."""
+    items = ''.join(f'<dt>{clean(word)}</dt><dd>{clean(text)}</dd>' for word, text in rows)
+    return f'<dl>{items}</dl>' if items else ''
 
 
 def verdict(badge, headline, sentences, cards='', kind='', more='', body='', then=''):
@@ -93,10 +117,9 @@ def verdict(badge, headline, sentences, cards='', kind='', more='', body='', the
     then : str
         Of the headline, what is set smaller.
     """
-    then = f'<p class="then">{clean(then)}</p>' if then else ''
     badge = f'<span class="badge">{clean(badge)}</span>' if badge else ''
     return (f'<section class="verdict{" " * bool(kind)}{kind}">{badge}<h2>{clean(headline)}</h2>'
-            f'{then}{listed(sentences)}{cards}{body}{more}</section>')
+            f'{paragraph(then, "then")}{listed(sentences)}{cards}{body}{more}</section>')
 
 
 def cards(rows):
@@ -122,7 +145,7 @@ def said(rows, ranked=False):
         '<li>' + (f'<b>{clean(one.lead)}</b>' if ranked or one.more else clean(one.lead))
         + (f'<span class="size"><i style="width:{100.0 * one.size_arcsec / top:.0f}%"></i></span>'
            if ranked and one.size_arcsec else '')
-        + (f'<p>{clean(one.more)}</p>' if one.more else '') + '</li>' for one in rows)
+        + paragraph(one.more) + '</li>' for one in rows)
     kind = ('ol class="ranked"', 'ol') if ranked else ('ul', 'ul')
     return f'<{kind[0]}>{items}</{kind[1]}>' if items else ''
 
@@ -146,8 +169,8 @@ def pair(drawings):
 
 
 def folded(summary, body):
-    """What opens on a click."""
-    return f'<details><summary>{summary}</summary>{body}</details>'
+    """What opens on a click; nothing if there is nothing in it."""
+    return f'<details><summary>{summary}</summary>{body}</details>' if body else ''
 
 
 def scrolled(drawing):
@@ -156,7 +179,7 @@ def scrolled(drawing):
 
 
 def table(header, rows, kind='', caption='', keys=None):
-    """A table; cells are text, except those that are `Markup`.
+    """A table, nothing of no rows; cells are text, except those that are `Markup`.
 
     Parameters
     ----------
@@ -177,7 +200,7 @@ def table(header, rows, kind='', caption='', keys=None):
     caption = f'<caption>{clean(caption)}</caption>' if caption else ''
     kind = f' class="{kind}"' if kind else ''
     return (f'<div class="scroll"><table{kind}>{caption}<thead><tr>{head}</tr></thead><tbody>'
-            f'{body}</tbody></table></div>')
+            f'{body}</tbody></table></div>') if body else ''
 
 
 def cell_of(value):

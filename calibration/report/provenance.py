@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools.units import DEG
 
 from .drawing import clean
-from .page_parts import Markup, section, table
+from .page_parts import Markup, definitions, section, table
 
 #: a file larger than this is not summed up, bytes
 _LARGEST = 500_000_000
@@ -44,11 +44,10 @@ def provenance_section(rows, files=()):
     except PackageNotFoundError:
         own = 'telescope_mount'
     now = datetime.now(timezone.utc)
-    told = [('command', command_line()), ('version', own),
+    facts = [('command', command_line()), ('version', own),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
-    terms = ''.join(f'<dt>{clean(name)}</dt><dd>{clean(value)}</dd>'
-                    for name, value in told if value not in ('', None))
-    return section('Where this comes from', f'<dl>{terms}</dl>', _files(files))
+    return section('Where this comes from', definitions(
+        row for row in facts if row[1] not in ('', None)), _files(files))
 
 
 def _files(files):
@@ -61,7 +60,7 @@ def _files(files):
                 size = one.stat().st_size
                 total = sum_of(one) if size <= _LARGEST else 'too large to sum up'
                 rows.append((name, f'{size}', Markup(f'<code>{clean(total)}</code>')))
-    return table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums') if rows else ''
+    return table(('file', 'bytes', 'SHA-256'), rows, '', 'Files and their sums')
 
 
 def sum_of(path):
@@ -144,8 +143,15 @@ def _date(obs):
 
 
 def _site(site):
-    """Latitude and longitude, degrees."""
-    found = (site.get(key) if isinstance(site, dict) else getattr(site, key, None)
-             for key in ('latitude', 'longitude'))
-    return ' '.join(f'{abs(value / DEG):.2f}° {ways[value < 0.0]}'
-                    for value, ways in zip(found, ('NS', 'EW')) if value is not None)
+    """Latitude and longitude."""
+    known = site_degrees(site)
+    return ' '.join(f'{abs(known[key]):.2f}° {ways[known[key] < 0.0]}' for key, ways in (
+        ('latitude_deg', 'NS'), ('longitude_deg', 'EW')) if key in known)
+
+
+def site_degrees(site):
+    """Of a `Site`, a dict with its attributes or None: what `site_text` takes."""
+    given = site if isinstance(site, dict) else vars(site) if site else {}
+    return {f'{name}_{unit}': given[name] / size for name, unit, size in (
+        ('latitude', 'deg', DEG), ('longitude', 'deg', DEG), ('height', 'm', 1.0))
+            if given.get(name) is not None}

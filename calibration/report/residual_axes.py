@@ -7,7 +7,6 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, covered
 from pointing_model.effects.base import SIDES
-from pointing_model.mounts import ALTAZ, is_beyond
 
 _TURN = 2.0 * np.pi
 _NOWHERE = 20.0 * DEG  # from where an axis has not been in some directions
@@ -131,32 +130,3 @@ def _hours(context, values):
 def utc_text(seconds):
     moment = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
     return moment.strftime('%Y-%m-%d %H:%M UTC')
-
-
-def on_horizon(run):
-    """Places and the way of residuals on the horizon.
-
-    Parameters
-    ----------
-    run : PointingRun
-
-    Returns
-    -------
-    az, el : ndarray, shape (n,)
-        Radians.
-    turned : ndarray, shape (2, 2, n), or None
-        Components toward azimuth and elevation of x and y; None: they are the same.
-    """
-    mount = run.mount
-    if not len(run) or (mount.vertical and not is_beyond(run['el']).any()):
-        return run['az'], run['el'], None
-    az, el = mount.horizon_of(run['az'], run['el'])
-    own, horizon = mount.tangents(run['az'], run['el']), ALTAZ.tangents(az, el)
-    return az, el, np.array([[np.sum(one * toward, axis=0) for one in own] for toward in horizon])
-
-
-def of_mount(mount):
-    """A mount and the names of x, y and its axes: keywords of `residual_figures.Residuals`."""
-    first, second = mount.names.axes
-    return {'mount': mount, 'axes': (f'{first} × cos {mount.names.letters[1]}', second),
-            'place_words': (first, second)}

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.analysis.diagnosis.page_figures import histogram
 from pointing_model.effects.base import arcsec
-from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
@@ -127,6 +127,34 @@ class Residuals:
                 if self.utc else 'since the first row')
         return (hours / 24.0, f'days {when}') if np.nanmax(hours) > 96.0 else (
             hours, f'hours {when}')
+
+
+def run_residuals(run, names, before, after, used, words=(), **more):
+    """`Residuals` of a run.
+
+    Parameters
+    ----------
+    run : PointingRun
+    names, before, after, used, words, **more
+        As of `Residuals`.
+    """
+    mount, places = run.mount, (run['az'], run['el'])
+    az, el = places
+    if len(run) and not (mount.vertical and not is_beyond(el).any()):
+        az, el = mount.horizon_of(*places)
+        more['turned'] = turned(mount.tangents(*places), az, el)
+    first, second = mount.names.axes
+    return Residuals(
+        names, az, el, before, after, used, words, time=run.columns.get('time'), mount=mount,
+        axes=(f'{first} × cos {mount.names.letters[1]}', second), place_words=(first, second),
+        places=None if mount.vertical else places, groups=run.columns.get('run'),
+        utc=run.meta.get('time_is_utc', True), **more)
+
+
+def turned(own, az, el):
+    """Components toward azimuth and elevation of `own` directions, shape (2, 2, n)."""
+    return np.array([[np.sum(one * toward, axis=0) for one in own]
+                     for toward in ALTAZ.tangents(az, el)])
 
 
 def _keys(time, n):
@@ -405,14 +433,12 @@ def _histogram(before, after, limit, title, whens):
                   whens[0] if len(whens) == 1 else '')
 
 
-def residual_sections(data, skip=()):
+def residual_sections(data):
     """All of them, as list of HTML.
 
     Parameters
     ----------
     data : Residuals
-    skip : sequence of str
-        Titles that are not wanted.
     """
     parts = (('Where the residuals are on the sky', sky_maps, ''),
              ('Target', targets, ''),
@@ -422,5 +448,4 @@ def residual_sections(data, skip=()):
              ('Stars', stars_table, 'Point at a star, here or in a plot: it lights up everywhere '
               'and is told at the foot of the window. A click or Enter keeps it, Escape lets it '
               'go. A click on a heading sorts.'))
-    return [section(title, make(data), note=note) for title, make, note in parts
-            if title not in skip]
+    return [section(title, make(data), note=note) for title, make, note in parts]

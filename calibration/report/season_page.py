@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from ..analysis.season.season_judgement import date_of
@@ -16,33 +15,14 @@ _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
 
 
-def write_page(judged, path, files=None):
-    """Write the page, a file that refers to nothing outside itself.
-
-    Parameters
-    ----------
-    judged : season_judgement.SeasonJudged
-    path : str or Path
-    files : iterable of Path, optional
-        From which it is made: where it comes from is told with their sums.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
-    made = '' if files is None else provenance_section([], files)
-    write_text(path, render(judged, made))
-
-
-def render(judged, more=''):
+def render_season(judged, files):
     """The page as text.
 
     Parameters
     ----------
     judged : season_judgement.SeasonJudged
-    more : str
-        HTML at the end.
+    files : iterable of Path
+        From which it is made.
 
     Returns
     -------
@@ -66,7 +46,7 @@ def render(judged, more=''):
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
                 'together show.'),
-        section('Notes', listed(document['notes'])), more,
+        section('Notes', listed(document['notes'])), provenance_section([], files),
         '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
         'off it by what is of that night alone and by the error of its fit.</footer>']
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')

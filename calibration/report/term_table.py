@@ -3,7 +3,7 @@
 import numpy as np
 
 from .drawing import clean
-from .page_parts import Markup, number, section, table, value_and_error
+from .page_parts import Markup, number, paragraph, section, subsection, table, value_and_error
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 24
@@ -30,7 +30,7 @@ def terms_table(terms):
              *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
                if alone else []), t['unit']] for t in terms]
     return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
-                 rows, 'numbers', 'Terms of the model') if rows else ''
+                 rows, 'numbers', 'Terms of the model')
 
 
 def correlation_table(names, matrix, limit=_DRAWN):
@@ -38,13 +38,13 @@ def correlation_table(names, matrix, limit=_DRAWN):
     if matrix is None or len(names) < 2:
         return ''
     matrix = np.asarray(matrix, float)
-    heading = '<h3>Correlations</h3>'
     if len(names) > limit:
         pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                  for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
         rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
-        return heading + (table(['term', 'term', 'correlation'], rows[:60], 'numbers') if rows
-                          else '<p class="note">No correlation above 0.7.</p>')
+        return subsection('Correlations', table(
+            ['term', 'term', 'correlation'], rows[:60], 'numbers')
+            or paragraph('No correlation above 0.7.', 'note'))
     rows = []
     for i, name in enumerate(names):
         cells = [Markup(f'<b>{i + 1}</b>\u2002{clean(name)}')]
@@ -55,8 +55,9 @@ def correlation_table(names, matrix, limit=_DRAWN):
             cells.append(Markup(f'<span class="corr" style="background:rgba({colour},'
                                 f'{0.75 * strength**1.5:.2f})">{number(value)}</span>'))
         rows.append(cells + [''] * (len(names) - 1 - i))
-    return heading + table(['', *map(str, range(1, len(names) + 1))], rows, 'correlations',
-                           'Correlations of the terms')
+    return subsection('Correlations', table(
+        ['', *map(str, range(1, len(names) + 1))], rows, 'correlations',
+        'Correlations of the terms'))
 
 
 def terms_section(rows, correlations=None, names=None, note='Encoder − catalogue, σ from the fit.',

@@ -4,7 +4,6 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 
 from .drawing import Panel, svg
@@ -15,33 +14,14 @@ from .wording import worded
 _WIDTH = 940
 
 
-def write_page(tracked, path, files=None):
-    """Write the page, a file that refers to nothing outside itself.
-
-    Parameters
-    ----------
-    tracked : run_track.TrackedRun
-    path : str or Path
-    files : iterable of Path, optional
-        From which it is made: where it comes from is told with their sums.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
-    made = '' if files is None else provenance_section([], files)
-    write_text(path, render(tracked, made))
-
-
-def render(tracked, more=''):
+def render_track(tracked, files):
     """The page as text.
 
     Parameters
     ----------
     tracked : run_track.TrackedRun
-    more : str
-        HTML at the end.
+    files : iterable of Path
+        From which it is made.
 
     Returns
     -------
@@ -72,11 +52,11 @@ def render(tracked, more=''):
             figure(scrolled(_misses(tracked, hours)), '')),
         section('Whether the expected errors hold', innovations_figure(
             np.sum((tracked.live / tracked.sigma)**2, axis=1))),
-        section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)
-                if events else ''),
+        section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)),
         section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
                                         for i in range(len(tracked.smoothed.names))),
-                note='By all stars, before and after; ± 2 σ, arcsec.'), more]
+                note='By all stars, before and after; ± 2 σ, arcsec.'),
+        provenance_section([], files)]
     return whole('A mount that was followed', body, 'Tracking of a telescope mount')
 
 

@@ -54,6 +54,7 @@ def _run(args):
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.fit_document import fit_document
     from calibration.report.tables import fit_tables
+    from msg_tools.output import write_text
 
     from ..runs import load_run
     from .console import new_console, write_outputs
@@ -73,6 +74,6 @@ def _run(args):
         console.print(each)
 
     def write_page(path):
-        from calibration.report.fit_page import write_fit_page
-        write_fit_page(path, found, document)
+        from calibration.report.fit_page import render_fit
+        write_text(path, render_fit(found, document))
     write_outputs(console, args, document, model=found.model.save, page=write_page)

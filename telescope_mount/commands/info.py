@@ -31,7 +31,7 @@ def run(args):
         console.print(part)
 
     def write_page(path):
-        from calibration.report.log_page import write_page_of_log
+        from calibration.report.night_page import write_page_of_log
         write_page_of_log(args.log, path)
     write_outputs(console, args, info, page=write_page)
     return int(bool(info['problems']) or not info['complete'])

@@ -32,9 +32,10 @@ def run(args):
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.season.season_judgement import judge_season
     from calibration.analysis.season.season_nights import nights_of
-    from calibration.report.season_page import write_page
+    from calibration.report.season_page import render_season
     from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
+    from msg_tools.output import write_text
     from pointing_model.runs.formats import NoObservations
 
     from ..runs import load_run
@@ -75,7 +76,7 @@ def run(args):
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
     write_outputs(console, args, document, model=judged.model().save,
-                  page=lambda path: write_page(judged, path, args.files))
+                  page=lambda path: write_text(path, render_season(judged, args.files)))
 
 
 def _files(paths):

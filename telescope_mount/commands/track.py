@@ -29,8 +29,9 @@ def run(args):
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.tracking.run_track import track_run
     from calibration.report.tables import new_table
-    from calibration.report.track_page import tracking_lines, write_page
+    from calibration.report.track_page import render_track, tracking_lines
     from calibration.report.wording import worded
+    from msg_tools.output import write_text
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
@@ -53,4 +54,4 @@ def run(args):
     print_lines(console, 'tracked', tracking_lines(summary))
     print_lines(console, 'note', summary['notes'])
     write_outputs(console, args, summary, model=tracked.model.save,
-                  page=lambda path: write_page(tracked, path, [args.file]))
+                  page=lambda path: write_text(path, render_track(tracked, [args.file])))

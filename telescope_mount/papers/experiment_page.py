@@ -21,12 +21,11 @@ from calibration.report.page_parts import (
     whole,
 )
 from calibration.report.provenance import provenance_section
-from calibration.report.residual_axes import of_mount, on_horizon
 from calibration.report.residual_figures import (
-    Residuals,
     controls,
     controls_alone,
     residual_sections,
+    run_residuals,
 )
 from calibration.report.zero_season_report import season_lines
 from calibration.report.zero_wording import COVARIATES as WORDS
@@ -129,13 +128,11 @@ def residuals_of_nights(report, run):
         return None
     rows = type(run).concatenate([part[0] for part in parts])
     before, after = (np.concatenate([part[i] for part in parts], axis=1) for i in (1, 2))
-    az, el, turned = on_horizon(rows)
-    return Residuals(
-        [f'HIP {star:.0f}' for star in rows['star']], az, el, before, after,
-        np.ones(len(rows), bool), ['judged by, not fitted'] * len(rows), **of_mount(rows.mount),
-        time=rows['time'], groups=rows['run'], group_word='night',
+    return run_residuals(
+        rows, [f'HIP {star:.0f}' for star in rows['star']], before, after,
+        np.ones(len(rows), bool), ['judged by, not fitted'] * len(rows), group_word='night',
         before_text='model of two nights before, zero of then',
-        after_text='the same model, zero of tonight', turned=turned)
+        after_text='the same model, zero of tonight')
 
 
 def _key(night):

@@ -15,6 +15,7 @@ from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect
 from calibration.report.diagnosis_words import best_pair, verdict_sentences
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
 from calibration.report.effect_words import EffectSummary, effect_summaries
+from calibration.report.residual_figures import Residuals
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
@@ -177,14 +178,14 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
 
 def test_the_view_holds_the_figures(diagnosis):
     view = view_of(diagnosis)
-    assert view.before == pytest.approx(diagnosis.residual_before / ARCSEC)
+    assert view.residuals.before == pytest.approx(diagnosis.residual_before / ARCSEC)
     effect, = view.effects
     # what the effect moves, beside what is left: together the residual without it
     side = diagnosis.observations.run['approach_az']
     coefficient = diagnosis.effects[0].fitted.coefficients[0] / ARCSEC
     assert effect.fitted[0] == pytest.approx(coefficient * side)
     assert effect.driver.levels == {-1: 'anticlockwise', 1: 'clockwise'}
-    assert view.names[3].startswith('line 5, star')
+    assert view.residuals.names[3].startswith('line 5, star')
     assert [d.name for d in view.drivers] == [
         'approach_az', 'azimuth', 'elevation', 'time', 'approach_el', EVIL]
     assert view.drivers[3].values.max() < 9 and view.drivers[3].label.endswith('UTC [h]')
@@ -224,8 +225,8 @@ def test_many_rows_stay_small():
     driver = Driver('elevation', 'elevation [°]', el / DEG)
     view = DiagnosisView({'observations': n, 'runs': 1, 'base_terms': ['IA'], 'verdict': 'unknown',
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
-                rng.uniform(0, 6.28, n), el, before, after, np.ones(n, bool),
-                ['a star'] * n, [driver],
+                Residuals(['a star'] * n, rng.uniform(0, 6.28, n), el, before, after,
+                          np.ones(n, bool)), [driver],
                 [FoundEffect('x', EffectSummary('Y'), [], before - after, driver)], [], [])
     text = render(view)
     assert len(text) < 1_500_000

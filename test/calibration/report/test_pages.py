@@ -18,12 +18,15 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import write_report
 from calibration.report.fit_document import fit_document
-from calibration.report.fit_page import write_fit_page
+from calibration.report.fit_page import render_fit
 from calibration.report.log_health import log_health
-from calibration.report.log_page import write_page_of_log
-from calibration.report.night_page import render_night, residuals_of, write_night_page
-from calibration.report.page_parts import number, value_and_error
-from calibration.report.page_style import CSS
+from calibration.report.night_page import (
+    render_night,
+    residuals_of,
+    write_night_page,
+    write_page_of_log,
+)
+from calibration.report.page_parts import CSS, number, value_and_error
 from calibration.report.provenance import sum_of
 from calibration.report.residual_figures import Residuals, controls, residual_sections
 from calibration.report.zero_figures import zeros_of
@@ -45,7 +48,8 @@ def night(tmp_path_factory):
     report['notes'].append(EVIL)
     (folder / 'report.json').write_text(json.dumps(report))
     (folder / 'bag').mkdir()
-    path = write_night_page(folder, run, model, report)
+    path = folder / 'page.html'
+    write_night_page(path, run, model, report, folder / 'bag')
     return SimpleNamespace(folder=folder, run=run, model=model, report=report, path=path,
                            text=path.read_text(encoding='utf-8'))
 
@@ -72,7 +76,7 @@ def fitted(tmp_path_factory):
     found = fit_run(run)
     document = fit_document(found)
     path = tmp_path_factory.mktemp('fit') / 'page.html'
-    write_fit_page(path, found, document)
+    path.write_text(render_fit(found, document), encoding='utf-8')
     return SimpleNamespace(path=path, document=document, text=path.read_text(encoding='utf-8'))
 
 

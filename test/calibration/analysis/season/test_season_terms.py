@@ -17,7 +17,7 @@ from calibration.analysis.season.season_filter import (
 )
 from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
-from calibration.report.season_page import render
+from calibration.report.season_page import render_season
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ, Mount
@@ -110,7 +110,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
                for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
     assert judged.model().covariance == pytest.approx(judged.covariance)
-    page = render(judged)
+    page = render_season(judged, ())
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
     assert 'TF follows temperature' in page and '://' not in page
     with pytest.raises(ValueError, match='ask for a later one'):

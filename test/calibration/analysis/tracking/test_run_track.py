@@ -8,7 +8,7 @@ import pytest
 from drifting_rows import MOUNT, rows
 
 from calibration.analysis.tracking.run_track import track_run
-from calibration.report.track_page import render
+from calibration.report.track_page import render_track
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
@@ -47,7 +47,7 @@ def test_the_order_of_the_rows_is_that_of_their_times():
 
 def test_its_page_is_whole():
     tracked = track_run(drifting(), first=15)
-    page = render(tracked)
+    page = render_track(tracked, ())
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
     assert '://' not in page and 'jumped before star 30' in page
     assert json.loads(json.dumps(worded(tracked.summary())))['fitted_rows'] == 15

@@ -1,10 +1,3 @@
-"""What a page does when it is touched: rows light up in every plot, tables sort, nights filter.
-
-Everything is on the page without it. It needs no character that XML keeps for itself, so that the
-page stays well-formed.
-"""
-
-SCRIPT = """
 (function () {
 'use strict';
 var doc = document, pinned = '', shown = '', told = doc.getElementById('told');
@@ -13,7 +6,7 @@ function words(row) {
   var heads = all('th', row.closest('table'));
   return Array.from(row.cells).map(function (cell, i) {
     var of = / ?([^ ]*)$/.exec(heads[i] ? heads[i].textContent : ''), unit = '';
-    if (of[1] === '\u2033' || of[1] === '\u00b0') { unit = of[1]; }
+    if (of[1] === '″' || of[1] === '°') { unit = of[1]; }
     var name = unit ? of.input.slice(0, of.index) : of.input;
     return (name + ' ' + cell.textContent + unit).trim(); }).join(', ');
 }
@@ -98,7 +91,7 @@ all('table.sort').forEach(function (table) {
       all('th', table).forEach(function (h) { h.removeAttribute('aria-sort'); });
       head.setAttribute('aria-sort', up ? 'ascending' : 'descending');
       var body = table.tBodies[0], rows = all('tr', body).map(function (row, i) {
-        var text = value(row, column), clean = text.replace('\\u2212', '-');
+        var text = value(row, column), clean = text.replace('\u2212', '-');
         var number = clean === '' ? NaN : Number(clean);
         return [row, number, text, i]; });
       rows.sort(function (a, b) {
@@ -129,4 +122,3 @@ doc.addEventListener('keydown', function (event) {
 addEventListener('beforeprint', function () {
   all('details').forEach(function (e) { e.open = true; }); });
 }());
-"""
