@@ -6,6 +6,7 @@ import re
 import sys
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 
 from msg_tools.terminal_signs import spell_out
 
@@ -26,14 +27,7 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
-class _Version(argparse.Action):
-    def __call__(self, parser, namespace, values, option_string=None):
-        print(f'telescope-mount {_version()}')
-        raise SystemExit(0)
-
-
 def _version():
-    from importlib.metadata import PackageNotFoundError, version
     try:
         return version('telescope_mount')
     except PackageNotFoundError:
@@ -51,7 +45,8 @@ def make_parser():
                      description='Measure a telescope mount: observe, fit, check, log, replay.',
                      epilog='Exit codes: 0 done, 1 a check found something, 2 bad input, 130 ended '
                      'by Ctrl-C. What options mean everywhere: docs/command_line.md.')
-    parser.add_argument('--version', action=_Version, nargs=0, help='print the version and end')
+    parser.add_argument('--version', action='version', version=f'telescope-mount {_version()}',
+                        help='print the version and end')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name in COMMANDS:
         module_of(name).add(commands)

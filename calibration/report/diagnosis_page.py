@@ -12,7 +12,6 @@ from .cause_words import counted, open_causes
 from .diagnosis_view import view_of
 from .diagnosis_words import (
     FITTED,
-    Said,
     best_pair,
     count_sentence,
     floor_words,
@@ -33,6 +32,7 @@ from .provenance import provenance_section
 from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
 from .term_table import correlation_table, terms_table
+from .wording import Statement
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
              'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
@@ -137,13 +137,13 @@ def _meta(view):
 def _verdict(view):
     document = view.document
     name = document['verdict']
-    told = verdict_summary(document, [e.told for e in view.effects], caution=view.caution)
+    found = verdict_summary(document, [e.summary for e in view.effects], caution=view.caution)
     badge = name
     if view.effects and name in ('ambiguous', 'identified'):
         badge = 'ambiguous' if any(
             open_causes(row) > 1 for row in document['effects']) else 'identified'
-    headline, _, then = told.headline.partition('. ')
-    first, ranked = told.first, told.ranked
+    headline, _, then = found.headline.partition('. ')
+    first, ranked = found.first, found.ranked
     if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
         # what the headline has said is not said again
         first = [one for one in first if one.text != count_sentence(document)]
@@ -152,10 +152,11 @@ def _verdict(view):
     return html.verdict(
         _VERDICTS.get(badge, badge), headline, [], html.cards(_numbers(document)),
         badge if badge in _VERDICTS else '',
-        page.words(' '.join((told.headline, *told.sentences, floor_words(document)))),
-        html.said(first) + html.said(ranked, True)
-        + html.folded(f'And {len(told.smaller)} more, smaller', html.said(told.smaller))
-        + html.said([Said(told.as_read)] if told.as_read else []) + html.said(told.rest), then)
+        page.words(' '.join((found.headline, *found.sentences, floor_words(document)))),
+        html.statements(first) + html.statements(ranked, True)
+        + html.folded(f'And {len(found.smaller)} more, smaller', html.statements(found.smaller))
+        + html.statements([Statement(found.raw)] if found.raw else [])
+        + html.statements(found.rest), then)
 
 
 def _numbers(document):
@@ -185,10 +186,10 @@ def _effects(view):
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
         parts.append(html.subsection(
-            effect.name, html.paragraph(effect.told.sentence),
+            effect.name, html.paragraph(effect.summary.text),
             f'<div class="{kind}">{html.definitions(effect.facts)}{drawing}</div>',
             page.rivals(effect.ranking)))
-    parts.append(page.words(' '.join(f'{e.name} {e.told.sentence}' for e in view.effects)))
+    parts.append(page.words(' '.join(f'{e.name} {e.summary.text}' for e in view.effects)))
     return html.section('What was added to the model', *parts, note=' '.join(filter(None, [
         'In the order of what each takes off.' if len(parts) > 2 else '', view.axes_note])))
 

@@ -13,13 +13,13 @@ from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import is_beyond
 
 from .cause_words import still_open
-from .effect_words import EffectSummary, title_of, told_of
+from .effect_words import effect_summary, effect_title
 from .method_words import plain_name, signs_sentences
 from .page_parts import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals, turned
-from .wording import paragraph, wording
+from .wording import Statement, paragraph, wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -32,7 +32,7 @@ class FoundEffect:
     Attributes
     ----------
     name : str
-    told : EffectSummary
+    summary : Statement
     facts : list of (str, str)
     fitted : ndarray, shape (2, n), optional
         What it moves in each row, arcsec on the sky.
@@ -46,7 +46,7 @@ class FoundEffect:
     """
 
     name: str
-    told: EffectSummary
+    summary: Statement
     facts: list
     fitted: np.ndarray | None = None
     driver: Driver | None = None
@@ -234,9 +234,9 @@ def _drivers(diagnosis, effects):
 def _found(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
-    name = title_of(found, context.mount.names.axes)
+    name = effect_title(found, context.mount.names.axes)
     return FoundEffect(
-        name[:1].upper() + name[1:], told_of(diagnosis, found),
+        name[:1].upper() + name[1:], effect_summary(diagnosis, found),
         _facts(found, context, len(diagnosis.effects) > 1),
         effect_offsets(found), _effect_driver(context, e),
         _in_words(found.ranking, context.mount),
@@ -249,11 +249,11 @@ def _size_of(cause, context):
     fitted = cause.get('fitted')
     if fitted is None:
         return ''
-    told = [f'{context.said(one["word"])} {_with_error(one)} {one["unit"]}'
+    sizes = [f'{context.said(one["word"])} {_with_error(one)} {one["unit"]}'
             for one in fitted['coefficients']]
     if 'TF' in fitted['terms']:
-        told.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
-    return f' ({", ".join(told)})'
+        sizes.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
+    return f' ({", ".join(sizes)})'
 
 
 def _with_error(one):

@@ -1,6 +1,6 @@
 """What a diagnosis found, in sentences that need no formula."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from calibration.report.raw_error_wording import raw_error_sentence
 from calibration.report.row_wording import (
@@ -27,37 +27,16 @@ from .method_words import (
     way,
 )
 from .noise_wording import correlation_sentence, drift_words
+from .wording import Statement
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
 _NO_GAIN = 0.98  # of the error before, above which nothing was gained
 _LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
-#: of the effects that would have been found, so many are told
-_MOST_SAID = 8
-
-
-@dataclass
-class Said:
-    """One thing to know.
-
-    Attributes
-    ----------
-    lead : str
-        What it is.
-    more : str
-        Why, what to do about it, what it rests on.
-    size_arcsec : float, optional
-        Of an effect: RMS on the sky.
-    """
-
-    lead: str
-    more: str = ''
-    size_arcsec: float | None = None
-
-    @property
-    def text(self):
-        """All of it."""
-        return f'{self.lead} {self.more}'.strip()
+#: of the effects that would have been found, so many are named
+_MOST_NAMED = 8
+#: verdicts that name no effect
+_WITHOUT_EFFECTS = ('refused', 'none', 'undecided', 'wanders')
 
 
 @dataclass
@@ -67,29 +46,24 @@ class Verdict:
     Attributes
     ----------
     headline : str
-    first, ranked, rest : list of Said
+    first, ranked, rest : list of Statement
         Before the effects, what may put all of them in doubt; the effects, the largest first; what
         follows.
-    smaller : list of Said
+    smaller : list of Statement
         Effects beyond those in `ranked`.
     way : str
         Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
-    as_read : str
+    raw : str
         What the first of these consists of.
     """
 
     headline: str
-    first: list = field(default_factory=list)
-    ranked: list = field(default_factory=list)
-    rest: list = field(default_factory=list)
-    way: str = ''
-    as_read: str = ''
-    smaller: list = field(default_factory=list)
-
-    def __post_init__(self):
-        for name in ('first', 'ranked', 'rest'):
-            setattr(self, name, [one if isinstance(one, Said) else Said(one)
-                                 for one in getattr(self, name) if one and one != Said('')])
+    first: list
+    ranked: list
+    rest: list
+    smaller: list
+    way: str
+    raw: str
 
     @property
     def sentences(self):
@@ -99,7 +73,7 @@ class Verdict:
                 *(f'{i}. {one.text}' if several else one.text
                   for i, one in enumerate(self.ranked, 1)),
                 *([f'And {len(self.smaller)} more, smaller.'] if self.smaller else []),
-                *filter(None, [' '.join(filter(None, [self.way, self.as_read]))]),
+                *filter(None, [' '.join(filter(None, [self.way, self.raw]))]),
                 *(one.text for one in self.rest)]
 
 
@@ -110,10 +84,10 @@ def verdict_summary(document, effects=(), limit=5, caution=''):
     ----------
     document : dict
         `Diagnosis.to_dict()`.
-    effects : sequence of EffectSummary
-        Of its effects, in their order; the largest is told first.
+    effects : sequence of Statement
+        Of its effects, in their order; the largest comes first.
     limit : int
-        Effects that are told; the others are counted.
+        Effects that are named; the others are counted.
     caution : str
         Comes before them.
 
@@ -121,44 +95,45 @@ def verdict_summary(document, effects=(), limit=5, caution=''):
     -------
     Verdict
     """
-    out = _told(document, effects, limit, caution)
-    out.way, out.as_read = way(document), raw_error_sentence(document)
-    return out
+    headline, first, rest = _statements(document, effects, caution)
+    ranked = [] if document['verdict'] in _WITHOUT_EFFECTS else _ranked(document, effects)
+    first, rest = ([one if isinstance(one, Statement) else Statement(one)
+                    for one in statements if one and one != Statement('')]
+                   for statements in (first, rest))
+    return Verdict(headline, first, ranked[:limit], rest, ranked[limit:], way(document),
+                   raw_error_sentence(document))
 
 
-def _told(document, effects, limit, caution):
+def _statements(document, effects, caution):
+    """Headline, what comes before the effects, and what after them."""
     verdict = document['verdict']
     last = [led(scatter_sentence(document)), led(figures_sentence(document)),
             outlier_sentence(document)]
     odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
-        return Verdict('Nothing is concluded from so few of the rows', [caution], [], last)
+        return 'Nothing is concluded from so few of the rows', [caution], last
     if verdict == 'none':
         return _nothing(document, caution, odd, last)
     if verdict == 'undecided':
-        return Verdict('Undecided: something is beyond chance, but these observations cannot test '
-                       'it', [caution, *odd], [], ['The model stays as it was.', *last])
+        return ('Undecided: something is beyond chance, but these observations cannot test it',
+                [caution, *odd], ['The model stays as it was.', *last])
     if verdict == 'wanders':
-        if document['wander'].get('along_the_sky'):
-            return Verdict(
-                'Neighbouring rows err alike: the zero wanders, or the direction has an error '
-                f'that no effect describes{_drifts(document)}', [*_wander(document), *odd], [],
-                ['No effect is added. Observe once more in an order that mixes the sky.', *last])
-        what = 'The zero wanders, and what moves it is not known' if not \
-            document['wander'].get('like') else \
+        wander = document['wander']
+        what, then = (
+            'Neighbouring rows err alike: the zero wanders, or the direction has an error that no '
+            'effect describes', 'Observe once more in an order that mixes the sky.') \
+            if wander.get('along_the_sky') else (
             'The zero wanders, or something that these rows do not tell from it'
-        return Verdict(
-            f'{what}{_drifts(document)}',
-            [*_wander(document), *odd], [],
-            ['No effect is added. How far the zero can be trusted is part of the model: set it '
-             'anew as often as that asks for.', *last])
-    ranked = _ranked(document, effects)
+            if wander.get('like') else 'The zero wanders, and what moves it is not known',
+            'How far the zero can be trusted is part of the model: set it anew as often as that '
+            'asks for.')
+        return (f'{what}{_drifts(document)}', [*_wander(document), *odd],
+                [f'No effect is added. {then}', *last])
     axes = kind_of(document).axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
     (first if slow_is_largest(document) else rest)[:0] = _wander(document)
-    return Verdict(_headline(document, effects),
-                   [*first, count_sentence(document), repeat_sentence(document)],
-                   ranked[:limit], rest, smaller=ranked[limit:])
+    return (_headline(document, effects),
+            [*first, count_sentence(document), repeat_sentence(document)], rest)
 
 
 def verdict_sentences(document, effects=(), limit=5, caution=''):
@@ -170,7 +145,7 @@ def verdict_sentences(document, effects=(), limit=5, caution=''):
 def led(text):
     """A text, its first sentence what it is about."""
     lead, stop, more = text.partition('. ')
-    return Said(lead + '.' * bool(stop), more)
+    return Statement(lead + '.' * bool(stop), more)
 
 
 def _nothing(document, caution, odd, last):
@@ -189,12 +164,12 @@ def _nothing(document, caution, odd, last):
         headline += '. But look at ' + ' and '.join(
             f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
             for row in document['unphysical'])
-    return Verdict(headline, [*odd, caution or looks], [],
-                   ['The model stays as it was.', *_detectable(document), *last])
+    return (headline, [*odd, caution or looks],
+            ['The model stays as it was.', *_detectable(document), *last])
 
 
 def _by_size(document, effects):
-    """Effects of a document with what is told of each, the largest first."""
+    """Effects of a document with the summary of each, the largest first."""
     return sorted(zip(document['effects'], effects),
                   key=lambda each: -(each[0].get('removes_rms_arcsec')
                                      or each[0].get('cv_gain_arcsec') or 0.0))
@@ -202,14 +177,15 @@ def _by_size(document, effects):
 
 def _ranked(document, effects):
     out = []
-    for i, (row, told) in enumerate(_by_size(document, effects)):
-        parts = [*told.more, first_check(document, row)]
+    for i, (row, summary) in enumerate(_by_size(document, effects)):
+        parts = [summary.more, first_check(document, row)]
         if i == 0 and row.get('causes'):
             parts.append(next_sentence(document, row))
         if row.get('alternatives') and 'causes' not in row:
             parts.append('With these observations it could as well be: '
                          f'{_listed(row["alternatives"])}.')
-        out.append(Said(told.head, ' '.join(filter(None, parts)), row.get('removes_rms_arcsec')))
+        out.append(Statement(summary.lead, ' '.join(filter(None, parts)),
+                             row.get('removes_rms_arcsec')))
     return out
 
 
@@ -221,11 +197,10 @@ def _headline(document, effects):
         return (f'{many} seemed to be there, but the model with {them} points worse: the model '
                 'before stays in force')
     label, before, after = best_pair(document)
-    told = _by_size(document, effects)
+    ranked = _by_size(document, effects)
     slow, text = _slow_words(document), 'Something is wrong beyond the terms'
-    if told:
-        row, one = told[0]
-        text = one.head.removesuffix('.')
+    if ranked:
+        text = ranked[0][1].lead.removesuffix('.')
         if slow:
             text = f'{slow}. Beside it {text[:1].lower()}{text[1:]}'
             text += f', the largest of {counted(count, "other error")}' * (count > 1)
@@ -265,8 +240,8 @@ def _slow_words(document):
 
 def _drifts(document):
     """Which axes drift evenly, after a colon; '' where none does."""
-    told = drift_words(document['wander'], kind_of(document).axes)
-    return f': {told}' if told else ''
+    drifts = drift_words(document['wander'], kind_of(document).axes)
+    return f': {drifts}' if drifts else ''
 
 
 def count_sentence(document):
@@ -301,51 +276,51 @@ def figures_sentence(document):
     """
     label, before, after = best_pair(document)
     quoted = before if document['verdict'] in STAYS else after
-    floor, told = document.get('noise_floor_arcsec'), document.get('expected')
+    floor, expected = document.get('noise_floor_arcsec'), document.get('expected')
     if quoted is None or document['verdict'] == 'refused':
         return ''
     if label == FITTED:
-        said = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
+        out = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
     else:
-        said = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
-                'of effects has seen']
+        out = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
+               'of effects has seen']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
         if label not in (HELD, LEFT_OUT) and own is not None:
-            said.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
-                        'neighbouring rows err alike, and those next to a row left out tell of it')
+            out.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
+                       'neighbouring rows err alike, and those next to a row left out tell of it')
         if label == HELD and own is not None:
-            said.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
-                        'with them what a run has of its own')
+            out.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
+                       'with them what a run has of its own')
     wanders = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
-        said.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
-                    ': no noise floor, for what wanders over the whole run is in it' if wanders else
-                    f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
-                    'larger for the coefficients')
-    if told:
-        low, high = told['low_arcsec'], told['high_arcsec']
-        said.append(f'{arcsec(told["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times in '
-                    f'ten) is expected on fresh stars in the {told.get("within", "half hour")} '
-                    'after the last row')
-        if floor is not None and told['rms_arcsec'] < floor:
+        out.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
+                   ': no noise floor, for what wanders over the whole run is in it' if wanders else
+                   f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
+                   'larger for the coefficients')
+    if expected:
+        low, high = expected['low_arcsec'], expected['high_arcsec']
+        out.append(f'{arcsec(expected["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times '
+                   'in ten) is expected on fresh stars in the '
+                   f'{expected.get("within", "half hour")} after the last row')
+        if floor is not None and expected['rms_arcsec'] < floor:
             within = low <= floor <= high
-            said.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
-                        + ('the zero moves less by then than over the whole run'
-                           if wanders else 'rows late in the run may scatter less than the others')
+            out.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
+                       + ('the zero moves less by then than over the whole run'
+                          if wanders else 'rows late in the run may scatter less than the others')
                         + (', and the difference is within its uncertainty' if within else ''))
-    return '. '.join(said) + '.'
+    return '. '.join(out) + '.'
 
 
 def _detectable(document):
     """What would have been found, in one sentence, or none."""
-    said, words = [], limit_words(kind_of(document))
-    for row in (document.get('detectable') or [])[:_MOST_SAID]:
+    limits, words = [], limit_words(kind_of(document))
+    for row in (document.get('detectable') or [])[:_MOST_NAMED]:
         unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
                 'arcsec/run': ' over the run'}.get(row['unit'], '')
-        said.append(f'{words[row["name"]]} by {arcsec(row["amplitude_arcsec"])}{unit}')
-    if not said:
+        limits.append(f'{words[row["name"]]} by {arcsec(row["amplitude_arcsec"])}{unit}')
+    if not limits:
         return []
-    return ['Nine times in ten they would have shown ' + '; '.join(said) + '.']
+    return ['Nine times in ten they would have shown ' + '; '.join(limits) + '.']
 
 
 def _wander(document):

@@ -1,7 +1,5 @@
 """What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from calibration.analysis.diagnosis.page_figures import effect_offsets, ends, over_the_rows
@@ -14,6 +12,7 @@ from pointing_model.mount_kinds import USUAL
 from .cause_words import causes_sentence, contenders_sentence, short_cause, still_open
 from .method_words import plain_name
 from .residual_axes import driver_of, utc_text
+from .wording import Statement
 
 #: degrees over which a lowest or a highest is no place but a stretch
 _WIDE = 15.0
@@ -21,60 +20,20 @@ _WIDE = 15.0
 _MOST_OF_TURN = 2.0 / 3.0
 
 
-@dataclass
-class EffectSummary:
-    """An effect in words.
-
-    Attributes
-    ----------
-    seen : str
-        What goes wrong, a clause that begins with a capital, without a full stop.
-    rms_arcsec : float, optional
-        What it does to the stars of the run, on the sky.
-    more : list of str
-        Sentences: its causes, what its driver rests on, how far it depends on the last motion.
-    of_axis_arcsec : float, optional
-        Half of a wave of the angle of an axis, where that is another size than the one on the sky.
-    range_arcsec : float, optional
-        From the lowest to the highest of the rows, on the axis where it is larger. As
-        `rms_arcsec` of what the declared terms cannot take up: both sizes, of every effect.
-    """
-
-    seen: str
-    rms_arcsec: float | None = None
-    more: list = field(default_factory=list)
-    range_arcsec: float | None = None
-    of_axis_arcsec: float | None = None
-
-    @property
-    def head(self):
-        """What is seen, and how much that is."""
-        if self.rms_arcsec is None or not np.isfinite(self.rms_arcsec):
-            return f'{self.seen}.'
-        range_ = f'{arcsec(self.range_arcsec)} from lowest to highest, ' \
-            if self.range_arcsec else ''
-        own = f'; \u00b1{arcsec(self.of_axis_arcsec)} in the angle of the axis' \
-            if self.of_axis_arcsec else ''
-        return f'{self.seen} ({range_}{arcsec(self.rms_arcsec)} RMS on the sky{own}).'
-
-    @property
-    def sentence(self):
-        """All of it."""
-        return ' '.join([self.head, *self.more])
-
-
 def effect_summaries(diagnosis):
     """What a night assistant understands of each effect of a `Diagnosis`.
 
     Returns
     -------
-    list of EffectSummary
+    list of Statement
     """
-    return [told_of(diagnosis, found) for found in diagnosis.effects]
+    return [effect_summary(diagnosis, found) for found in diagnosis.effects]
 
 
-def told_of(diagnosis, found):
-    """`EffectSummary` of one `DiagnosedEffect`."""
+def effect_summary(diagnosis, found):
+    """What goes wrong and how much that is of one `DiagnosedEffect`; then its causes, what its
+    driver rests on, how far it depends on the last motion: a `Statement`.
+    """
     context = diagnosis.observations.context
     e = found.fitted.effect
     fitted = effect_offsets(found)
@@ -114,8 +73,20 @@ def told_of(diagnosis, found):
                     f'within {memory:g}° of motion (its memory)'
                     + (', or sooner or later: these rows do not tell.' if open_
                        else ': a short move shows less of it.'))
-    return EffectSummary(seen, rms, [*filter(None, more), *_of_approach(diagnosis, e)],
-                      float(np.ptp(values)) if len(values) else None, own)
+    return Statement(_lead(seen, rms, float(np.ptp(values)) if len(values) else 0.0, own),
+                     ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms)
+
+
+def _lead(seen, rms, reach, own):
+    """What is seen, and how much that is: of what the declared terms cannot take up the RMS on the
+    sky and the reach of the rows, and half of a wave of the angle of an axis, where that is another
+    size than on the sky; arcsec.
+    """
+    if rms is None or not np.isfinite(rms):
+        return f'{seen}.'
+    reach = f'{arcsec(reach)} from lowest to highest, ' if reach else ''
+    own = f'; \u00b1{arcsec(own)} in the angle of the axis' if own else ''
+    return f'{seen} ({reach}{arcsec(rms)} RMS on the sky{own}).'
 
 
 def _as_observed(seen, context, e, used):
@@ -155,13 +126,13 @@ def _of_approach(diagnosis, e):
     derived = diagnosis.observations.run.meta.get('approach_from')
     kind, _, axis = e.driver.rpartition('_')
     if not derived or kind not in ('approach', 'travel', 'before') or axis not in derived['axes']:
-        return []
+        return ''
     order = 'in time' if derived['order'] == 'time' else 'of the rows'
-    return [f'The direction of approach is no column of the file: it was derived from the order '
-            f'{order}, and is wrong where the axis moved otherwise between two rows.']
+    return (f'The direction of approach is no column of the file: it was derived from the order '
+            f'{order}, and is wrong where the axis moved otherwise between two rows.')
 
 
-def title_of(found, axes):
+def effect_title(found, axes):
     """What an effect is called: by its cause, or where that is open by what it looks like.
 
     Parameters

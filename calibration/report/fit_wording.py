@@ -192,7 +192,3 @@ KINDS = {
     'leaning first axis': _first_axis_leans,
     'sigma of the solver': _sigma_of_solver,
 }
-
-
-def _are(names):
-    return 'is' if len(names) == 1 else 'are'

@@ -72,13 +72,12 @@ def body_of(page):
         '</h1>', '</h2>') if found else ''
 
 
-def section(title, *parts, note='', kind=''):
+def section(title, *parts, note=''):
     """A part of the page with a heading; nothing if there is nothing in it."""
     body = ''.join(part for part in parts if part)
     if not body:
         return ''
-    kind = f' class="{kind}"' if kind else ''
-    return f'<section{kind}><h2>{clean(title)}</h2>{paragraph(note, "note")}{body}</section>'
+    return f'<section><h2>{clean(title)}</h2>{paragraph(note, "note")}{body}</section>'
 
 
 def subsection(title, *parts):
@@ -129,7 +128,7 @@ def cards(rows):
     return f'<div class="numbers-row">{out}</div>' if out else ''
 
 
-def said(rows, ranked=False):
+def statements(rows, ranked=False):
     """Things to know, what each is before what follows from it.
 
     Parameters
@@ -218,7 +217,7 @@ def number(value, digits=2, sign=False):
     return out.replace('-', '−')
 
 
-def value_and_error(value, sigma, sign=True):
+def value_and_error(value, sigma):
     """A value and its standard error as texts, to the second digit of the error.
 
     Parameters
@@ -226,8 +225,6 @@ def value_and_error(value, sigma, sign=True):
     value : float
     sigma : float or None
         Without it the value has five digits.
-    sign : bool
-        Whether a positive value has one.
 
     Returns
     -------
@@ -235,9 +232,9 @@ def value_and_error(value, sigma, sign=True):
     """
     if sigma is None or not np.isfinite(sigma) or not sigma > 0.0:
         size = abs(value) if np.isfinite(value) else 0.0
-        return number(value, _digits(size, 5) if size else 2, sign), number(sigma, 3)
+        return number(value, _digits(size, 5) if size else 2, True), number(sigma, 3)
     digits = _digits(sigma, 2)
-    return number(value, digits, sign), number(sigma, digits)
+    return number(value, digits, True), number(sigma, digits)
 
 
 def _digits(size, significant):
@@ -274,12 +271,12 @@ def gains(rows, floor=None, floor_text='noise'):
         return ''
     top = max(value for _, bars in rows for value, *_ in bars) or 1.0
     out = []
-    for label, bars in rows:
+    for name, bars in rows:
         drawn = ''.join(
             f'<p><i class="{kind}" style="width:{70.0 * value / top:.2f}%"></i>'
-            f'<span>{clean(" ".join(filter(None, (arcsec(value), said))))}</span></p>'
-            for value, kind, said in bars)
-        out.append(f'<div>{clean(label)}</div><div>{drawn}</div>')
+            f'<span>{clean(" ".join(filter(None, (arcsec(value), label))))}</span></p>'
+            for value, kind, label in bars)
+        out.append(f'<div>{clean(name)}</div><div>{drawn}</div>')
     return f'<div class="gains">{"".join(out)}</div>'
 
 

@@ -33,12 +33,12 @@ def terms_table(terms):
                  rows, 'numbers', 'Terms of the model')
 
 
-def correlation_table(names, matrix, limit=_DRAWN):
+def correlation_table(names, matrix):
     """Correlations as coloured cells; of many terms only the strong pairs."""
     if matrix is None or len(names) < 2:
         return ''
     matrix = np.asarray(matrix, float)
-    if len(names) > limit:
+    if len(names) > _DRAWN:
         pairs = [(abs(matrix[i, j]), names[i], names[j], matrix[i, j])
                  for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
         rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]

@@ -154,7 +154,7 @@ def show(found, console):
     from calibration.analysis.diagnosis.row_counts import row_word
     from calibration.report.diagnosis_document import diagnosis_document
     from calibration.report.diagnosis_words import floor_words, verdict_sentences
-    from calibration.report.effect_words import effect_summaries, title_of
+    from calibration.report.effect_words import effect_summaries, effect_title
     from calibration.report.method_words import (
         choice_sentence,
         no_star_sentences,
@@ -209,7 +209,7 @@ def show(found, console):
                             'gain, arcsec')
         for one, effect in zip(found.effects, document['effects']):
             acts = {'az': first, 'el': second}.get(effect['axes'], effect['axes'])
-            effects.add_row(title_of(one, names.axes), acts,
+            effects.add_row(effect_title(one, names.axes), acts,
                             driver_word(effect['driver']).replace('_', ' '),
                             _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
                             _number(effect['removes_rms_arcsec']),

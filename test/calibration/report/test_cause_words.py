@@ -11,7 +11,7 @@ from calibration.report.cause_words import (
     first_check,
     open_causes,
 )
-from calibration.report.effect_words import title_of
+from calibration.report.effect_words import effect_title
 from pointing_model.effects import effect
 from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.mount_kinds import KINDS
@@ -62,7 +62,7 @@ def test_an_effect_acts_where_its_causes_act():
     def seen(*effects):
         found = SimpleNamespace(fitted=SimpleNamespace(effect=effects[0]),
                                 causes=causes_of(list(effects), [9.0] * len(effects)))
-        return title_of(found, KINDS['german'].axes)
+        return effect_title(found, KINDS['german'].axes)
     assert seen(flexure, slope) == 'hour angle: a curve of the elevation or of the hour angle'
     assert seen(flexure, wobble).startswith('both axes: a curve of the ')
 

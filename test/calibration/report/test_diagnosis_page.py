@@ -14,8 +14,9 @@ from calibration.report.diagnosis_sections import exclusions, next_observations,
 from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
 from calibration.report.diagnosis_words import best_pair, verdict_sentences
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
-from calibration.report.effect_words import EffectSummary, effect_summaries
+from calibration.report.effect_words import effect_summaries
 from calibration.report.residual_figures import Residuals
+from calibration.report.wording import Statement
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
@@ -118,19 +119,18 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     before, after = (arcsec(getattr(diagnosis, key)['rms_arcsec']) for key in ('before', 'after'))
     found, = effect_summaries(diagnosis)
     assert headings == [
-        f'{found.seen} ({arcsec(found.range_arcsec)} from lowest to highest, '
-        f'{arcsec(found.rms_arcsec)} RMS on the sky), the only error found beyond the terms of '
-        'the model',
+        f'{found.lead[:-1]}, the only error found beyond the terms of the model',
         'Error before and after',
         'Where the residuals are on the sky', 'Target', 'What was added to the model',
         'Notes on the data', 'Residual against each driver', 'Ranking of the candidate effects',
         'Distribution of the residuals', 'Terms of the model', 'Stars',
         'What was left out, and why', 'What these observations cannot show']
+    assert f'lowest to highest, {arcsec(found.size_arcsec)} RMS on the sky).' in found.lead
     assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>as the encoders read' in page
     # what the headline has said is not said again
-    assert 'One effect was found beyond' not in page and page.count(f'<b>{found.head}') == 0
+    assert 'One effect was found beyond' not in page and page.count(f'<b>{found.lead}') == 0
     assert '<summary>Correlations of the terms</summary>' in page
     assert 'model: the seven terms of an alt-azimuth mount (IA, IE' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
@@ -140,7 +140,7 @@ def test_the_largest_of_several_is_told_once(diagnosis):
     found, = diagnosis.effects
     page = render(view_of(replace(diagnosis, effects=[found, found])))
     assert page.count(f'<b>{view_of(diagnosis).effects[0].name}.</b>') == 1
-    assert page.count(f'<b>{effect_summaries(diagnosis)[0].head}</b>') == 1
+    assert page.count(f'<b>{effect_summaries(diagnosis)[0].lead}</b>') == 1
 
 
 def test_the_finding_is_said_in_plain_words(page, diagnosis):
@@ -163,16 +163,16 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
         cause, {**cause, 'cause': 'play', 'effort': 0}])])
     told, = effect_summaries(open_)
     size = 2 * abs(found.fitted.coefficients[0]) / ARCSEC
-    assert told.seen == ('The azimuth error has a difference by the direction of the last motion, '
-                         f'{arcsec(size)} more on the sky after moving clockwise than '
-                         'anticlockwise, on average')
-    assert told.more == ['Two causes explain it equally well: backlash; or play.']
+    assert told.lead.startswith(
+        'The azimuth error has a difference by the direction of the last motion, '
+        f'{arcsec(size)} more on the sky after moving clockwise than anticlockwise, on average')
+    assert told.more == 'Two causes explain it equally well: backlash; or play.'
     # a column of the file; or the order of the rows
     run = diagnosis.observations.run
     derived = replace(open_, observations=replace(diagnosis.observations, run=PointingRun(
         run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
     assert 'no column of the file: it was derived from the order of the rows' in \
-        effect_summaries(derived)[0].sentence
+        effect_summaries(derived)[0].text
     assert 'One column for each; within it dots are moved sideways only' in page
 
 
@@ -227,7 +227,7 @@ def test_many_rows_stay_small():
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
                 Residuals(['a star'] * n, rng.uniform(0, 6.28, n), el, before, after,
                           np.ones(n, bool)), [driver],
-                [FoundEffect('x', EffectSummary('Y'), [], before - after, driver)], [], [])
+                [FoundEffect('x', Statement('Y.'), [], before - after, driver)], [], [])
     text = render(view)
     assert len(text) < 1_500_000
     assert '400 of 50000 rows are drawn' in text
@@ -291,7 +291,7 @@ def test_the_most_honest_pair_is_quoted():
     assert best_pair({'before': before, 'after': after})[1:] == (6.0, 2.0)
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
-    headline, sentences = verdict_sentences(document, [EffectSummary('A is off')])
+    headline, sentences = verdict_sentences(document, [Statement('A is off.')])
     assert headline == ('A is off, the only error found beyond the terms of the model. With it in '
                         'the model 2.00″ remain on rows left out (6.00″ without, −67 %)')
     assert sentences[:2] == [
@@ -301,7 +301,7 @@ def test_the_most_honest_pair_is_quoted():
     # the one that takes off most is told first
     document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
                            for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
-    told = verdict_sentences(document, [EffectSummary(name) for name in 'ABC'], limit=2)
+    told = verdict_sentences(document, [Statement(f'{name}.') for name in 'ABC'], limit=2)
     assert told[0].startswith('B, the largest of three errors beyond')
     assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
     assert told[1][1] == '1. B.'
@@ -380,7 +380,7 @@ def test_tables():
     assert 'a:3, b:3' in two
     rows = [{'name': f'e_{i}', 'driver': 'time', 'axes': 'az', 'delta_bic': 30.0 - i,
              'p_family': 0.001 if i < 2 else None, 'in_set': i < 2} for i in range(20)]
-    text = ranking(rows, 6.0)
+    text = ranking(rows)
     assert text.count('● in the set') == 2 and '5 more candidates' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
     # a p beside a gain that no search took says nothing that a reader could check

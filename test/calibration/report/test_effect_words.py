@@ -1,12 +1,12 @@
 """How much of a turn was observed, and both sizes of a wave of the first axis."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from calibration.analysis.diagnosis.diagnosis_result import cause_entry
-from calibration.report.effect_words import title_of, told_of
+from calibration.report.effect_words import effect_summary, effect_title
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import effect
@@ -14,7 +14,7 @@ from pointing_model.mounts import Mount
 
 
 def told(reach, contenders=(), order=2, size=(0.0, -10.0)):
-    """`EffectSummary` of a wave of the hour angle, rows to both sides of the meridian, deg."""
+    """Summary of a wave of the hour angle, rows to both sides of the meridian, deg."""
     rng = np.random.default_rng(1)
     mount = Mount.equatorial(33.0 * DEG)
     context = Context(np.linspace(-reach, reach, 40) * DEG, rng.uniform(-30.0, 70.0, 40) * DEG,
@@ -29,7 +29,7 @@ def told(reach, contenders=(), order=2, size=(0.0, -10.0)):
     run = SimpleNamespace(meta={})
     obs = SimpleNamespace(context=context, label=np.zeros(40, int), run=run)
     diagnosis = SimpleNamespace(observations=obs, weights=np.ones(40), base=base, effects=[found])
-    return told_of(diagnosis, found), found, mount
+    return effect_summary(diagnosis, found), found, mount
 
 
 class NoTerms:
@@ -45,14 +45,14 @@ class NoTerms:
 
 def test_a_wave_has_both_sizes_and_where_it_was_observed():
     one, found, mount = told(64.0)
-    assert one.of_axis_arcsec == pytest.approx(10.0)
-    assert one.range_arcsec < 20.0 and '; ±10.0″ in the angle of the axis)' in one.head
-    assert 'twice per turn over the 128° observed' in one.seen
-    assert 'it is +10.0″ near −45° and −10.0″ near 45°' in one.sentence
-    assert 'Of the turn 128° of 360° were observed' in one.sentence
+    assert '; ±10.0″ in the angle of the axis)' in one.lead
+    assert float(re.search(r'([0-9.]+)″ from lowest to highest', one.lead)[1]) < 20.0
+    assert 'twice per turn over the 128° observed' in one.lead
+    assert 'it is +10.0″ near −45° and −10.0″ near 45°' in one.text
+    assert 'Of the turn 128° of 360° were observed' in one.text
     # all around there is nothing to be said of it
-    assert 'observed' not in told(170.0)[0].sentence
-    assert title_of(found, mount.names.axes) == 'hour angle encoder, 2 per turn'
+    assert 'observed' not in told(170.0)[0].text
+    assert effect_title(found, mount.names.axes) == 'hour angle encoder, 2 per turn'
 
 
 def test_what_contends_is_in_the_head():
@@ -60,10 +60,10 @@ def test_what_contends_is_in_the_head():
     entry = {**cause_entry(other, 49.0), 'behind': 45.0, 'alone': 111.0, 'found_alone': 110.0,
              'instead': 50, 'folds': 150, 'open': True}
     one, found, mount = told(64.0, [entry])
-    assert one.seen == ('The hour angle error has a wave, twice per turn over the 128° observed: '
-                        'hour angle encoder disc, worm wheel or horseshoe ring oval or tilted, or '
-                        'line of sight swings')
-    assert title_of(found, mount.names.axes) == 'hour angle: a wave of the hour angle, twice per ' \
-        'turn'
+    assert one.lead.startswith(
+        'The hour angle error has a wave, twice per turn over the 128° observed: hour angle '
+        'encoder disc, worm wheel or horseshoe ring oval or tilted, or line of sight swings')
+    assert effect_title(found, mount.names.axes) == (
+        'hour angle: a wave of the hour angle, twice per turn')
     closed, *_ = told(64.0, [{**entry, 'open': False}])
-    assert 'is read wrong twice per turn' in closed.seen and 'lost its place' in closed.sentence
+    assert 'is read wrong twice per turn' in closed.lead and 'lost its place' in closed.text

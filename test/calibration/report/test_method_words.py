@@ -6,7 +6,6 @@ from documents import CAUSES, contended, document
 from places import ROOT
 
 from calibration.report.diagnosis_words import figures_sentence, verdict_sentences, verdict_summary
-from calibration.report.effect_words import EffectSummary
 from calibration.report.method_words import (
     WORDS,
     choice_sentence,
@@ -22,11 +21,14 @@ from calibration.report.method_words import (
     way,
 )
 from calibration.report.noise_wording import explanation
-from calibration.report.page_parts import said
+from calibration.report.page_parts import statements
+from calibration.report.wording import Statement
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats.mmt import _WANTED as WANTED
+
+WAVE = Statement('The error has a wave (3.50″ RMS on the sky).')
 
 
 def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
@@ -48,7 +50,7 @@ def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
 
 def test_the_headline_says_what_is_wrong_and_what_remains():
     told = document(CAUSES, noise_floor_arcsec=3.9)
-    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [WAVE])
     assert headline == (
         'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
         'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
@@ -59,7 +61,7 @@ def test_the_headline_says_what_is_wrong_and_what_remains():
     assert way({**told, 'as_read_rms_arcsec': None}) == ''
     held = {'holdout_rms_arcsec': 5.0}
     told['before'], told['after'] = {**told['before'], **held}, {**told['after'], **held}
-    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [WAVE])
     assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
     assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
 
@@ -75,7 +77,7 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
     told = document(CAUSES, mount='german', wander=slow(62.6))
     told['effects'][0]['removes_rms_arcsec'] = 3.5
     told['after'] = {**told['after'], 'cv_rms_arcsec': 5.3}
-    headline, sentences = verdict_sentences(told, [EffectSummary('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(told, [WAVE])
     assert headline == (
         'The largest error moves slowly, with time or over the sky, and its cause is not known '
         '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
@@ -83,7 +85,7 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
         '(5.67″ without, −7 %): most of the error stays unexplained')
     assert sentences[0] == 'Neighbouring rows err alike.'
     small = {**told, 'wander': slow(3.0)}
-    headline, sentences = verdict_sentences(small, [EffectSummary('The error has a wave', 3.5)])
+    headline, sentences = verdict_sentences(small, [WAVE])
     assert headline.startswith('The error has a wave') and 'only error found' in headline
     assert sentences[0].startswith('One effect') and 'Neighbouring rows err alike.' in sentences
 
@@ -131,7 +133,7 @@ def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
 def test_where_neighbours_err_alike_the_larger_figure_is_quoted_everywhere(slow, apart, quoted):
     told = document(CAUSES, wander={'slow': slow, 'text': 'it wanders'},
                     cv_contiguous={'before': 6.1, 'after': apart})
-    headline, sentences = verdict_sentences(told, [EffectSummary('A')])
+    headline, sentences = verdict_sentences(told, [Statement('A.')])
     where = 'stretches of rows left out' if quoted == '5.30' else 'rows left out'
     assert f'{quoted}″ remain on {where} (' in headline
     assert figures_sentence(told).startswith(f'Quote {quoted}″, on {where}, ')
@@ -172,9 +174,9 @@ def test_effects_are_ranked_with_their_size():
     told = document(CAUSES)
     told['effects'] = [{'name': 'a', 'removes_rms_arcsec': 1.0, 'cv_gain_arcsec': 0.4,
                         'axes': 'el'}, {'name': 'b', 'removes_rms_arcsec': 3.0}]
-    verdict = verdict_summary(told, [EffectSummary('A'), EffectSummary('B')])
+    verdict = verdict_summary(told, [Statement('A.'), Statement('B.')])
     assert [(one.lead, one.size_arcsec) for one in verdict.ranked] == [('B.', 3.0), ('A.', 1.0)]
-    html = said(verdict.ranked, True)
+    html = statements(verdict.ranked, True)
     assert html.index('width:100%') < html.index('<b>A.</b>') < html.index('width:33%')
 
 
