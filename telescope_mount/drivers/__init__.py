@@ -1,4 +1,4 @@
-"""Drivers of a real mount: listened to, and judged by the contract (docs/real_mount.md).
+"""Drivers of a real mount: listened to, and checked against the contract (docs/real_mount.md).
 
-`samples`, `judgement` and `nudge` are numerics on what was recorded; `listener` records it.
+`samples`, `contract` and `nudge` are numerics on what was recorded; `listener` records it.
 """

@@ -23,7 +23,7 @@ class GuardClient:
 
     Attributes
     ----------
-    told : dict of str to str
+    status : dict of str to str
         Rows of the guard's last status.
 
     Raises
@@ -39,7 +39,7 @@ class GuardClient:
             raise ValueError(f'not nudged: {" and ".join(commanders)} may command the mount; end '
                              'it first')
         self._node, self._executor, self._mount, self._spin = node, executor, mount, spin
-        self._request, self.told, self._said, self._guard = None, {}, '', None
+        self._request, self.status, self._message, self._guard = None, {}, '', None
         self._pub = node.create_publisher(topics.REQUEST.message, topics.REQUEST.name,
                                           topics.REQUEST.qos)
         node.create_subscription(topics.GUARD_STATUS.message, topics.GUARD_STATUS.name,
@@ -49,14 +49,14 @@ class GuardClient:
             self._guard = MountGuard(context=node.context, namespace=node.get_namespace(),
                                      overrides={'mount': mount_text(mount), **guard})
             executor.add_node(self._guard)
-        if not spin(10.0, lambda: self.told and self._pub.get_subscription_count()):
+        if not spin(10.0, lambda: self.status and self._pub.get_subscription_count()):
             raise ValueError('not nudged: what publishes command takes no request; end it, and a '
                              'guard is started')
         node.create_timer(RENEW, self._renew)
 
     def _on_status(self, message):
-        self.told = {row.key: row.value for row in message.values}
-        self._said = message.message
+        self.status = {row.key: row.value for row in message.values}
+        self._message = message.message
 
     def _renew(self):
         if self._request is not None:
@@ -73,12 +73,12 @@ class GuardClient:
         stamp = str(convert.from_stamp(self._request.header.stamp))
 
         def stopped():
-            return self.told.get('refused') == stamp or self.told.get('state') in (
+            return self.status.get('refused') == stamp or self.status.get('state') in (
                 'stopped', 'aborted', 'paused', 'parked', 'parking')
         self._spin(seconds, lambda: stopped() or until())
         if stopped():
             raise ValueError('the guard stopped it: ' + (
-                self.told['reason'] if self.told.get('refused') == stamp else self._said))
+                self.status['reason'] if self.status.get('refused') == stamp else self._message))
 
     def close(self):
         """Nothing is wanted any more: the mount stops."""
@@ -86,7 +86,7 @@ class GuardClient:
             self._request.points = []
             self._renew()
             self._request = None
-            self._spin(0.5, lambda: self.told.get('state') == 'idle')
+            self._spin(0.5, lambda: self.status.get('state') == 'idle')
         if self._guard is not None:
             self._executor.remove_node(self._guard)
             self._guard.destroy_node()

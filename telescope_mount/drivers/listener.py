@@ -14,9 +14,9 @@ from pointing_model.sky.sky_params import SKY_PARAMS
 from telescope_mount.observing.allowed_sky import AllowedSky
 
 from ..graph_client import GraphClient
+from .contract import check_contract
 from .guard_request import GuardClient
-from .judgement import judge
-from .nudge import bright_star, judge_nudge, place_of, standing, went_elsewhere
+from .nudge import bright_star, check_nudge, fixed_place, place_of, went_elsewhere
 from .samples import OK, WRONG, DriverSamples, Endpoint, Remark, Rest, Stream
 
 #: nudge: seconds of the move, to come to rest at most, and of the exposures then
@@ -97,7 +97,7 @@ class Listener:
 
     # --- the graph ----------------------------------------------------------------------------
 
-    def heard(self, seconds):
+    def samples(self, seconds):
         """A `DriverSamples` of what has come so far."""
         node = self._node
         for topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE):
@@ -122,7 +122,7 @@ class Listener:
     def listen(self, seconds):
         """A `DriverSamples` of so many seconds."""
         self.spin(seconds)
-        return self.heard(seconds)
+        return self.samples(seconds)
 
     def home(self, timeout=HOMING):
         """Call `home`.
@@ -153,10 +153,10 @@ class Listener:
 
         Returns
         -------
-        heard : DriverSamples
+        samples : DriverSamples
             Readings less the motion of the star.
         rests : list of Rest
-        told : list of Remark
+        remarks : list of Remark
             Which star it is.
 
         Raises
@@ -165,19 +165,19 @@ class Listener:
             Somebody else commands the mount, or nobody tells where it is.
         """
         self._asking = asking = GuardClient(self._node, self._graph.executor, self._mount,
-                                               self.spin,
-                                       self._guard)
+                                            self.spin, self._guard)
         self._forget()
         if not self.spin(5.0, lambda: self._here() is not None):
             raise ValueError('not nudged: the encoder gives no number; call home first')
-        home, place, told = self._here(), standing(self._here()), []
+        home, place, remarks = self._here(), fixed_place(self._here()), []
         if star:
-            site = _site(asking.told)
+            site = _site(asking.status)
             target = bright_star(self._mount, site, self._now(), home,
-                                 AllowedSky.of_rows(asking.told, site))
+                                 AllowedSky.of_rows(asking.status, site))
             place = place_of(target, self._mount, site, home)
-            told = [Remark(OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '
-                            f'{site.latitude / DEG:.4f}, {site.longitude / DEG:.4f} deg')]
+            remarks = [Remark(
+                OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '
+                f'{site.latitude / DEG:.4f}, {site.longitude / DEG:.4f} deg')]
             self._lead(place, np.zeros(2), 0.0, SLEW)
             home = self._here()
         # away from horizon and zenith, or from either pole
@@ -188,11 +188,11 @@ class Listener:
             since = self._now() + 1.0
             asking.obeyed(LOOK + 1.0)
             rests.append(Rest(since, self._now(), place([begin])[0] + offset))
-        heard = self.heard(0.0)
-        readings = heard.incremental
+        samples = self.samples(0.0)
+        readings = samples.incremental
         readings.values = [tuple(value) for value in np.array(readings.values)
                            - (place(readings.stamps) - place([begin]))]
-        return heard, rests, told
+        return samples, rests, remarks
 
     def _lead(self, place, offset, ramp, patience):
         """Have the mount go beside a place and follow it, and wait until it does."""
@@ -252,16 +252,16 @@ def check_drivers(mount, domain, namespace, seconds, step=0.0, home=False, guard
     listener = Listener(mount, domain, namespace, guard, params)
     try:
         findings = [listener.home()] if home else []
-        findings += judge(listener.listen(seconds))
+        findings += check_contract(listener.listen(seconds))
         if not step:
             return findings
         # who reads degrees is commanded in degrees: no move before the contract is kept
         if any(finding.level == WRONG for finding in findings):
             return [*findings, Remark(WRONG, 'nudge', 'not nudged: mend what is wrong first')]
         try:
-            heard, rests, told = listener.nudge(step, star)
+            samples, rests, remarks = listener.nudge(step, star)
         except ValueError as err:
             return [*findings, Remark(WRONG, 'nudge', str(err))]
-        return [*findings, *told, *judge_nudge(heard, rests, star)]
+        return [*findings, *remarks, *check_nudge(samples, rests, star)]
     finally:
         listener.close()

@@ -8,7 +8,7 @@ from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 
 from ..observing.axis_demand import Pointing
 from ..observing.star_choice import AxisLimits, axes_at, has_neighbour
-from .samples import NOTE, OK, WRONG, Remark
+from .samples import OK, WRONG, Remark, Remarks
 
 #: by how much a camera may be turned and its scale be wrong, rad and 1
 TURNED, SCALED = 2.0 * DEG, 0.05
@@ -18,12 +18,12 @@ FOLLOWED = 30.0 * ARCSEC
 FAR = 0.2 * DEG
 
 
-def judge_nudge(heard, rests, star=False):
+def check_nudge(samples, rests, star=False):
     """What small moves of each axis show.
 
     Parameters
     ----------
-    heard : Heard
+    samples : DriverSamples
         Of the time of the moves.
     rests : list of Rest
         Five: at the begin, with the first axis moved, back, with the second one moved, back.
@@ -34,102 +34,103 @@ def judge_nudge(heard, rests, star=False):
     -------
     list of Remark
     """
-    out = []
-    stamps, values, _ = heard.incremental.arrays()
-    names = heard.mount.names.axes
+    out = Remarks('command')
+    stamps, values, _ = samples.incremental.arrays()
+    names = samples.mount.names.axes
     means = []
     for rest in rests:
         here = values[(stamps >= rest.begin) & (stamps <= rest.end)]
         here = here[np.isfinite(here).all(axis=1)]
         if not len(here):
-            return [Remark(WRONG, heard.incremental.topic, 'no reading while it was nudged')]
+            return [Remark(WRONG, samples.incremental.topic, 'no reading while it was nudged')]
         means.append(rest.demand + np.column_stack(
             [wrap(here[:, 0] - rest.demand[0]), here[:, 1] - rest.demand[1]]).mean(axis=0))
-    followed = True
     for axis, moved in ((0, 1), (1, 3)):
         step = rests[moved].demand - rests[moved - 1].demand
-        size = abs(step[axis])
         went = (means[moved] - means[moved - 1]) / step[axis]
         off = float(np.abs(means[moved] - rests[moved].demand).max())
-        text = None
         if abs(went[axis]) < 0.2 and abs(went[1 - axis]) > 0.5:
-            text = f'axes exchanged: {names[1 - axis]} moved for {names[axis]}'
+            out.wrong(f'axes exchanged: {names[1 - axis]} moved for {names[axis]}')
         elif went[axis] < -0.2:
-            text = f'{names[axis]} went the other way'
+            out.wrong(f'{names[axis]} went the other way')
         elif abs(went[axis]) < 0.2:
-            text = f'{names[axis]} did not move for a command of {size / DEG:.3g} deg'
+            out.wrong(f'{names[axis]} did not move for a command of '
+                      f'{abs(step[axis]) / DEG:.3g} deg')
         elif abs(went[axis] - 1.0) > 0.1:
-            text = f'{names[axis]} moved {went[axis]:.3g} times as far as commanded'
+            out.wrong(f'{names[axis]} moved {went[axis]:.3g} times as far as commanded')
         elif off > FOLLOWED:
-            text = f'{names[axis]} ended {off / ARCSEC:.0f} arcsec from the demand'
-        followed &= text is None
-        out.append(Remark(OK, 'command', f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
-                   if text is None else Remark(WRONG, 'command', text))
-    if followed:
-        _nudged_camera(out, heard, rests, star)
-    return out
+            out.wrong(f'{names[axis]} ended {off / ARCSEC:.0f} arcsec from the demand')
+        else:
+            out.ok(f'{names[axis]} follows, to {off / ARCSEC:.1f} arcsec')
+    if any(remark.level == WRONG for remark in out):
+        return out
+    return [*out, *_nudged_camera(samples, rests, star)]
 
 
-def _nudged_camera(out, heard, rests, star):
+def _nudged_camera(samples, rests, star):
     """Sign, rotation and scale from how the star moved, beside its own drift."""
-    of = heard.camera.topic
-    stamps, values, _ = heard.camera.arrays()
-    rows, seen = [], []
+    out = Remarks(samples.camera.topic)
+    stamps, values, _ = samples.camera.arrays()
+    rows, misses = [], []
     home = rests[0].demand
-    start = rests[0].begin
     for rest in rests:
         inside = (stamps >= rest.begin) & (stamps <= rest.end) & np.isfinite(values).all(axis=1)
         away = (rest.demand - home) * (np.cos(home[1]), 1.0)
-        rows += [(1.0, stamp - start, *away) for stamp in stamps[inside]]
-        seen += list(values[inside])
+        rows += [(1.0, stamp - rests[0].begin, *away) for stamp in stamps[inside]]
+        misses += list(values[inside])
+        if not inside.any() and star:
+            out.wrong('not the star that must be in the field: is the site right, and the clock, '
+                      'does the mount point to within the field, are the axes exchanged in both '
+                      'drivers, does the camera answer?')
+            return out
         if not inside.any():
-            out.append(Remark(
-                WRONG, of, 'not the star that must be in the field: is the site right, and the '
-                'clock, does the mount point to within the field, are the axes exchanged in both '
-                'drivers, does the camera answer?') if star else Remark(
-                NOTE, of, 'no star in the field at each step: camera not judged; point at a '
-                'bright star first (--star)'))
-            return
-    rows, seen = np.array(rows), np.array(seen)
+            out.note('no star in the field at each step: camera not judged; point at a bright '
+                     'star first (--star)')
+            return out
+    rows, misses = np.array(rows), np.array(misses)
     if len(rows) < 6:
-        out.append(Remark(NOTE, of, f'{len(rows)} exposures: too few to judge the camera'))
-        return
-    answer, *_ = np.linalg.lstsq(rows / np.abs(rows).max(axis=0), seen, rcond=None)
-    moves = (answer / np.abs(rows).max(axis=0)[:, None])[2:].T  # column k: for axis k
-    left = float(np.sqrt(np.mean((seen - rows @ (
-        answer / np.abs(rows).max(axis=0)[:, None])) ** 2)))
-    step = float(np.abs(rows[:, 2:]).max())
+        out.note(f'{len(rows)} exposures: too few to judge the camera')
+        return out
+    size = np.abs(rows).max(axis=0)
+    answer = np.linalg.lstsq(rows / size, misses, rcond=None)[0] / size[:, None]
+    moves = answer[2:].T  # column k: for axis k
+    left = float(np.sqrt(np.mean((misses - rows @ answer) ** 2)))
     scale = float(np.sqrt(abs(np.linalg.det(moves))))
-    if left > 0.2 * step * max(scale, 0.1):
-        out.append(Remark(NOTE, of, f'the star does not move evenly ({left / ARCSEC:.0f} arcsec '
-                           'left): another star, or the mount does not rest; camera not judged'))
-        return
-    if scale < 0.1:
-        out.append(Remark(WRONG, of, 'the star does not move with the mount'))
-        return
-    mirrored = np.linalg.det(moves) < 0.0
-    unit = -moves / scale
-    if mirrored:
+    if left > 0.2 * float(size[2:].max()) * max(scale, 0.1):
+        out.note(f'the star does not move evenly ({left / ARCSEC:.0f} arcsec left): another star, '
+                 'or the mount does not rest; camera not judged')
+    elif scale < 0.1:
+        out.wrong('the star does not move with the mount')
+    else:
+        _check_turn(out, -moves / scale)
+        _check_scale(out, scale)
+    return out
+
+
+def _check_turn(out, unit):
+    """Whether the axes of a camera are those of the mount, by the star's moves of unit length."""
+    if np.linalg.det(unit) < 0.0:
         flips = ((np.diag([-1.0, 1.0]), 'x has the other sign'),
                  (np.diag([1.0, -1.0]), 'y has the other sign'),
                  (np.array([[0.0, 1.0], [1.0, 0.0]]), 'x and y are exchanged'))
         gap, text = min((float(np.abs(unit - flip).max()), text) for flip, text in flips)
-        out.append(Remark(WRONG, of, f'{text}' if gap < 0.3 else
-                           'mirrored and turned: one of x and y has the other sign'))
+        out.wrong(text if gap < 0.3 else 'mirrored and turned: one of x and y has the other sign')
+        return
+    turn = float(np.arctan2(unit[1, 0] - unit[0, 1], unit[0, 0] + unit[1, 1]))
+    if abs(abs(turn) - np.pi) < 10.0 * DEG:
+        out.wrong('both signs are reversed: it must be star - boresight')
     else:
-        turn = float(np.arctan2(unit[1, 0] - unit[0, 1], unit[0, 0] + unit[1, 1]))
-        if abs(abs(turn) - np.pi) < 10.0 * DEG:
-            text = 'both signs are reversed: it must be star - boresight'
-        else:
-            text = f'turned by {turn / DEG:.1f} deg'
-        level = WRONG if abs(turn) > TURNED else OK
-        out.append(Remark(level, of, text + ' against the axes' * ('turned' in text)))
-    unit_of = {'arcsec for radians?': ARCSEC**-1, 'degrees for radians?': DEG**-1}
-    guess = next((text for text, value in unit_of.items() if 0.5 < scale / value < 2.0), '')
-    level = WRONG if abs(scale - 1.0) > SCALED else OK
-    out.append(Remark(level, of, f'scale {scale:.4g}, 1 would be right' * (level == WRONG)
-                       + f'scale right to {abs(scale - 1.0):.1%}' * (level == OK)
-                       + f': {guess}' * bool(guess)))
+        out.add(WRONG if abs(turn) > TURNED else OK,
+                f'turned by {turn / DEG:.1f} deg against the axes')
+
+
+def _check_scale(out, scale):
+    guess = next((f': {unit} for radians?' for unit, value in (
+        ('arcsec', ARCSEC), ('degrees', DEG)) if 0.5 < scale * value < 2.0), '')
+    if abs(scale - 1.0) > SCALED:
+        out.wrong(f'scale {scale:.4g}, 1 would be right{guess}')
+    else:
+        out.ok(f'scale right to {abs(scale - 1.0):.1%}')
 
 
 def went_elsewhere(before, after, mount):
@@ -160,7 +161,7 @@ def went_elsewhere(before, after, mount):
 BRIGHT, LOW, HIGH = 3.0, 30.0 * DEG, 75.0 * DEG
 
 
-def standing(here):
+def fixed_place(here):
     """The place of a mount that stays, as `place_of` a star: ``place(times)``, rad, (n, 2)."""
     return lambda times: np.tile(here, (len(times), 1))
 

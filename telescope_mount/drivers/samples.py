@@ -1,6 +1,7 @@
-"""What was heard of drivers, and what is said of them."""
+"""What was recorded of drivers, and remarks on it."""
 
 from dataclasses import dataclass, field
+from functools import partialmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,28 @@ class Remark(NamedTuple):
     level: str
     of: str
     text: str
+
+
+class Remarks(list):
+    """Those on one thing, each a `Remark`; ``ok(text)``, ``note(text)``, ``wrong(text)`` add one.
+
+    Parameters
+    ----------
+    of : str
+        Name of a topic or a service.
+    """
+
+    def __init__(self, of):
+        super().__init__()
+        self.of = of
+
+    def add(self, level, text):
+        """One more."""
+        self.append(Remark(level, self.of, text))
+
+    ok = partialmethod(add, OK)
+    note = partialmethod(add, NOTE)
+    wrong = partialmethod(add, WRONG)
 
 
 class Endpoint(NamedTuple):
@@ -83,7 +106,7 @@ class Stream:
 
 @dataclass
 class DriverSamples:
-    """All that was heard of a graph.
+    """All that was recorded of a graph.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ
-from telescope_mount.drivers.judgement import judge
+from telescope_mount.drivers.contract import check_contract
 from telescope_mount.drivers.samples import OK, WRONG
 from telescope_mount.graph import SIMULATED, night_graph
 
@@ -32,12 +32,12 @@ def test_the_simulators_nodes_keep_the_contract(simulator, ros_domain, monkeypat
 
         def there():
             simulator.check()
-            heard = listener.heard(0.0)
-            return heard.followers and 'home' in heard.services and all(
+            samples = listener.samples(0.0)
+            return samples.followers and 'home' in samples.services and all(
                 len(stream.stamps) >= enough for stream, enough in (
-                    (heard.incremental, 20), (heard.absolute, 20), (heard.camera, 3)))
+                    (samples.incremental, 20), (samples.absolute, 20), (samples.camera, 3)))
         assert listener.spin(60.0, there)
-        found = judge(listener.heard(3.0))
+        found = check_contract(listener.samples(3.0))
         # a guard that runs is asked; it moves the mount
         _, rests, _ = listener.nudge(0.03 * DEG)
         assert np.ptp([rest.demand for rest in rests], axis=0) == pytest.approx(0.03 * DEG)

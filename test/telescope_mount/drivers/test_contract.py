@@ -1,4 +1,4 @@
-"""Drivers judged by what was heard: all well, and one fault each."""
+"""Drivers checked by what was recorded: all well, and one fault each."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, parse_mount
-from telescope_mount.drivers.judgement import judge
-from telescope_mount.drivers.nudge import judge_nudge, went_elsewhere
+from telescope_mount.drivers.contract import check_contract
+from telescope_mount.drivers.nudge import check_nudge, went_elsewhere
 from telescope_mount.drivers.samples import OK, WRONG, DriverSamples, Endpoint, Rest, Stream
 
 NOW = 1_795_000_000.0
@@ -28,7 +28,7 @@ def velocity(t):
     return np.array([0.04 * np.cos(0.4 * t), 0.0184 * np.cos(0.23 * t)])
 
 
-def heard(seconds=20.0, rate=20.0, *, seed=1, inc=lambda t, v, r: (v, r), absolute=None,
+def recorded(seconds=20.0, rate=20.0, *, seed=1, inc=lambda t, v, r: (v, r), absolute=None,
           stamp=lambda name, t: NOW + t, keep=lambda name, t: True,
           miss=lambda number, m: m, names=KEYS, frame=FRAME, where=swings, mount=ALTAZ,
           exposure=1.0):
@@ -70,46 +70,46 @@ def only(found):
 @pytest.mark.parametrize('seed', range(5))
 @pytest.mark.parametrize('rate', [8.0, 20.0, 100.0])
 def test_where_all_is_well_nothing_is_wrong(seed, rate):
-    good = heard(seed=seed, rate=rate, absolute=lambda a: a - 0.001)
-    assert {finding.level for finding in judge(good)} == {OK}
+    good = recorded(seed=seed, rate=rate, absolute=lambda a: a - 0.001)
+    assert {finding.level for finding in check_contract(good)} == {OK}
 
 
 def test_what_is_optional_is_no_fault():
-    bare = heard(frame='', where=lambda t: np.array([3.0, 0.7]),
+    bare = recorded(frame='', where=lambda t: np.array([3.0, 0.7]),
                  miss=lambda number, m: (np.nan, np.nan))
-    assert wrong(judge(replace(bare, homing=False, services=set()))) == []
+    assert wrong(check_contract(replace(bare, homing=False, services=set()))) == []
 
 
 def test_readings_at_a_standstill_to_the_last_bit_are_no_fault():
-    stands = heard(inc=lambda t, v, r: ((3.0, 0.7), (0.0, 0.0)),
+    stands = recorded(inc=lambda t, v, r: ((3.0, 0.7), (0.0, 0.0)),
                    where=lambda t: np.array([3.0, 0.7]))
-    assert wrong(judge(stands)) == []
-    assert any('frozen' in finding.text for finding in judge(stands))
+    assert wrong(check_contract(stands)) == []
+    assert any('frozen' in finding.text for finding in check_contract(stands))
 
 
 def test_an_azimuth_that_wraps_and_one_that_counts_turns_are_no_fault():
-    through_north = heard(inc=lambda t, v, r: ((wrap(v[0] + 0.14), v[1]), r))
-    assert wrong(judge(through_north)) == []
-    assert any('wraps' in finding.text for finding in judge(through_north))
-    assert wrong(judge(heard(inc=lambda t, v, r: ((v[0] + 2 * np.pi, v[1]), r)))) == []
+    through_north = recorded(inc=lambda t, v, r: ((wrap(v[0] + 0.14), v[1]), r))
+    assert wrong(check_contract(through_north)) == []
+    assert any('wraps' in finding.text for finding in check_contract(through_north))
+    assert wrong(check_contract(recorded(inc=lambda t, v, r: ((v[0] + 2 * np.pi, v[1]), r)))) == []
 
 
 def test_a_german_mount_reads_beyond_the_pole():
     mount = parse_mount('german', 0.6)
-    beyond = heard(mount=mount, names=mount.names.keys,
+    beyond = recorded(mount=mount, names=mount.names.keys,
                    inc=lambda t, v, r: ((v[0], v[1] + 100.0 * DEG), r))
-    assert wrong(judge(beyond)) == []
+    assert wrong(check_contract(beyond)) == []
 
 
 def test_simulated_time_may_tick_late():
-    ticks = replace(heard(), clock=True)
+    ticks = replace(recorded(), clock=True)
     for stream in (ticks.incremental, ticks.camera):
         stream.ages = [-0.1] * len(stream.stamps)
-    assert wrong(judge(ticks)) == []
+    assert wrong(check_contract(ticks)) == []
     # 0.3 s of a loaded machine are 1.5 s of a clock that goes five times as fast
     ticks.incremental.ages = [-1.5] * len(ticks.incremental.stamps)
-    assert 'up to 1.500 s ahead' in wrong(judge(ticks))[0]
-    assert wrong(judge(replace(ticks, clock_speed=5.0))) == []
+    assert 'up to 1.500 s ahead' in wrong(check_contract(ticks))[0]
+    assert wrong(check_contract(replace(ticks, clock_speed=5.0))) == []
 
 
 # --- one fault each -------------------------------------------------------------------------------
@@ -157,13 +157,14 @@ def unreadable(good):
      'command: /mount/d asks for transient local'),
 ])
 def test_a_fault_of_the_graph_is_named(change, words):
-    assert only(judge(change(heard()))).startswith(words)
+    assert only(check_contract(change(recorded()))).startswith(words)
 
 
 def test_a_topic_of_another_namespace_is_named():
-    lost = ends('incremental')(heard())
+    lost = ends('incremental')(recorded())
     lost.elsewhere = ['/incremental/joint_states']
-    assert 'there is /incremental/joint_states: another name or namespace' in only(judge(lost))
+    assert 'there is /incremental/joint_states: another name or namespace' in only(
+        check_contract(lost))
 
 
 @pytest.mark.parametrize('changes, words', [
@@ -215,29 +216,29 @@ def test_a_topic_of_another_namespace_is_named():
      f'{ABS}: elevation moves 0.5 times as far as the incremental encoder'),
 ])
 def test_a_fault_of_an_instrument_is_named(changes, words):
-    text = wrong(judge(heard(**changes)))
+    text = wrong(check_contract(recorded(**changes)))
     assert any(words in line for line in text), text
     # and one fault is no reason to complain of another instrument
     assert len({line.split(':')[0] for line in text}) == 1
 
 
 def test_exchanged_axes_of_the_absolute_encoder_are_named():
-    one = heard(where=lambda t: np.array([1.0 + 0.1 * np.sin(0.4 * t), 0.7]),
+    one = recorded(where=lambda t: np.array([1.0 + 0.1 * np.sin(0.4 * t), 0.7]),
                 inc=lambda t, v, r: (v, (np.nan, np.nan)),
                 absolute=lambda a: a[::-1])
-    assert only(judge(one)) == (
+    assert only(check_contract(one)) == (
         f'{ABS}: exchanged axes: it follows azimuth with its elevation')
 
 
 def test_the_offset_of_the_absolute_encoder_is_told():
-    found = judge(heard(absolute=lambda a: a - np.array([100.0, -50.0]) * ARCSEC))
+    found = check_contract(recorded(absolute=lambda a: a - np.array([100.0, -50.0]) * ARCSEC))
     text = next(f.text for f in found if f.text.startswith('incremental - absolute'))
     assert 'azimuth +100.' in text and 'elevation -50.' in text
 
 
 def test_a_wide_offset_in_degrees_is_asked_about():
-    asked = heard(miss=lambda number, m: m / DEG * 5)
-    assert any('is that in radians?' in finding.text for finding in judge(asked))
+    asked = recorded(miss=lambda number, m: m / DEG * 5)
+    assert any('is that in radians?' in finding.text for finding in check_contract(asked))
 
 
 # --- nudged ---------------------------------------------------------------------------------------
@@ -252,7 +253,7 @@ def nudged(mount=lambda demand: demand, camera=lambda m: m, drift=(11.0, -6.0), 
     rng = np.random.default_rng(seed)
     demands = [HOME + np.array(step) for step in (
         (0, 0), (STEP, 0), (0, 0), (0, STEP), (0, 0))]
-    out = heard(seconds=0.0)
+    out = recorded(seconds=0.0)
     rests = []
     for number, demand in enumerate(demands):
         begin = NOW + 12.0 * number + 5.0
@@ -266,7 +267,7 @@ def nudged(mount=lambda demand: demand, camera=lambda m: m, drift=(11.0, -6.0), 
                 np.array(drift) * ARCSEC * (begin + t - NOW)) + rng.normal(0, ARCSEC, 2)
             out.camera.take(begin + t, begin + t, camera(miss) if star else (np.nan, np.nan))
         rests.append(Rest(begin, begin + 6.0, demand))
-    return judge_nudge(out, rests, wanted)
+    return check_nudge(out, rests, wanted)
 
 
 @pytest.mark.parametrize('seed', range(5))

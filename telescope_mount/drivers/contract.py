@@ -1,0 +1,334 @@
+"""The contract of drivers of a real mount: what they keep of it, by what was recorded of them."""
+
+import numpy as np
+
+from msg_tools import convert, topics
+from msg_tools.power_on import read_frame
+from msg_tools.units import ARCSEC, DEG, wrap
+from telescope_mount.observing.instrument_health import SAME_FRAMES
+from telescope_mount.observing.instruments import STILL
+
+from .samples import NOTE, OK, WRONG, Remarks
+
+#: a stamp before that (2001) is none of now, s
+EPOCH = 1e9
+#: a clock ahead by more is wrong by more than a sample's jitter, s
+AHEAD = 0.02
+#: of simulated time, whose ticks come late: so many seconds of this machine, s
+AHEAD_CLOCK = 1.0
+#: an encoder's sample that comes so late is stamped wrongly or useless, an exposure's, s
+LATE, LATE_FRAME = 0.5, 30.0
+#: readings a second below which an encoder is slow, and useless
+SLOW, USELESS = 5.0, 1.0
+#: silence that is a gap: so long, and so many of its own periods, s
+GAP, PERIODS = 0.5, 5.0
+#: faster than that no telescope turns, rad/s
+FASTEST = 60.0 * DEG
+#: a miss distance that no camera measures, and one that few do, rad
+BEYOND_FIELD, WIDE_FIELD = 0.1, 0.02
+#: a move that shows how two encoders go together, rad
+MOVED = 0.2 * DEG
+
+
+def check_contract(samples):
+    """What is right and what is wrong.
+
+    Parameters
+    ----------
+    samples : DriverSamples
+
+    Returns
+    -------
+    list of Remark
+    """
+    whole = Remarks('graph')
+    if samples.nowhere:
+        whole.wrong(f'no driver was found{samples.nowhere}')
+    clock = Remarks('/clock')
+    if samples.clock:
+        clock.note('is published: the graph runs on simulated time; with a real mount nobody may '
+                   'publish it')
+    incremental = Remarks(samples.incremental.topic)
+    counts = _stream(incremental, samples, samples.incremental, slow=SLOW, late=LATE)
+    if counts:
+        _encoder(incremental, samples, samples.incremental)
+    absolute = Remarks(samples.absolute.topic)
+    if not samples.absolute.endpoints:
+        absolute.note('nobody publishes it: for a mount without an absolute encoder '
+                      '(absolute_encoder: false of star_observer)')
+    elif _stream(absolute, samples, samples.absolute, slow=SLOW, late=LATE):
+        _encoder(absolute, samples, samples.absolute)
+        if counts:
+            _together(absolute, samples)
+    camera = Remarks(samples.camera.topic)
+    if _stream(camera, samples, samples.camera, slow=0.0, late=LATE_FRAME):
+        _camera(camera, samples.camera)
+    home = Remarks('home')
+    if 'home' in samples.services:
+        home.ok('is offered')
+    else:
+        home.note('no such service: leave the step home out of plans')
+    return [*whole, *clock, *incremental, *absolute, *camera, *_commands(samples), *home]
+
+
+# --- any topic ------------------------------------------------------------------------------------
+
+
+def _stream(out, samples, stream, slow, late):
+    """Publishers, rate, gaps, stamps; whether there are messages to look at further."""
+    ends = stream.endpoints
+    if not ends:
+        tail = '/' + stream.topic.rsplit('/', 1)[-1]
+        near = [name for name in samples.elsewhere if name.endswith(tail)]
+        out.wrong('nobody publishes it' + (
+            f'; there is {", ".join(near)}: another name or namespace (-r __ns:=/mount)' if near
+            else ': start its driver, in the namespace and ROS domain of this command'))
+        return False
+    names = ' and '.join(sorted(end.node for end in ends))
+    if len(ends) > 1:
+        out.wrong(f'published by {names}: end all but one')
+    usable = True
+    for end in ends:
+        if end.type != stream.type:
+            out.wrong(f'{end.node} publishes {end.type}: it must be {stream.type}')
+            usable = False
+        elif not end.reliable:
+            out.wrong(f'{end.node} publishes best effort: nothing passes; publish reliable (a '
+                      'queue depth in place of qos_profile_sensor_data)')
+            usable = False
+    for reason in sorted(set(stream.refused)):
+        out.wrong(f'{stream.refused.count(reason)} messages cannot be read: {reason}')
+    if not stream.stamps:
+        if usable and not stream.refused:
+            out.wrong(f'{names} has sent nothing in {samples.seconds:.0f} s')
+        return False
+    if usable and len(ends) == 1:
+        out.ok(f'one publisher, {names}; type and quality of service fit')
+    _rate(out, samples, stream, slow)
+    _stamps(out, stream, late,
+            AHEAD_CLOCK * max(samples.clock_speed, 1.0) if samples.clock else AHEAD)
+    return True
+
+
+def _rate(out, samples, stream, slow):
+    arrived, grave = np.array(stream.arrived), WRONG if slow else NOTE
+    if len(arrived) < 3:
+        out.add(grave, f'{len(arrived)} messages in {samples.seconds:.0f} s')
+        return
+    steps = np.diff(arrived)
+    rate = (len(arrived) - 1) / (arrived[-1] - arrived[0])
+    if rate < slow:
+        out.add(WRONG if rate < USELESS else NOTE, f'{rate:.2f} messages a second: slow; 10 or '
+                'more keep readings close to each exposure')
+    else:
+        out.ok(f'{rate:.4g} messages a second')
+    usual, longest = float(np.median(steps)), float(steps.max())
+    if longest > max(GAP, PERIODS * usual):
+        out.add(grave, f'silent for {longest:.1f} s, and usually every {usual:.3g} s')
+
+
+def _stamps(out, stream, late, ahead):
+    stamps = np.array(stream.stamps)
+    zero = np.count_nonzero(stamps < EPOCH)
+    if zero:
+        out.wrong(f'{zero} of {len(stamps)} stamps are not of this century: fill header.stamp '
+                  'with the time of the measurement, UTC')
+        return
+    back = np.count_nonzero(np.diff(stamps) <= 0.0)
+    if back:
+        out.wrong(f'{back} of {len(stamps)} stamps are not after the one before: two sources, or '
+                  'the stamp is not the time of the measurement')
+    age = np.array(stream.ages)
+    youngest, usual = float(age.min()), float(np.median(age))
+    if youngest < -ahead:
+        out.wrong(f"stamps are up to {-youngest:.3f} s ahead of this machine's clock: set both "
+                  'by NTP; 1 s is 15 arcsec of hour angle')
+    elif usual > late:
+        out.wrong(f"stamps are {usual:.2f} s behind this machine's clock: another clock, or the "
+                  'driver stamps or sends late')
+    elif back:
+        out.ok(f'stamps are {1e3 * usual:.0f} ms before they arrive')
+    else:
+        out.ok(f'stamps increase, {1e3 * usual:.0f} ms before they arrive (at least '
+               f'{1e3 * youngest:.0f} ms)')
+
+
+# --- encoders -------------------------------------------------------------------------------------
+
+
+def _encoder(out, samples, stream):
+    wanted = samples.mount.names.keys
+    for found in sorted(set(stream.names)):
+        if set(wanted) <= set(found):
+            continue
+        other = any(set(pair) <= set(found) for pair in convert.JOINTS)
+        out.wrong(f'joints {", ".join(found) or "without names"}, and the mount has '
+                  f'{" and ".join(wanted)}: ' + (
+                      'another kind of mount? (--mount here, parameter mount of star_observer)'
+                      if other else 'name them so'))
+        return
+    stamps, values, rates = stream.arrays()
+    known = np.isfinite(values).all(axis=1)
+    if not known.any():
+        out.note('no number in any reading: not homed yet? (call home)')
+        return
+    later = known[int(np.argmax(known)):]
+    if not later.all():
+        out.wrong(f'no number in {np.count_nonzero(~later)} of {len(known)} readings, after it '
+                  'was homed')
+    if not _units(out, samples, values[known]):
+        return
+    pointed = stream is samples.incremental
+    _motion(out, stamps[known], values[known], rates[known], pointed)
+    if pointed:
+        powered = all(read_frame(frame) is not None for frame in stream.frames)
+        power = 'tells its power-on in frame_id' if powered else (
+            'tells no power-on in frame_id: each homing counts as one')
+        homing = 'incremental/homing is published' if samples.homing else (
+            'no incremental/homing: its marks cannot be judged')
+        out.add(OK if powered and samples.homing else NOTE, f'{power}; {homing}')
+
+
+def _units(out, samples, values):
+    first, second = np.abs(values).max(axis=0)
+    # a German mount looks through the pole; any may count on over turns, but not over many
+    highest = (np.pi / 2 if samples.mount.vertical else 1.5 * np.pi) + 5.0 * DEG
+    if second <= highest and first <= 6.0 * np.pi:
+        middle = np.degrees(values[-1])
+        out.ok(f'reads {middle[0]:.2f} and {middle[1]:.2f} deg: can be')
+        return True
+    where = f'reads {values[-1][0]:.6g} and {values[-1][1]:.6g}, which cannot be radians: '
+    if first <= highest and second <= 2.0 * np.pi:
+        where, why = where.split(',')[0] + ': ', 'axes exchanged, or a zenith distance?'
+    elif second <= 280.0 and first <= 1100.0:
+        why = 'degrees? (multiply by pi/180)'
+    else:
+        why = 'counts or arcsec?'
+    out.wrong(where + why)
+    return False
+
+
+def _motion(out, stamps, values, rates, pointed):
+    """Jumps, wrapping, velocities, rest of the encoder that is `pointed`, frozen readings."""
+    if len(stamps) < 3:
+        return
+    step, passed = np.diff(values, axis=0), np.diff(stamps)[:, None]
+    turn = np.column_stack([np.abs(np.abs(step[:, 0]) - 2.0 * np.pi) < 10.0 * DEG,
+                            np.zeros(len(step), bool)])
+    way = np.where(turn, wrap(step), step)
+    if (np.abs(way) > FASTEST * passed + 5.0 * DEG).any():
+        worst = np.degrees(np.abs(way).max())
+        out.wrong(f'jumped by up to {worst:.1f} deg between two readings: two sources, counts '
+                  'lost, or a wrong unit now and then')
+        return
+    if turn.any():
+        out.note('wraps: it jumped by a turn; where a cable counts, count turns on, and commands '
+                 'do too')
+    own = way / passed
+    moving, known = np.abs(own) > 10.0 * STILL, np.isfinite(rates[1:])
+    both = moving & known
+    if both.sum() >= 5:
+        between = 0.5 * (rates[1:] + rates[:-1])
+        ratio = float(np.nanmedian(between[both] / own[both]))
+        if ratio < 0.0:
+            out.wrong('velocity has the other sign than the angle')
+        elif not 0.5 < ratio < 2.0:
+            unit = 'deg/s? ' if 30.0 < ratio < 110.0 else ''
+            out.wrong(f'velocity is {ratio:.3g} times what the angle does: {unit}it must be rad/s')
+    elif (known & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
+        out.wrong('tells a velocity, and its angle does not change: frozen?')
+    rest = ~moving.any(axis=1)
+    if pointed and not known.any() and rest.sum() > 20:
+        restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))
+        if restless > 0.5:
+            out.wrong(f'tells no velocity, and its noise over {float(np.median(passed)):.3g} s '
+                      'looks like motion: home never sees it at rest; fill velocity')
+    if not way.any():
+        out.note('not one bit has changed: it stands, or it is frozen (move the mount, or --nudge)')
+
+
+def _together(out, samples):
+    """The absolute encoder against the other one."""
+    stamps, values, _ = samples.absolute.arrays()
+    at, first, _ = samples.incremental.arrays()
+    good = np.isfinite(first).all(axis=1)
+    at, first = at[good], first[good]
+    inside = (stamps >= at[0]) & (stamps <= at[-1]) if len(at) > 1 else np.zeros(len(stamps), bool)
+    inside &= np.isfinite(values).all(axis=1)
+    if inside.sum() < 3:
+        return
+    stamps, second = stamps[inside], values[inside]
+    turned = np.unwrap(first[:, 0])
+    a = np.column_stack([np.interp(stamps, at, turned), np.interp(stamps, at, first[:, 1])])
+    b = np.column_stack([np.unwrap(second[:, 0]), second[:, 1]])
+    moved = np.ptp(a, axis=0)
+    names = samples.mount.names.axes
+    before = len(out)
+    for axis in (0, 1):
+        if moved[axis] < MOVED:
+            continue
+        # by the changes of that axis alone, where the other one moves less
+        x = a[:, axis] - a[:, axis].mean()
+        slope = [float(x @ (b[:, k] - b[:, k].mean()) / (x @ x)) for k in (0, 1)]
+        own, other = slope[axis], slope[1 - axis]
+        lone = moved[1 - axis] < 0.3 * moved[axis]
+        if lone and abs(own) < 0.2 and abs(other) > 0.5:
+            out.wrong(f'exchanged axes: it follows {names[axis]} with its {names[1 - axis]}')
+        elif abs(own + 1.0) < 0.2:
+            out.wrong(f'{names[axis]} runs the other way than the incremental encoder')
+        elif abs(own) < 0.05 and np.ptp(b[:, axis]) < 0.05 * moved[axis]:
+            out.wrong(f'{names[axis]} is frozen: the incremental encoder moved by '
+                      f'{moved[axis] / DEG:.2f} deg')
+        elif abs(own - 1.0) > 0.1:
+            out.wrong(f'{names[axis]} moves {own:.3g} times as far as the incremental encoder')
+    if len(out) > before:
+        return
+    difference = np.column_stack([wrap(a[:, 0] - b[:, 0]), a[:, 1] - b[:, 1]])
+    middle, scatter = np.median(difference, axis=0), difference.std(axis=0)
+    both = ', '.join(f'{names[k]} {middle[k] / ARCSEC:+.1f} +- {scatter[k] / ARCSEC:.1f} arcsec'
+                     for k in (0, 1))
+    out.add(NOTE if np.abs(middle).max() > 5.0 * DEG else OK, f'incremental - absolute: {both}')
+
+
+# --- camera and mount -----------------------------------------------------------------------------
+
+
+def _camera(out, stream):
+    values = np.array(stream.values, float).reshape(-1, 2)
+    stars = values[np.isfinite(values).all(axis=1)]
+    if not len(stars):
+        out.note(f'no star in any of {len(values)} exposures: point at one to have the camera '
+                 'judged')
+        return
+    far = float(np.median(np.hypot(*stars.T)))
+    if far > BEYOND_FIELD:
+        out.wrong(f'stars {far:.3g} rad beside the boresight: arcsec or pixels for radians?')
+    elif far > WIDE_FIELD:
+        out.note(f'stars {far / DEG:.2f} deg beside the boresight: is that in radians?')
+    else:
+        out.ok(f'a star in {len(stars)} of {len(values)} exposures, {far / ARCSEC:.1f} arcsec '
+               'beside the boresight')
+    same = longest = 1
+    for before, now in zip(stars, stars[1:]):
+        same = same + 1 if (before == now).all() else 1
+        longest = max(longest, same)
+    if longest >= SAME_FRAMES:
+        out.wrong(f'the same miss distance in {longest} exposures in a row: it measures nothing')
+
+
+def _commands(samples):
+    out = Remarks('command')
+    if not samples.followers:
+        out.wrong('nobody follows it: start the driver of the mount, in the namespace and ROS '
+                  'domain of this command')
+    names = sorted({end.node for end in samples.followers})
+    if len(names) > 1:
+        out.wrong(f'{" and ".join(names)} follow it: a mount has one driver; end all but one')
+    for end in samples.followers:
+        if end.type != topics.COMMAND.type:
+            out.wrong(f'{end.node} expects {end.type}: it must be {topics.COMMAND.type}')
+        elif end.latched:
+            out.wrong(f'{end.node} asks for transient local: nothing passes; subscribe volatile')
+        else:
+            out.ok(f'{end.node} follows it')
+    return out
