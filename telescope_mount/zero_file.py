@@ -24,7 +24,7 @@ from calibration.report.row_wording import listed
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats.cells import Cells
-from pointing_model.runs.formats.run_table import content, floats, read_lines, seconds_or_iso
+from pointing_model.runs.formats.run_table import content, read_lines
 
 _COLUMNS = {'temperature': 'temperature{}_c', 'supply': 'supply{}_v', 'hours': 'since{}_h',
             'side': 'side{}'}
@@ -75,12 +75,12 @@ def read_zeros(path):
     if not len(cells):
         raise ValueError(f'{path} has a header and no row: write a row for each power-on')
     notes = _unknown_columns(path, cells.header)
-    zeros, sigmas = _pair(path, cells, 'zero{}_arcsec'), _pair(path, cells, 'sigma{}_arcsec')
-    covariates = {name: _pair(path, cells, pattern, _SIDES if name == 'side' else {})
+    zeros, sigmas = _pair(cells, 'zero{}_arcsec'), _pair(cells, 'sigma{}_arcsec')
+    covariates = {name: _pair(cells, pattern, _SIDES if name == 'side' else {})
                for name, pattern in _COLUMNS.items()}
-    time, run = _time(path, cells), _column(path, cells, 'run')
+    time, run = _time(cells), _column(cells, 'run')
     for k, axis in enumerate(_SHORT):
-        cells.leave_out(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
+        cells.exclude(sigmas[:, k] <= 0.0, f'sigma{axis}_arcsec is not positive')
     _leave_out_copies(cells, np.column_stack([time * 1e3, zeros * 1e6]))
     kept = cells.reasons == 0
     notes += _left_out(path, cells.lines, cells.reasons)
@@ -124,26 +124,26 @@ def _leave_out_copies(cells, values):
             cells.reasons[i] = f'the same as line {line}'
 
 
-def _pair(path, cells, pattern, words=None):
+def _pair(cells, pattern, words=None):
     """Numbers of both axes, each of its own column or of that of both, shape (n, 2)."""
-    return np.array([_column(path, cells, name if name in cells.header else pattern.format(''),
-                             words) for name in map(pattern.format, _SHORT)]).T
+    return np.array([_column(cells, name if name in cells.header else pattern.format(''), words)
+                     for name in map(pattern.format, _SHORT)]).T
 
 
-def _column(path, cells, name, words=None):
+def _column(cells, name, words=None):
     if name not in cells.header:
         return np.full(len(cells), np.nan)
     texts = [str((words or {}).get(cell.lower(), cell)) for cell in cells[name]]
-    values = floats(path, cells.lines, name, texts, cells.reasons)
-    cells.leave_out(np.isinf(values), f'{name} is infinite')
-    cells.leave_out(np.abs(values) > _LARGEST, f'{name} is beyond {_LARGEST:g}')
+    values = cells.floats(name, texts)
+    cells.exclude(np.isinf(values), f'{name} is infinite')
+    cells.exclude(np.abs(values) > _LARGEST, f'{name} is beyond {_LARGEST:g}')
     return values
 
 
-def _time(path, cells):
+def _time(cells):
     if 'time' not in cells.header:
         return np.full(len(cells), np.nan)
-    return seconds_or_iso(path, cells.lines, 'time', cells['time'], cells.reasons)
+    return cells.times('time', cells['time'])
 
 
 def _unknown_columns(path, names):

@@ -71,18 +71,18 @@ def _apply(model, args):
     from msg_tools.units import DEG
     from pointing_model.context import Context
     from pointing_model.model_application import turned, zeros_of_rows
-    from pointing_model.runs.formats.run_table import decimal_points
+    from pointing_model.runs.formats.rows import decimal_points
     from pointing_model.runs.run import column_name
-    name, table = _table(args.file)
+    table = _table(args.file)
     header, lines, reasons = table.header, table.lines, table.reasons
     rows = [table.column(i) for i in range(len(header))]
     cells = dict(zip(header, rows))
     places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
                         for part in ('', '_enc'))
     pair = readings if args.reverse else places
-    columns, notes = _drivers(name, lines, cells, pair, places, args, reasons)
-    az, el = (_angles(name, lines, column, cells, reasons) for column in pair)
-    _check(name, lines, pair, az, el, args.reverse or not model.mount.vertical, cells, reasons)
+    columns, notes = _drivers(table, cells, pair, places, args)
+    az, el = (_angles(table, column, cells) for column in pair)
+    _check(table, pair, az, el, args.reverse or not model.mount.vertical, cells)
     # rows that are left out go along, somewhere, and their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
@@ -123,7 +123,7 @@ def _apply(model, args):
 
 
 def _table(file):
-    """Name for messages, and the cells."""
+    """The cells."""
     from pointing_model.runs.formats.cells import Cells
     from pointing_model.runs.formats.run_table import content, lines_of
     if file == '-':
@@ -136,54 +136,44 @@ def _table(file):
     lines = lines_of(name, data) if data.strip() else []
     if not content(lines):
         raise ValueError(f'{name} is empty; it needs a header row, as az_deg,el_deg')
-    return name, Cells(name, lines)
+    return Cells(name, lines)
 
 
-def _angles(name, lines, column, cells, reasons):
+def _angles(table, column, cells):
     """A column of angles; ValueError where it is missing, or most cells are no numbers."""
     import numpy as np
-
-    from pointing_model.runs.formats.run_table import cost_rows, floats
     if column not in cells:
         there = ', '.join(c[:40] for c in list(cells)[:40])
-        raise ValueError(f'{name}: no column {column}; the file has {there}')
-    values = floats(name, lines, column, cells[column], reasons)
-    empty = np.flatnonzero(~np.isfinite(values) & (reasons == 0))
-    cost_rows(name, lines, column, [cell or 'empty' for cell in cells[column]],
-              {int(i): 'is no angle' for i in empty}, reasons)
+        raise ValueError(f'{table.path}: no column {column}; the file has {there}')
+    values = table.floats(column, cells[column])
+    empty = np.flatnonzero(~np.isfinite(values) & (table.reasons == 0))
+    table.refuse(column, [cell or 'empty' for cell in cells[column]],
+                 {int(i): 'is no angle' for i in empty})
     return values
 
 
-def _check(name, lines, pair, az, el, beyond, cells, reasons):
+def _check(table, pair, az, el, beyond, cells):
     """Refuse what is no direction in degrees."""
     import numpy as np
-
-    from pointing_model.runs.formats.run_table import cost_rows
     # a tube past the zenith or through the pole
     with np.errstate(invalid='ignore'):
         bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
-    cost_rows(name, lines, pair[1], cells[pair[1]], {
-        int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)}, reasons)
-    az, el = az[reasons == 0], el[reasons == 0]
+    table.refuse(pair[1], cells[pair[1]], {
+        int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)})
+    az, el = az[table.reasons == 0], el[table.reasons == 0]
     if len(el) >= 3 and np.abs(el).max() <= 1.6 and np.abs(az).max() <= 6.3 and np.ptp(el) > 0.05:
-        raise ValueError(f'{name}: {pair[0]}, {pair[1]} never exceed '
+        raise ValueError(f'{table.path}: {pair[0]}, {pair[1]} never exceed '
                          f'{max(np.abs(az).max(), np.abs(el).max()):.3g}: they look like radians; '
                          'give degrees')
 
 
-def _drivers(name, lines, cells, pair, places, args, reasons):
+def _drivers(table, cells, pair, places, args):
     """What the effects may follow, in SI by the names in memory; remarks."""
     import numpy as np
 
     from pointing_model.runs.formats.csv import CSV_NAMES
-    from pointing_model.runs.formats.run_table import (
-        cost_rows,
-        decimal_points,
-        floats,
-        is_number,
-        own_name,
-        seconds_or_iso,
-    )
+    from pointing_model.runs.formats.rows import Rows, decimal_points, is_number
+    from pointing_model.runs.formats.run_table import own_name
     from pointing_model.runs.run import COLUMNS
     given = {}
     for text in args.given:
@@ -193,25 +183,25 @@ def _drivers(name, lines, cells, pair, places, args, reasons):
         given[key.strip()] = value.strip()
     if args.time is not None:
         given['time'] = args.time
-    cells = {**cells, **{key: [value] * len(lines) for key, value in given.items()}}
+    cells = {**cells, **{key: [value] * len(table) for key, value in given.items()}}
     out, notes = {}, []
     for column, values in cells.items():
         if column in pair or column in places or not column:
             continue
         known = CSV_NAMES.get(column)
         # what is given for all rows costs all
-        where, costs = ('the options', None) if column in given else (name, reasons)
+        rows = Rows('the options', table.lines, strict=True) if column in given else table
         if column == 'time':
-            out['time'] = seconds_or_iso(where, lines, column, values, costs)
+            out['time'] = rows.times(column, values)
         elif known == 'star' and not all(map(is_number, values)):
             continue
         elif known in COLUMNS:
-            numbers = floats(where, lines, column, values, costs)
-            cost_rows(where, lines, column, values, {
-                int(i): 'is not finite' for i in np.flatnonzero(np.isinf(numbers))}, costs)
+            numbers = rows.floats(column, values)
+            rows.refuse(column, values, {
+                int(i): 'is not finite' for i in np.flatnonzero(np.isinf(numbers))})
             out[known] = numbers * COLUMNS[known][1]
         elif values and all(not v or is_number(v) for v in decimal_points(values)):
-            out[own_name(column, cells, notes)] = floats(where, lines, column, values)
+            out[own_name(column, cells, notes)] = rows.floats(column, values)
         elif column in given:
             raise ValueError(f'--set {column}={given[column]}: is not a number')
     if 'star' in out:

@@ -10,7 +10,8 @@ import re
 
 import numpy as np
 
-from .run_table import content, is_number
+from .rows import Rows, is_number
+from .run_table import content
 
 _BLOCK = 5000  # lines that are split at a time
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
@@ -20,16 +21,12 @@ _FORMULA = re.compile(r"[\s']*[=+\-@\t\r＝＋－＠]")
 _CONTROL = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]')
 
 
-class Cells:
+class Cells(Rows):
     """A table with a header row.
 
     Attributes
     ----------
     header : list of str
-    lines : ndarray of int, shape (n,)
-        Line of the file that each row is on.
-    reasons : ndarray of object, shape (n,)
-        Why a row is left out, 0 where it is not.
     delimiter : str
     """
 
@@ -62,8 +59,7 @@ class Cells:
         twice = [name for name in self.header if name and self.header.count(name) > 1]
         if twice:
             raise ValueError(f'{path}: column {twice[0]!r} is there twice')
-        self.lines = np.array([number for number, _ in body[1:]], dtype=int)
-        self.reasons = np.zeros(len(self.lines), dtype=object)
+        super().__init__(path, [number for number, _ in body[1:]])
         # as text, a million rows would take most of the memory
         self._blocks = []
         for i in range(1, len(body), _BLOCK):
@@ -72,9 +68,6 @@ class Cells:
                                  for cells in zip(*rows)])
         self._refuse_lengths(path, body)
 
-    def __len__(self):
-        return len(self.lines)
-
     def column(self, i):
         """Cells of column `i`, a list of str."""
         return [plain_text(cell.decode()) for block in self._blocks for cell in block[i].tolist()]
@@ -82,10 +75,6 @@ class Cells:
     def __getitem__(self, name):
         """Cells of the column `name`."""
         return self.column(self.header.index(name))
-
-    def leave_out(self, mask, text):
-        """Leave out the rows of `mask`; the first reason counts."""
-        self.reasons[mask & (self.reasons == 0)] = text
 
     def _split(self, body, first):
         """Rows of a block; one of another length is blank and has its reason."""

@@ -14,7 +14,8 @@ from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
 from .declared import NUMBERS, declarations
-from .run_table import Table, content, cost_rows, floats, is_number
+from .rows import CLOCK, UNKNOWN, decimal_points, is_number
+from .run_table import Table, content
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_told'})
@@ -68,7 +69,7 @@ def read_csv(path, lines, delimiter, encoder=None):
         length.
     """
     cells = Cells(path, lines, delimiter)
-    header, numbers = cells.header, cells.lines
+    header = cells.header
     names, by_header = _names_of(header)
     _require(path, header, encoder, names)
     if not len(cells):
@@ -77,13 +78,13 @@ def read_csv(path, lines, delimiter, encoder=None):
     if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):
-        _take_column(path, cells, header_name, cells.column(i), columns, meta, by_header, names)
+        _take_column(cells, header_name, cells.column(i), columns, meta, by_header, names)
         _note_near(header_name, header, by_header, names, meta['notes'])
     _one_source(columns, meta, names)
     first = content(lines)[0][0]
     commented = [number for number, line in enumerate(lines, 1) if number > first
                  and line.startswith('#') and _is_row(line[1:], delimiter, len(header))]
-    return Table(columns, numbers, meta, cells.reasons, commented=commented, names=names)
+    return Table(columns, cells.lines, meta, cells.reasons, commented=commented, names=names)
 
 
 def _names_of(header):
@@ -106,28 +107,27 @@ def _is_row(line, delimiter, width):
     return len(cells) == width and sum(is_number(cell) for cell in cells) >= 4
 
 
-def _take_column(path, table_cells, header_name, cells, columns, meta, by_header, names):
-    numbers, reasons, header = table_cells.lines, table_cells.reasons, table_cells.header
+def _take_column(table, header_name, cells, columns, meta, by_header, names):
     name = by_header.get(header_name)
     if name == 'time':
-        columns['time'] = _time(path, numbers, cells, meta, reasons)
+        columns['time'] = _time(table, cells, meta)
     elif name == 'run':
         columns['run'] = _run_numbers(cells, meta)
     elif name in _TEXT:
         columns[name] = _numbers_or_text(cells)
     elif name:
-        columns[name] = floats(path, numbers, header_name, cells, reasons)
+        columns[name] = table.floats(header_name, cells)
         if name in ('approach_az', 'approach_el'):
-            cost_rows(path, numbers, header_name, cells, {
+            table.refuse(header_name, cells, {
                 int(i): 'is not -1, 0 or 1' for i in np.flatnonzero(
-                    ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))}, reasons)
+                    ~np.isin(columns[name], (-1.0, 0.0, 1.0)) & ~np.isnan(columns[name]))})
     elif header_name in ('mount', 'telescope'):
-        solve_columns.one_mount(path, numbers, header_name, cells)
+        solve_columns.one_mount(table, header_name, cells)
     elif header_name in COLUMNS:
         meta['notes'].append(f'column {header_name!r} left out: its unit is unknown, the name is '
                              f'{column_name(header_name, names)}')
     elif header_name:
-        _take_own(path, numbers, header, header_name, cells, columns, meta)
+        _take_own(table, header_name, cells, columns, meta)
     elif any(cells):
         meta['notes'].append('a column without a name left out')
 
@@ -142,19 +142,19 @@ def _note_near(header_name, header, by_header, names, notes):
                      'name')
 
 
-def _take_own(path, numbers, header, header_name, cells, columns, meta):
+def _take_own(table, header_name, cells, columns, meta):
     """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
-    bad = [i for i, cell in enumerate(run_table.decimal_points(cells))
-           if cell.lower() not in run_table.UNKNOWN and not is_number(cell)]
-    said = bad and f'(row {numbers[bad[0]]}: {cells[bad[0]][:40]!r})'
+    bad = [i for i, cell in enumerate(decimal_points(cells))
+           if cell.lower() not in UNKNOWN and not is_number(cell)]
+    said = bad and f'(row {table.lines[bad[0]]}: {cells[bad[0]][:40]!r})'
     if 2 * len(bad) > sum(map(bool, cells)):
         meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {said}')
         return
     known = np.array(cells, dtype=object)
     known[bad] = ''
-    values = floats(path, numbers, header_name, known.tolist())
-    own = run_table.sidereal_name(values, header, meta['notes']) if header_name == 'lst' \
-        else run_table.own_name(header_name, header, meta['notes'])
+    values = table.floats(header_name, known.tolist())
+    own = run_table.sidereal_name(values, table.header, meta['notes']) if header_name == 'lst' \
+        else run_table.own_name(header_name, table.header, meta['notes'])
     columns[own] = values
     if bad:
         meta['notes'].append(f'column {header_name[:40]!r} is not a number in {len(bad)} of '
@@ -225,17 +225,17 @@ def _run_numbers(cells, meta):
     return np.array([number[cell] for cell in cells])
 
 
-def _time(path, numbers, cells, meta, reasons):
-    values = run_table.seconds_or_iso(path, numbers, 'time', cells, reasons)
+def _time(table, cells, meta):
+    values = table.times('time', cells)
     if sum(map(is_number, cells)) * 2 > sum(map(bool, cells)):
-        _refuse_other_units(path, numbers, values, meta)
-        if np.any(np.abs(values) < run_table.CLOCK):
+        _refuse_other_units(table, values, meta)
+        if np.any(np.abs(values) < CLOCK):
             meta['time_is_utc'] = False
             meta['notes'].append('time: seconds from an arbitrary start, they are below 1e8')
     return values
 
 
-def _refuse_other_units(path, numbers, values, meta):
+def _refuse_other_units(table, values, meta):
     finite = np.isfinite(values)
     known = np.sort(values[finite])
     if len(known) < 5 or known[0] == known[-1]:
@@ -245,8 +245,8 @@ def _refuse_other_units(path, numbers, values, meta):
         else 'hours' if known[-1] <= 48.0 else 'days'
     said = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
     if gap < _TOO_CLOSE:
-        raise ValueError(f'{path}, column time, rows {numbers[finite][0]} to '
-                         f'{numbers[finite][-1]}: {said} Give seconds or ISO 8601')
+        raise ValueError(f'{table.path}, column time, rows {table.lines[finite][0]} to '
+                         f'{table.lines[finite][-1]}: {said} Give seconds or ISO 8601')
     if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
         meta['notes'].append(f'time: {said}')
 

@@ -8,8 +8,10 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
+from pointing_model.runs.run import REQUIRED
 
-from .run_table import Table, cost_rows, floats, is_number, same_width, usual_width
+from .rows import WordRows, is_number, usual_width
+from .run_table import Table
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
 PLACES = 14
@@ -57,15 +59,13 @@ def read_exported(path, body, meta, options=(), altaz=False):
     width = usual_width(body)
     body = [(number, line) for number, line in body
             if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
-    numbers = np.array([number for number, _ in body])
-    cells = [line.lstrip('# ').split() for _, line in body]
+    rows = WordRows(path, body)
     if width < PLACES:
-        raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; {PLACES} are read '
+        raise ValueError(f'{path}, row {rows.lines[0]}: {width} numbers; {PLACES} are read '
                          '(right ascension and declination of catalogue and telescope, sidereal '
                          'time)')
-    reasons = np.zeros(len(cells), dtype=object)
-    same_width(path, numbers, cells, width, 'numbers', f'{width} in most rows', reasons)
-    first = next(row for row in cells if row[0])
+    rows.same_width(width, 'numbers', f'{width} in most rows')
+    first = next(row for row in rows.cells if row[0])
     moving = width >= PLACES + _MOTION and is_number(first[8]) and float(first[8]) >= 60.0
     after = 6 + _MOTION * moving
     angles = {}
@@ -73,12 +73,12 @@ def read_exported(path, body, meta, options=(), altaz=False):
             ('ra', 0, 3, 15.0), ('dec', 3, 3, 1.0), ('ra of the telescope', after, 3, 15.0),
             ('dec of the telescope', after + 3, 3, 1.0), ('sidereal time', after + 6, 2, 15.0)):
         angles[name] = unit * _sexagesimal(
-            path, numbers, name, [row[at:at + count] for row in cells], reasons)
+            rows, name, [row[at:at + count] for row in rows.cells])
     day = (np.datetime64(meta['date'], 's') - _EPOCH).astype(float)
     lst = angles['sidereal time']
     meta.update(equinox=None, clock_tells=True)
     if moving:
-        _move(path, numbers, cells, angles, day, options, meta, reasons)
+        _move(rows, angles, day, options, meta)
     meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
     columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
                'time': np.full(len(lst), day + 43200.0)}
@@ -96,25 +96,24 @@ def read_exported(path, body, meta, options=(), altaz=False):
     if 'NODA' in options:
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
-    _auxiliary(path, numbers, [row[after + 8:] for row in cells], options, columns, meta)
-    table = Table(columns, numbers, meta, reasons,
+    _auxiliary(rows, after + 8, options, columns, meta)
+    table = Table(columns, rows.lines, meta, rows.reasons,
                   names=ALTAZ.names if altaz else KINDS['equatorial'])
     table.exclude(np.array([line.startswith('#') for _, line in body]),
                   'rejected by the observers (#)')
     return table
 
 
-def _move(path, numbers, cells, angles, day, options, meta, reasons):
+def _move(rows, angles, day, options, meta):
     """Apply proper motions from the epoch of the catalogue to the day of the run, in place."""
-    across, up, year = (floats(path, numbers, name, [row[6 + i] for row in cells], reasons)
-                        for i, name in enumerate(('proper motion in ra', 'proper motion in dec',
-                                                  'year of the catalogue')))
+    across, up, year = (rows.floats(name, rows.column(i)) for i, name in enumerate(
+        ('proper motion in ra', 'proper motion in dec', 'year of the catalogue'), 6))
     bad = (year != 2000.0) if 'J2000' not in options else ~((year > 1800.0) & (year < 2200.0))
-    cost_rows(path, numbers, 'year after the proper motions', [row[8] for row in cells], {
+    rows.refuse('year after the proper motions', rows.column(8), {
         int(i): 'is not 2000, and only with the option ": J2000" it is that of the epoch alone; '
-        'give places of J2000' for i in np.flatnonzero(bad & ~np.isnan(year))}, reasons)
+        'give places of J2000' for i in np.flatnonzero(bad & ~np.isnan(year))})
     if 'J2000' in options:
-        _refuse_j2000(path, angles, day)
+        _refuse_j2000(rows.path, angles, day)
     years = 2000.0 + (day + 43200.0 - _J2000) / _YEAR - year
     angles['ra'] = angles['ra'] + 15.0 * across * years / 3600.0
     angles['dec'] = angles['dec'] + up * years / 3600.0
@@ -136,14 +135,14 @@ def _refuse_j2000(path, angles, day):
                          'may mean; only places of date are read')
 
 
-def _auxiliary(path, numbers, cells, options, columns, meta):
+def _auxiliary(rows, begin, options, columns, meta):
     """Numbers after the sidereal time, under names; words there are left out with a note."""
     rotator = any(option.startswith('ROT') for option in options)
     words = []
-    for i, column in enumerate(zip(*cells), 1):
+    for i, column in enumerate(zip(*(row[begin:] for row in rows.cells)), 1):
         if all(is_number(cell or 0) for cell in column):
             name = 'rotator_deg' if rotator and i == 1 else f'auxiliary_{i}'
-            columns[name] = floats(path, numbers, name, column)
+            columns[name] = rows.floats(name, column)
         else:
             words.append(next(filter(None, column))[:40])
     if words:
@@ -151,7 +150,7 @@ def _auxiliary(path, numbers, cells, options, columns, meta):
                              '...')
 
 
-def _sexagesimal(path, numbers, name, cells, reasons):
+def _sexagesimal(rows, name, cells):
     """Degrees, or hours, of cells with degrees (hours), minutes and seconds."""
     out, bad = np.full(len(cells), np.nan), {}
     for i, parts in enumerate(cells):
@@ -167,13 +166,13 @@ def _sexagesimal(path, numbers, name, cells, reasons):
         out[i] = sum(v / 60.0**k for k, v in enumerate(values))
         if parts[0].startswith('-'):
             out[i] = -out[i]
-    cost_rows(path, numbers, name, [' '.join(parts).strip() for parts in cells], bad, reasons)
+    rows.refuse(name, [' '.join(parts).strip() for parts in cells], bad)
     return out
 
 
 def _four_angles(body):
-    """Lines and cells of rows with four angles in fixed columns, which may touch."""
-    numbers, cells = np.array([number for number, _ in body]), []
+    """Cells of rows with four angles in fixed columns, which may touch."""
+    cells = []
     places = next((len(match.group(1)) for _, line in body
                    for match in [re.match(r'[-+]?\d+\.(\d+)', line.strip())] if match), 6)
     for _, line in body:
@@ -181,7 +180,7 @@ def _four_angles(body):
         if len(row) < 4:
             row = re.findall(rf'[-+]?\d+\.\d{{{places}}}', line)
         cells.append(row)
-    return numbers, cells
+    return cells
 
 
 def read_short(path, body, meta):
@@ -198,16 +197,13 @@ def read_short(path, body, meta):
     -------
     Table
     """
-    numbers, cells = _four_angles(body)
-    reasons = np.zeros(len(cells), dtype=object)
-    same_width(path, numbers, cells, 4, 'numbers', 'four are read (hour angle and declination, '
-               'true and of the mount)', reasons)
-    names = ('az', 'el', 'az_enc', 'el_enc')
-    columns = {}
-    for i, name in enumerate(names):
-        columns[name] = floats(path, numbers, name, [row[i] for row in cells], reasons)
+    rows = WordRows(path, body)
+    rows.cells = _four_angles(body)
+    rows.same_width(4, 'numbers', 'four are read (hour angle and declination, true and of the '
+                    'mount)')
+    columns = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(REQUIRED)}
     meta['mount_told'] = 'german' if (np.abs(columns['el_enc']) > 90.0 + 5.0).any() \
         else 'equatorial'
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')
-    return Table(columns, numbers, meta, reasons, names=KINDS['equatorial'])
+    return Table(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])

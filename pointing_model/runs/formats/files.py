@@ -8,16 +8,22 @@ from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun
 
-from . import axis_places, checks, hints, solve_columns
+from . import (
+    axis_places,
+    checks,
+    gpoint,
+    hints,
+    iram,
+    mmt,
+    mountwizzard,
+    solve_columns,
+    tpoint_data,
+    unam,
+)
 from .csv import csv_delimiter, read_csv
-from .gpoint import looks_like_gpoint, read_gpoint
 from .images import read_images
-from .iram import looks_like_iram, read_iram
-from .mmt import looks_like_mmt, read_mmt
-from .mountwizzard import looks_like_mountwizzard, read_mountwizzard
-from .run_table import content, is_number, read_lines
-from .tpoint_data import looks_like_tpoint, read_tpoint
-from .unam import looks_like_unam, read_unam
+from .rows import is_number
+from .run_table import content, read_lines
 
 _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
           'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
@@ -26,6 +32,8 @@ _KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg,
 
 
 #: what may be given of the equinox of catalogue places
+#: of a log or a program each, and told by it before any table
+_FORMATS = (mmt, iram, unam, gpoint, mountwizzard)
 EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
 
 
@@ -178,21 +186,14 @@ def _read_table(path, encoder):
     if looks_like_mapping(path) and path.is_file():
         return read_images(path)
     lines = read_lines(path)
-    if looks_like_mmt(lines):
-        return read_mmt(path, lines)
-    if looks_like_iram(lines):
-        return read_iram(path, lines)
-    if looks_like_unam(lines):
-        return read_unam(path, lines)
-    if looks_like_gpoint(lines):
-        return read_gpoint(path, lines)
-    if looks_like_mountwizzard(lines):
-        return read_mountwizzard(path, lines)
+    for kind in _FORMATS:
+        if kind.looks_like(lines):
+            return kind.read(path, lines)
     delimiter = csv_delimiter(lines)
     if delimiter:
         return read_csv(path, lines, delimiter, encoder)
-    if looks_like_tpoint(lines):
-        return read_tpoint(path, lines)
+    if tpoint_data.looks_like(lines):
+        return tpoint_data.read(path, lines)
     body = content(lines)
     for delimiter in (',', ';', '\t', None):
         cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []

@@ -9,16 +9,8 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
 from .declared import declarations
-from .run_table import (
-    YEAR_1900,
-    YEAR_2100,
-    NoObservations,
-    Table,
-    cost_rows,
-    floats,
-    is_number,
-    same_width,
-)
+from .rows import YEAR_1900, YEAR_2100, WordRows, is_number
+from .run_table import NoObservations, Table, content
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is
@@ -30,7 +22,7 @@ _DAY, _JD_1970, _MJD_1970 = 86400.0, 2440587.5, 40587.0
 _JD = 2.4e6  # no modified Julian date is as large
 
 
-def looks_like_gpoint(lines):
+def looks_like(lines):
     """Whether a comment at the top names the kind of mount and the site."""
     return any(_site(line) for line in lines[:_TOP])
 
@@ -40,7 +32,7 @@ def _site(line):
     return found if found and all(map(is_number, found.groups()[1:])) else None
 
 
-def read_gpoint(path, lines):
+def read(path, lines):
     """RTS2 gpoint input: a comment with mount and site, then rows of 9 columns.
 
     Of a German mount (``# gem`` or ``# observatory``, longitude, latitude, height): the mount's
@@ -86,17 +78,13 @@ def read_gpoint(path, lines):
         'latitude': latitude * DEG, 'longitude': longitude * DEG, 'height': height}}
     altaz = kind == 'altaz'
     names = _NAMES_ALTAZ if altaz else _NAMES
-    body = [(number, line.split()) for number, line in enumerate(lines, 1)
-            if line.strip() and not line.lstrip().startswith('#')]
+    body = content(lines)
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
-    numbers, cells = np.array([number for number, _ in body]), [row for _, row in body]
-    reasons = np.zeros(len(body), dtype=object)
-    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} are read', reasons)
-    values = {name: floats(path, numbers, name, column, reasons)
-              for name, column in zip(names[1:], list(zip(*cells))[1:])}
-    columns = {'star': np.array([row[0] for row in cells]),
-               'time': _time(path, numbers, cells, values['JD'], reasons)}
+    rows = WordRows(path, body)
+    rows.same_width(len(names), 'columns', f'{len(names)} are read')
+    values = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(names) if i}
+    columns = {'star': np.array(rows.column(0)), 'time': _time(rows, values['JD'])}
     meta['notes'].append(f'{names[5]}, {names[6]} left out: counts of an unknown size')
     if altaz:
         for name, given in zip(('az', 'el', 'az_enc', 'el_enc'),
@@ -115,7 +103,7 @@ def read_gpoint(path, lines):
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
         meta |= {'clock_tells': True, 'mount_told': 'german'}
         meta['notes'].append('time: of the sidereal clock')
-    return Table(columns, numbers, meta, reasons,
+    return Table(columns, rows.lines, meta, rows.reasons,
                  commented=_unsolved(lines, len(names)),
                  names=ALTAZ.names if altaz else KINDS['equatorial'])
 
@@ -130,10 +118,10 @@ def _unsolved(lines, width):
     return out
 
 
-def _time(path, numbers, cells, dates, reasons):
+def _time(rows, dates):
     seconds = (dates - np.where(dates > _JD, _JD_1970, _MJD_1970)) * _DAY
     bad = np.flatnonzero((seconds < YEAR_1900) | (seconds > YEAR_2100))
-    cost_rows(path, numbers, 'JD', [row[1] for row in cells], {
-        int(i): 'is outside 1900 to 2100 as Julian date and as modified one' for i in bad}, reasons)
+    rows.refuse('JD', rows.column(1), {
+        int(i): 'is outside 1900 to 2100 as Julian date and as modified one' for i in bad})
     seconds[bad] = np.nan
     return seconds

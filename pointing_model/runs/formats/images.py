@@ -75,7 +75,7 @@ def read_images(path):
                   names=mapping.names)
     for i, reason in enumerate(reasons):
         if reason:
-            table.exclude(np.arange(len(files)) == i, reason)
+            table.exclude_row(i, reason)
     return table
 
 

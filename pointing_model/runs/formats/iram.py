@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 
-from .run_table import Table, cost_rows, floats, is_number, own_name, parse_iso, same_width
+from .rows import WordRows, is_number
+from .run_table import Table, own_name
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
@@ -13,13 +14,13 @@ _NAMES = {'AZd': 'az', 'ELd': 'el', 'pnt.X': 'x_arcsec', 'pnt.Y': 'y_arcsec',
 _USED = ('id', 'object', 'project', 'pnt.dAZ', 'pnt.dEL')
 
 
-def looks_like_iram(lines):
+def looks_like(lines):
     """Whether the first line names columns behind ``# id``."""
     first = next((line for line in lines if line.strip()), '')
     return re.match(r'#\s*id\s', first) is not None and 'pnt.' in first
 
 
-def read_iram(path, lines):
+def read(path, lines):
     """IRAM 30 m ``.log``: a header ``# id ...`` names the columns, ``#`` before a row rejects it.
 
     AZd, ELd are the place (whole degrees, north 0, east 90), pnt.X, pnt.Y the total offset in
@@ -49,23 +50,26 @@ def read_iram(path, lines):
     missing = [name for name in _NEEDED if name not in names]
     if missing:
         raise ValueError(f'{path}: no column {", ".join(missing)} in the header "# id ..."')
-    rows = [(number, line) for number, line in enumerate(lines[begin + 1:], begin + 2)
+    body = [(number, line) for number, line in enumerate(lines[begin + 1:], begin + 2)
             if line.strip() and (_ROW.match(line) or not line.lstrip().startswith('#'))]
-    if not rows:
+    if not body:
         raise ValueError(f'{path} has a header but no observations')
-    numbers, reasons = np.array([number for number, _ in rows]), np.zeros(len(rows), dtype=object)
-    cells = [line.lstrip('# ').split() for _, line in rows]
+    rows = WordRows(path, body)
     strange = {i: 'does not begin with an id such as 2012-04-16.3'
-               for i, (_, line) in enumerate(rows) if not _ROW.match(line)}
-    cost_rows(path, numbers, 'id', [row[0] for row in cells], strange, reasons)
-    same_width(path, numbers, cells, len(names), 'values',
-               f'the header names {len(names)} columns', reasons)
+               for i, (_, line) in enumerate(body) if not _ROW.match(line)}
+    rows.refuse('id', rows.column(0), strange)
+    rows.same_width(len(names), 'values', f'the header names {len(names)} columns')
     for i in strange:
-        cells[i] = [''] * len(names)
-    return _table(path, rows, dict(zip(names, zip(*cells))), numbers, reasons)
+        rows.cells[i] = [''] * len(names)
+    table = _table(rows, dict(zip(names, zip(*rows.cells))))
+    table.exclude(np.array([line.startswith('#') for _, line in body]),
+                  'rejected by the observers (#)')
+    for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):
+        table.exclude(np.isnan(table.columns[name]), f'{label} was not measured')
+    return table
 
 
-def _table(path, rows, cells, numbers, reasons):
+def _table(rows, cells):
     columns, text, renamed = {}, [], []
     for name, column in cells.items():
         column = ['' if set(cell) == {'-'} else cell for cell in column]
@@ -75,9 +79,9 @@ def _table(path, rows, cells, numbers, reasons):
             text.append(name)
             continue
         own = _NAMES.get(name) or own_name(name, cells, renamed)
-        columns[own] = floats(path, numbers, name, column, reasons)
+        columns[own] = rows.floats(name, column)
     days = [ident.split('.')[0] for ident in cells['id']]
-    columns['time'] = parse_iso(path, numbers, 'id', days, reasons) + 3600.0 * columns['UTh']
+    columns['time'] = rows.iso_times('id', days) + 3600.0 * columns['UTh']
     if 'object' in cells:
         columns['star'] = np.array(cells['object'])
     notes = ['x, y are pnt.X, pnt.Y: applied correction plus measured offset, added to the place '
@@ -87,9 +91,4 @@ def _table(path, rows, cells, numbers, reasons):
     notes += renamed
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
-    table = Table(columns, numbers, {'format': 'iram', 'notes': notes}, reasons)
-    rejected = np.array([line.startswith('#') for _, line in rows])
-    table.exclude(rejected, 'rejected by the observers (#)')
-    for name, label in (('x_arcsec', 'pnt.X'), ('y_arcsec', 'pnt.Y')):
-        table.exclude(np.isnan(columns[name]), f'{label} was not measured')
-    return table
+    return Table(columns, rows.lines, {'format': 'iram', 'notes': notes}, rows.reasons)

@@ -2,18 +2,19 @@
 
 import numpy as np
 
-from .run_table import Table, is_number
+from .rows import is_number
+from .run_table import Table
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
 _WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs', 'el_abs')}
 
 
-def looks_like_mmt(lines):
+def looks_like(lines):
     """Whether one of the first lines begins the record of a star."""
     return any(line.startswith('CAT:') for line in lines[:50])
 
 
-def read_mmt(path, lines):
+def read(path, lines):
     """Raw night of the MMT: per star a CAT: line, then angles as elevation and azimuth.
 
     RAA is the refracted place of the catalogue star (0.3" from one computed with ERFA for the

@@ -9,7 +9,8 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .run_table import NoObservations, Table, parse_iso
+from .rows import Rows
+from .run_table import NoObservations, Table
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
@@ -17,14 +18,14 @@ _PRECESSED = 1.0  # deg, that a declination moves between J2000 and now, at most
 _SITES_APART = 0.1  # deg: the first point of a run may carry a rounded latitude
 
 
-def looks_like_mountwizzard(lines):
+def looks_like(lines):
     """Whether this is a JSON list of points with a solution each."""
     first = next((line.strip() for line in lines if line.strip()), '')
     return first.startswith('[') and any('"raJ2000S"' in line or '"angularPosRA"' in line
                                          for line in lines)
 
 
-def read_mountwizzard(path, lines):
+def read(path, lines):
     """MountWizzard4 ``.model``: a list of points, each an image that was solved, or not.
 
     The readings are ``angularPosRA`` and ``angularPosDEC``, the mechanical angles of the axes
@@ -58,7 +59,7 @@ def read_mountwizzard(path, lines):
         raise ValueError(f'{path} is no list of points of MountWizzard4')
     if not points:
         raise NoObservations(f'{path} has no point')
-    numbers = np.arange(1, len(points) + 1)
+    rows = Rows(path, range(1, len(points) + 1))
     values = {name: np.array([_number(point.get(name)) for point in points])
               for name in (*_NUMBERS, 'scaleS', 'latitude')}
     names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
@@ -66,13 +67,12 @@ def read_mountwizzard(path, lines):
             'notes': [],
             'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_told': 'german',
             'clock_tells': True, 'sky_frame': ICRS,
-            'row_names': {int(i): name for i, name in zip(numbers, names) if name}}
+            'row_names': {int(i): name for i, name in zip(rows.lines, names) if name}}
     if not np.isfinite(values['scaleS']).any():
         del values['scaleS']
     times = [str(point.get('julianDate') or '').strip() for point in points]
-    reasons = np.zeros(len(points), dtype=object)
     columns = {
-        'star': np.array(names), 'time': parse_iso(path, numbers, 'julianDate', times, reasons),
+        'star': np.array(names), 'time': rows.iso_times('julianDate', times),
         'ra_deg': 15.0 * values['raJ2000S'], 'dec_deg': _declination(values),
         'lst_told': 15.0 * values['siderealTime'], 'az_enc': values['angularPosRA'],
         'el_enc': values['angularPosDEC'] + 90.0}
@@ -80,8 +80,7 @@ def read_mountwizzard(path, lines):
         columns['scale_arcsec_px'] = values['scaleS']
     if all(isinstance(point.get('mirroredS'), bool) for point in points):
         columns['parity'] = np.array([1.0 if point['mirroredS'] else -1.0 for point in points])
-    table = Table(columns, numbers, meta, reasons,
-                  names=KINDS['equatorial'])
+    table = Table(columns, rows.lines, meta, rows.reasons, names=KINDS['equatorial'])
     for i, point in enumerate(points):
         missing = [name for name in _NUMBERS if not np.isfinite(values[name][i])]
         if point.get('success') is False:
@@ -92,7 +91,7 @@ def read_mountwizzard(path, lines):
             reason = 'decJ2000S does not belong to decJNowS'
         else:
             continue
-        table.exclude(numbers == i + 1, reason)
+        table.exclude_row(i, reason)
     return table
 
 

@@ -1,16 +1,16 @@
-"""What the readers of pointing runs hand over, and how they take numbers from text."""
+"""What the readers of pointing runs hand over."""
 
 import re
-from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from msg_tools.iso_time import read_iso
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
+
+from .rows import Exclusions
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have
@@ -23,14 +23,6 @@ DERIVED = frozenset((
     *(key for kind in KINDS.values() for key in kind.keys)))
 _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn
-_BLOCK = 5000  # times that are read together
-#: cells that say that nothing is known
-UNKNOWN = ('', 'n/a', 'na', '-', '--', 'none', 'null', '?', 'unknown')
-_POINT = re.compile(r'[-+]?\d*\.\d+(?:[eE][-+]?\d+)?', re.ASCII)
-_COMMA = re.compile(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', re.ASCII)
-_NO_TIME = 'is neither ISO 8601 (2021-08-21T04:36:01.5Z) nor seconds since 1970'
-YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
-CLOCK = 1e8  # s: below, time counts from an arbitrary start
 
 
 class NoObservations(ValueError):
@@ -38,7 +30,7 @@ class NoObservations(ValueError):
 
 
 @dataclass
-class Table:
+class Table(Exclusions):
     """A run as it stands in the file: every row, in the file's units and azimuth.
 
     Parameters
@@ -75,10 +67,6 @@ class Table:
     def __post_init__(self):
         if self.reasons is None:
             self.reasons = np.zeros(len(self.lines), dtype=object)
-
-    def exclude(self, mask, text):
-        """Leave out the rows of `mask`; the first reason counts."""
-        self.reasons[mask & (self.reasons == 0)] = text
 
 
 def read_lines(path):
@@ -182,189 +170,3 @@ def sidereal_name(values, taken, notes):
     notes.append(f"column 'lst' never exceeds {_RADIANS}: taken as radians; call it lst_h if it is "
                  'in hours')
     return 'lst'
-
-
-def is_number(text):
-    """Whether `text` reads as a number (NaN and infinities do)."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def bad_cell(path, lines, label, cells, i, what):
-    """The ValueError of the cell of row `i`, which `what` is said of."""
-    return ValueError(f'{path}, row {lines[i]}, column {label}: {cells[i][:40]!r} {what}')
-
-
-def same_width(path, numbers, rows, width, what, against, reasons=None):
-    """Blank rows of another length than `width`; `what` their cells are, and `against` what.
-
-    Parameters
-    ----------
-    reasons : ndarray of object, shape (n,), optional
-        Gets why a row is left out; without it, and where most rows are such, the file is refused.
-
-    Raises
-    ------
-    ValueError
-        With the file and the row.
-    """
-    bad = [i for i, row in enumerate(rows) if len(row) != width]
-    if bad and (reasons is None or 2 * len(bad) > len(rows)):
-        i = bad[0]
-        raise ValueError(f'{path}, row {numbers[i]}: {len(rows[i])} {what}, but {against}')
-    for i in bad:
-        reasons[i] = f'{len(rows[i])} {what}, but {against}'
-        rows[i] = [''] * width
-
-
-def usual_width(body):
-    """Words of most lines of (line number, text), but for those that begin with ``#``."""
-    lines = [line for _, line in body if not line.startswith('#')] or [line.lstrip('# ')
-                                                                       for _, line in body]
-    return Counter(len(line.split()) for line in lines).most_common(1)[0][0]
-
-
-def cost_rows(path, lines, label, cells, bad, reasons=None):
-    """Leave out the rows of bad cells; a column most of whose cells are bad costs the file.
-
-    Parameters
-    ----------
-    path : Path
-    lines : sequence of int, shape (n,)
-    label : str
-        Name of the column.
-    cells : sequence of str, shape (n,)
-    bad : dict of int to str
-        Rows, and what is said of their cells.
-    reasons : ndarray of object, shape (n,), optional
-        Gets why a row is left out; without it one bad cell costs the file.
-
-    Raises
-    ------
-    ValueError
-        File, row and column.
-    """
-    if not bad:
-        return
-    if reasons is None or 2 * len(bad) > sum(map(bool, cells)):
-        i = min(bad)
-        raise bad_cell(path, lines, label, cells, i, bad[i])
-    for i, what in bad.items():
-        if reasons[i] == 0:
-            reasons[i] = f'{label} {cells[i][:40]!r} {what}'
-
-
-def decimal_points(cells):
-    """Numbers with decimal commas as ones with points, where none of the column has a point."""
-    if not any(',' in cell for cell in cells) or any(map(_POINT.fullmatch, cells)):
-        return cells
-    return [cell.replace(',', '.') if _COMMA.fullmatch(cell) else cell for cell in cells]
-
-
-def floats(path, lines, label, cells, reasons=None):
-    """Cells as numbers; one that is empty, or says that it is unknown, is NaN.
-
-    Parameters
-    ----------
-    path, lines, label, cells, reasons
-        As of `cost_rows`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where a cell is no number.
-
-    Raises
-    ------
-    ValueError
-        As `cost_rows`.
-    """
-    cells = decimal_points(cells)
-    try:
-        return np.array([cell or 'nan' for cell in cells], dtype=float)
-    except ValueError:
-        pass
-    values, bad = np.full(len(cells), np.nan), {}
-    for i, cell in enumerate(cells):
-        if is_number(cell):
-            values[i] = float(cell)
-        elif cell.lower() not in UNKNOWN:
-            bad[i] = _no_number(cell)
-    cost_rows(path, lines, label, cells, bad, reasons)
-    return values
-
-
-def _no_number(cell):
-    """What is said of a cell that should be a number."""
-    if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
-        return 'is not a number; write decimal degrees, as 45.5'
-    if _COMMA.fullmatch(cell):
-        return 'is not a number; other cells of the column have decimal points'
-    if re.fullmatch(r'[-+]?[\d.]+\s*\D+', cell):
-        return 'is not a number; leave the unit out: the name of the column has it'
-    return 'is not a number'
-
-
-def parse_iso(path, lines, label, cells, reasons=None):
-    """Seconds since 1970 of ISO 8601 times, UTC where no zone is given; empty is NaN.
-
-    Parameters
-    ----------
-    path, lines, label, cells, reasons
-        As of `cost_rows`. What is read: `msg_tools.iso_time.read_iso`.
-
-    Raises
-    ------
-    ValueError
-        As `cost_rows`; a bad cell is no such time, or outside 1900 to 2100.
-    """
-    values = np.empty(len(cells))
-    for i in range(0, len(cells), _BLOCK):  # what a pattern matched is ten times as long
-        whole, fraction = read_iso(cells[i:i + _BLOCK])
-        values[i:i + _BLOCK] = whole + fraction
-    bad = {int(i): _NO_TIME for i in np.flatnonzero(np.isnan(values))
-           if cells[i].lower() not in UNKNOWN}
-    outside = (values < YEAR_1900) | (values > YEAR_2100)
-    bad |= {int(i): 'is outside 1900 to 2100' for i in np.flatnonzero(outside)}
-    cost_rows(path, lines, label, cells, bad, reasons)
-    return np.where(outside, np.nan, values)
-
-
-def seconds_or_iso(path, lines, label, cells, reasons=None):
-    """Times that are seconds since 1970, or ISO 8601: what most cells are.
-
-    Parameters
-    ----------
-    path, lines, label, cells, reasons
-        As of `cost_rows`.
-
-    Raises
-    ------
-    ValueError
-        As `cost_rows`; half of the times are seconds, half ISO 8601.
-    """
-    known = [i for i, cell in enumerate(cells) if cell.lower() not in UNKNOWN]
-    seconds = [i for i in known if is_number(cells[i])]
-    if 2 * len(seconds) == len(known) > 0:
-        other = next(i for i in known if not is_number(cells[i]))
-        if not np.isnan(read_iso([cells[other]])[1][0]):
-            raise ValueError(f'{path}, column {label}: mixes seconds (row {lines[seconds[0]]}) and '
-                             f'ISO 8601 (row {lines[other]})')
-    if 2 * len(seconds) < len(known) or not known:
-        return parse_iso(path, lines, label, cells, reasons)
-    values = floats(path, lines, label, cells, reasons)
-    outside = np.isfinite(values) & ((values < YEAR_1900) | (values > YEAR_2100))
-    cost_rows(path, lines, label, cells, {
-        int(i): f'is outside 1900 to 2100{_unit_of(values[i])}; give seconds since 1970 or '
-        'ISO 8601' for i in np.flatnonzero(outside)}, reasons)
-    return np.where(outside, np.nan, values)
-
-
-def _unit_of(value):
-    """A question after a unit in which a number would be a time."""
-    return next((f' (is this {word}?)' for scale, word in (
-        (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
-        if CLOCK < value / scale < YEAR_2100), '')

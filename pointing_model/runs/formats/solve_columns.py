@@ -75,9 +75,7 @@ def flag_twice(table):
             kept = np.append(kept[-8:], row)
             continue
         worse, better = (row, twin) if sigma[row] >= sigma[twin] else (twin, row)
-        mask = np.zeros(len(time), bool)
-        mask[worse] = True
-        table.exclude(mask, f'a second solution of the image of row {table.lines[better]}')
+        table.exclude_row(worse, f'a second solution of the image of row {table.lines[better]}')
         if worse == twin:
             kept = np.append(kept[kept != twin], row)
     if moved:
@@ -120,10 +118,9 @@ def flag_scales(table):
                          f'others {usual:.4g}: another camera or binning?')
             continue
         for i in np.flatnonzero(odd):
-            mask = np.arange(len(values)) == i
             flipped = ' (of the other sign)' if values[i] * usual < 0.0 else ''
-            table.exclude(mask, f'the scale of its solution is {values[i]:.4g} arcsec a pixel'
-                          f'{flipped}, of the others {usual:.4g}: a false solve')
+            table.exclude_row(i, f'the scale of its solution is {values[i]:.4g} arcsec a pixel'
+                              f'{flipped}, of the others {usual:.4g}: a false solve')
 
 
 def refuse_hours(path, ra, dec, time, site):
@@ -151,7 +148,7 @@ def refuse_hours(path, ra, dec, time, site):
             f'rows are below the horizon; as hours {as_hours.sum()} are: give degrees')
 
 
-def one_mount(path, lines, name, cells):
+def one_mount(table, name, cells):
     """Refuse a column that names more than one mount.
 
     Raises
@@ -160,7 +157,8 @@ def one_mount(path, lines, name, cells):
         With the first row of another mount.
     """
     first = next((cell for cell in cells if cell), '')
-    for line, cell in zip(lines, cells):
+    for line, cell in zip(table.lines, cells):
         if cell and cell != first:
-            raise ValueError(f'{path}, row {line}, column {name}: {cell[:40]!r}, but the rows '
-                             f'before are of {first[:40]!r}: a run is of one mount; split the file')
+            raise ValueError(f'{table.path}, row {line}, column {name}: {cell[:40]!r}, but the '
+                             f'rows before are of {first[:40]!r}: a run is of one mount; split the '
+                             'file')

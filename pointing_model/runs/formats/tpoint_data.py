@@ -8,14 +8,15 @@ from msg_tools.units import DEG
 from pointing_model.runs.run import REQUIRED
 
 from .equatorial import PLACES, read_exported, read_short
-from .run_table import NoObservations, Table, content, floats, is_number, same_width, usual_width
+from .rows import WordRows, is_number, usual_width
+from .run_table import NoObservations, Table, content
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
 _ANGLES = ('observed azimuth', 'observed elevation', 'mount azimuth', 'mount elevation')
 
 
-def looks_like_tpoint(lines):
+def looks_like(lines):
     """Whether there are option lines, or the short form's line ``A`` or ``E``."""
     body = content(lines, '!')
     if any(line.startswith(':') for _, line in body[:10]):
@@ -23,7 +24,7 @@ def looks_like_tpoint(lines):
     return len(body) > 1 and body[1][1].strip().upper() in ('A', 'E')
 
 
-def read_tpoint(path, lines):
+def read(path, lines):
     """Caption, options, run parameters, rows of observed and mount azimuth and elevation.
 
     Of lines that begin with ``#`` those with numbers are observations that the observers have
@@ -88,15 +89,19 @@ def read_tpoint(path, lines):
             if not line.startswith('#') or len(line.lstrip('# ').split()) == width]
     if not body:
         raise NoObservations(f'{path} has a header but no observations')
-    rejected = np.array([line.startswith('#') for _, line in body])
-    numbers, cells, reasons = _rows(path, [(n, line.lstrip('# ')) for n, line in body], width)
+    rows = WordRows(path, body)
+    if not 4 <= width <= 8:
+        raise ValueError(f'{path}, row {rows.lines[0]}: {width} numbers; only format 4 (observed '
+                         'azimuth and elevation, mount azimuth and elevation) is read')
+    rows.same_width(width, 'numbers', f'{width} in most rows')
     names = [*_ANGLES, *('rotator_deg' if rotator and i == 0 else f'auxiliary_{i + 1}'
-                         for i in range(len(cells[0]) - 4))]
-    columns = {key: floats(path, numbers, name, column, reasons)
-               for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*cells))}
-    commented = [n for n, words in commented if len(words) == len(cells[0]) and n > begin]
-    table = Table(columns, numbers, meta, reasons, commented=commented)
-    table.exclude(rejected, 'rejected by the observers (#)')
+                         for i in range(width - 4))]
+    columns = {key: rows.floats(name, column)
+               for key, name, column in zip([*REQUIRED, *names[4:]], names, zip(*rows.cells))}
+    commented = [n for n, words in commented if len(words) == width and n > begin]
+    table = Table(columns, rows.lines, meta, rows.reasons, commented=commented)
+    table.exclude(np.array([line.startswith('#') for _, line in body]),
+                  'rejected by the observers (#)')
     return table
 
 
@@ -138,16 +143,6 @@ def _body(lines, meta):
         if words and all(map(is_number, words)):
             commented.append((number, words))
     return body, commented
-
-
-def _rows(path, body, width):
-    numbers, reasons = np.array([number for number, _ in body]), np.zeros(len(body), dtype=object)
-    cells = [line.split() for _, line in body]
-    if not 4 <= width <= 8:
-        raise ValueError(f'{path}, row {numbers[0]}: {width} numbers; only format 4 (observed '
-                         'azimuth and elevation, mount azimuth and elevation) is read')
-    same_width(path, numbers, cells, width, 'numbers', f'{width} in most rows', reasons)
-    return numbers, cells, reasons
 
 
 def _run_parameters(path, number, line, meta):

@@ -7,16 +7,8 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .run_table import (
-    Table,
-    content,
-    cost_rows,
-    floats,
-    is_number,
-    parse_iso,
-    same_width,
-    usual_width,
-)
+from .rows import WordRows, is_number, usual_width
+from .run_table import Table, content
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
@@ -25,7 +17,7 @@ _COLUMNS = ('name', 'requested ra', 'requested dec', 'observed ra', 'observed de
 _WIDTHS = (len(_COLUMNS), len(_COLUMNS) - 1)  # some logs have no equinox
 
 
-def looks_like_unam(lines):
+def looks_like(lines):
     """Whether the first row is a name that holds a time stamp, and so many numbers."""
     return _is_row(next((line for _, line in content(lines)), '').split())
 
@@ -35,7 +27,7 @@ def _is_row(cells):
             and all(map(is_number, cells[1:])))
 
 
-def read_unam(path, lines):
+def read(path, lines):
     """Solved images with the angles of a German mount, and the side of the pier.
 
     The catalogue is the solved place (J2000), the reading hour angle and declination of the mount;
@@ -58,21 +50,19 @@ def read_unam(path, lines):
         A row of another length, a cell that is no number.
     """
     body = content(lines)
-    numbers = np.array([number for number, _ in body])
-    cells = [line.split() for _, line in body]
-    names, reasons = _COLUMNS[:usual_width(body)], np.zeros(len(body), dtype=object)
-    same_width(path, numbers, cells, len(names), 'columns', f'{len(names)} in most rows', reasons)
-    stamps = [_NAME.fullmatch(row[0]) for row in cells]
-    cost_rows(path, numbers, 'name', [row[0] for row in cells], {
+    rows, names = WordRows(path, body), _COLUMNS[:usual_width(body)]
+    rows.same_width(len(names), 'columns', f'{len(names)} in most rows')
+    images = rows.column(0)
+    stamps = [_NAME.fullmatch(image) for image in images]
+    rows.refuse('name', images, {
         i: 'does not hold a time stamp such as 20211103T044721'
-        for i, (stamp, row) in enumerate(zip(stamps, cells)) if not stamp and row[0]}, reasons)
-    value = {name: floats(path, numbers, name, [row[i] for row in cells], reasons)
-             for i, name in enumerate(names) if i >= 5}
+        for i, (stamp, image) in enumerate(zip(stamps, images)) if not stamp and image})
+    value = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(names) if i >= 5}
     times = ['{}-{}-{}T{}:{}:{}Z'.format(*match.groups()) if match else '' for match in stamps]
     beyond = value['rotation'] == 180.0
     columns = {
         'ra_deg': value['solved ra'], 'dec_deg': value['solved dec'],
-        'time': parse_iso(path, numbers, 'name', times, reasons),
+        'time': rows.iso_times('name', times),
         'lst_told': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
         'pier_side': np.where(beyond, -1, 1)}
@@ -81,12 +71,12 @@ def read_unam(path, lines):
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
-    table = Table(columns, numbers, meta, reasons,
+    table = Table(columns, rows.lines, meta, rows.reasons,
                   commented=_commented(lines), names=KINDS['equatorial'])
     for name, allowed, words in (('rotation', (0.0, 180.0), '0 or 180'),
                                  ('equinox', (2000.0,), '2000')):
         for i in np.flatnonzero(~np.isin(value.get(name, allowed[0]), allowed)):
-            table.exclude(np.arange(len(cells)) == i, f'{name}: {value[name][i]:g} is not {words}')
+            table.exclude_row(i, f'{name}: {value[name][i]:g} is not {words}')
     return table
 
 
@@ -94,5 +84,4 @@ def _commented(lines):
     """Numbers of the rows that were taken back by a # before them."""
     rows = ((number, line.lstrip().removeprefix('#').split())
             for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
-    return [number for number, row in rows
-            if _is_row(row)]
+    return [number for number, row in rows if _is_row(row)]

@@ -1,0 +1,241 @@
+"""Rows of a file, and how their cells become numbers: one set of rules for every format."""
+
+import re
+from collections import Counter
+
+import numpy as np
+
+from msg_tools.iso_time import read_iso
+
+_BLOCK = 5000  # times that are read together
+#: cells that say that nothing is known
+UNKNOWN = ('', 'n/a', 'na', '-', '--', 'none', 'null', '?', 'unknown')
+_POINT = re.compile(r'[-+]?\d*\.\d+(?:[eE][-+]?\d+)?', re.ASCII)
+_COMMA = re.compile(r'[-+]?\d*,\d+(?:[eE][-+]?\d+)?', re.ASCII)
+_NO_TIME = 'is neither ISO 8601 (2021-08-21T04:36:01.5Z) nor seconds since 1970'
+YEAR_1900, YEAR_2100 = -2208988800.0, 4102444800.0  # s since 1970
+CLOCK = 1e8  # s: below, time counts from an arbitrary start
+
+
+class Exclusions:
+    """What has rows, and ``reasons`` why some are left out: ndarray of object, 0 where not."""
+
+    def exclude(self, mask, text):
+        """Leave out the rows of `mask`; the first reason counts."""
+        self.reasons[mask & (self.reasons == 0)] = text
+
+    def exclude_row(self, row, text):
+        """Leave out a single row, by its place; the first reason counts."""
+        if self.reasons[row] == 0:
+            self.reasons[row] = text
+
+
+class Rows(Exclusions):
+    """Rows of a file whose cells become numbers.
+
+    A bad cell leaves its row out; a column most of whose cells are bad costs the file.
+
+    Parameters
+    ----------
+    path : Path or str
+        For messages.
+    lines : sequence of int, shape (n,)
+        Line of the file that each row is on.
+    strict : bool
+        One bad cell costs the file.
+    """
+
+    def __init__(self, path, lines, strict=False):
+        self.path, self.lines, self.strict = path, np.array(lines, dtype=int), strict
+        self.reasons = np.zeros(len(self.lines), dtype=object)
+
+    def __len__(self):
+        return len(self.lines)
+
+    def refuse(self, label, cells, bad):
+        """Leave out the rows of bad cells.
+
+        Parameters
+        ----------
+        label : str
+            Name of the column.
+        cells : sequence of str, shape (n,)
+        bad : dict of int to str
+            Rows, and what is said of their cells.
+
+        Raises
+        ------
+        ValueError
+            File, row and column, where most cells are bad.
+        """
+        if not bad:
+            return
+        if self.strict or 2 * len(bad) > sum(map(bool, cells)):
+            i = min(bad)
+            raise ValueError(f'{self.path}, row {self.lines[i]}, column {label}: '
+                             f'{cells[i][:40]!r} {bad[i]}')
+        for i, what in bad.items():
+            self.exclude_row(i, f'{label} {cells[i][:40]!r} {what}')
+
+    def floats(self, label, cells):
+        """Cells as numbers; one that is empty, or says that it is unknown, is NaN.
+
+        Parameters
+        ----------
+        label, cells
+            As of `refuse`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            NaN where a cell is no number.
+
+        Raises
+        ------
+        ValueError
+            As `refuse`.
+        """
+        cells = decimal_points(cells)
+        try:
+            return np.array([cell or 'nan' for cell in cells], dtype=float)
+        except ValueError:
+            pass
+        values, bad = np.full(len(cells), np.nan), {}
+        for i, cell in enumerate(cells):
+            if is_number(cell):
+                values[i] = float(cell)
+            elif cell.lower() not in UNKNOWN:
+                bad[i] = _no_number(cell)
+        self.refuse(label, cells, bad)
+        return values
+
+    def iso_times(self, label, cells):
+        """Seconds since 1970 of ISO 8601 times, UTC where no zone is given; empty is NaN.
+
+        Parameters
+        ----------
+        label, cells
+            As of `refuse`. What is read: `msg_tools.iso_time.read_iso`.
+
+        Raises
+        ------
+        ValueError
+            As `refuse`; a bad cell is no such time, or outside 1900 to 2100.
+        """
+        values = np.empty(len(cells))
+        for i in range(0, len(cells), _BLOCK):  # what a pattern matched is ten times as long
+            whole, fraction = read_iso(cells[i:i + _BLOCK])
+            values[i:i + _BLOCK] = whole + fraction
+        bad = {int(i): _NO_TIME for i in np.flatnonzero(np.isnan(values))
+               if cells[i].lower() not in UNKNOWN}
+        outside = (values < YEAR_1900) | (values > YEAR_2100)
+        bad |= {int(i): 'is outside 1900 to 2100' for i in np.flatnonzero(outside)}
+        self.refuse(label, cells, bad)
+        return np.where(outside, np.nan, values)
+
+    def times(self, label, cells):
+        """Times that are seconds since 1970, or ISO 8601: what most cells are.
+
+        Parameters
+        ----------
+        label, cells
+            As of `refuse`.
+
+        Raises
+        ------
+        ValueError
+            As `refuse`; half of the times are seconds, half ISO 8601.
+        """
+        known = [i for i, cell in enumerate(cells) if cell.lower() not in UNKNOWN]
+        seconds = [i for i in known if is_number(cells[i])]
+        if 2 * len(seconds) == len(known) > 0:
+            other = next(i for i in known if not is_number(cells[i]))
+            if not np.isnan(read_iso([cells[other]])[1][0]):
+                raise ValueError(f'{self.path}, column {label}: mixes seconds (row '
+                                 f'{self.lines[seconds[0]]}) and ISO 8601 (row '
+                                 f'{self.lines[other]})')
+        if 2 * len(seconds) < len(known) or not known:
+            return self.iso_times(label, cells)
+        values = self.floats(label, cells)
+        outside = np.isfinite(values) & ((values < YEAR_1900) | (values > YEAR_2100))
+        self.refuse(label, cells, {
+            int(i): f'is outside 1900 to 2100{_unit_of(values[i])}; give seconds since 1970 or '
+            'ISO 8601' for i in np.flatnonzero(outside)})
+        return np.where(outside, np.nan, values)
+
+
+class WordRows(Rows):
+    """Rows of words between blanks, also behind a ``#``.
+
+    Parameters
+    ----------
+    path : Path or str
+        For messages.
+    body : list of (int, str)
+        Line of the file and text of each row.
+    """
+
+    def __init__(self, path, body):
+        super().__init__(path, [number for number, _ in body])
+        self.cells = [line.lstrip('# ').split() for _, line in body]
+
+    def column(self, i):
+        """Cells of column `i`, a list of str."""
+        return [row[i] for row in self.cells]
+
+    def same_width(self, width, what, against):
+        """Blank rows of another length than `width`; `what` their cells are, and `against` what.
+
+        Raises
+        ------
+        ValueError
+            With the file and the row, where most rows are such.
+        """
+        bad = [i for i, row in enumerate(self.cells) if len(row) != width]
+        for i in bad:
+            self.reasons[i] = f'{len(self.cells[i])} {what}, but {against}'
+        if 2 * len(bad) > len(self):
+            raise ValueError(f'{self.path}, row {self.lines[bad[0]]}: {self.reasons[bad[0]]}')
+        for i in bad:
+            self.cells[i] = [''] * width
+
+
+def is_number(text):
+    """Whether `text` reads as a number (NaN and infinities do)."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def usual_width(body):
+    """Words of most lines of (line number, text), but for those that begin with ``#``."""
+    lines = [line for _, line in body if not line.startswith('#')] or [line.lstrip('# ')
+                                                                       for _, line in body]
+    return Counter(len(line.split()) for line in lines).most_common(1)[0][0]
+
+
+def decimal_points(cells):
+    """Numbers with decimal commas as ones with points, where none of the column has a point."""
+    if not any(',' in cell for cell in cells) or any(map(_POINT.fullmatch, cells)):
+        return cells
+    return [cell.replace(',', '.') if _COMMA.fullmatch(cell) else cell for cell in cells]
+
+
+def _no_number(cell):
+    """What is said of a cell that should be a number."""
+    if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
+        return 'is not a number; write decimal degrees, as 45.5'
+    if _COMMA.fullmatch(cell):
+        return 'is not a number; other cells of the column have decimal points'
+    if re.fullmatch(r'[-+]?[\d.]+\s*\D+', cell):
+        return 'is not a number; leave the unit out: the name of the column has it'
+    return 'is not a number'
+
+
+def _unit_of(value):
+    """A question after a unit in which a number would be a time."""
+    return next((f' (is this {word}?)' for scale, word in (
+        (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))
+        if CLOCK < value / scale < YEAR_2100), '')
