@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.places import DEFAULT_SITE
-from pointing_model.sky.satellite import in_sunlight, satellite_place, sun_elevation
+from pointing_model.sky.places import DEFAULT_SITE, sun_place
+from pointing_model.sky.satellite import in_sunlight, satellite_place
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
         up = elevation(time) >= min_el
         if dark:
             late = time[up]
-            up[up] = (sun_elevation(late, site) < -12.0 * DEG) & in_sunlight(satellite, late)
+            up[up] = (sun_place(late, site)[1] < -12.0 * DEG) & in_sunlight(satellite, late)
         return up
 
     time = np.append(np.arange(start, start + 3600.0 * hours, step), start + 3600.0 * hours)

@@ -11,7 +11,9 @@ from msg_tools.units import ARCSEC, wrap
 
 from .calibration_messages import check_model, check_zero
 from .context import Context
+from .fitted_effects import as_context
 from .model import PointingModel
+from .model_application import turned
 from .model_document import identity, walks_of
 from .mounts import ALTAZ, told
 from .terms import design
@@ -206,33 +208,6 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
         **known, 'time': time_driver(model, stamps), 'approach_az': approach[0],
         'approach_el': approach[1], **travelled(plain, row)}, site.latitude, site.longitude,
         mount)
-
-
-def demand_angles(model, az, el, context, zero):
-    """Encoder angles that point at a place, without the zero.
-
-    Parameters
-    ----------
-    model : PointingModel
-    az, el : ndarray, shape (n,)
-        Catalogue place, rad.
-    context : Context or None
-    zero : array_like, shape (2,)
-        In force, rad: an encoder's graduation is met at the angle with the zero.
-
-    Returns
-    -------
-    az, el : ndarray, shape (n,)
-    """
-    if context is None or not model.by_reading:
-        return model.sky_to_encoder(az, el, context)
-    raw = az, el
-    # each round divides the error by period / (2 pi amplitude)
-    for _ in range(12):
-        out = model.sky_to_encoder(
-            az, el, context.at(az, el, az_raw=raw[0] + zero[0], el_raw=raw[1] + zero[1]))
-        raw = out
-    return out
 
 
 class InForce:
@@ -442,6 +417,7 @@ class InForce:
         ndarray, shape (n, 2)
             rad.
         """
-        if self.model is not None:
-            az, el = demand_angles(self.model, az, el, context, self.zero_now)
-        return np.column_stack([az, el]) + self.zero_now
+        if self.model is None:
+            return np.column_stack([az, el]) + self.zero_now
+        context = as_context(context, az, el, self.model.mount)
+        return np.column_stack(turned(self.model, context, self.zero_now))

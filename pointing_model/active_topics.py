@@ -1,7 +1,5 @@
 """The topics and the parameter from which a node knows what is in force."""
 
-from functools import partial
-
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
@@ -31,8 +29,8 @@ def in_force_of(node, changed=lambda topic: None, mount=None):
     InForce
     """
     file = node.value(MODEL_FILE.name)
-    load = PointingModel.load if mount is None else partial(PointingModel.load_for, mount=mount)
-    now = InForce(load(file) if file else None, mount)
+    model = PointingModel.load(file, mount) if file else None
+    now = InForce(model, mount)
 
     def on_temperature(message):
         now.thermometer.take(*convert.read_temperature(message))

@@ -8,7 +8,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .mounts import ALTAZ, OF_MOUNT, is_beyond
-from .runs.run import COLUMNS
+from .runs.run import COLUMNS, known_site
 from .terms import Trig
 
 #: columns of a run that are no drivers of the user's own
@@ -135,9 +135,8 @@ class Context:
         if encoder != 'enc':
             columns['az_enc'], columns['el_enc'] = run[f'az_{encoder}'], run[f'el_{encoder}']
         az, el = columns.pop('az'), columns.pop('el')
-        site = run.meta.get('site') or {}
-        place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
-                 for name in ('latitude', 'longitude')}
+        site = known_site(run.meta)
+        place = {name: site.get(name) for name in ('latitude', 'longitude')}
         if place['latitude'] is None and run.mount.celestial:
             place['latitude'] = run.mount.latitude
         context = cls(az, el, columns, **place, mount=run.mount)

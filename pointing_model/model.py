@@ -367,13 +367,7 @@ class PointingModel:
         return from_json(text)
 
     @staticmethod
-    def load(path):
+    def load(path, mount=None):
         """`model_document.load`."""
         from .model_document import load
-        return load(path)
-
-    @staticmethod
-    def load_for(path, mount):
-        """`model_document.load_for`."""
-        from .model_document import load_for
-        return load_for(path, mount)
+        return load(path, mount)

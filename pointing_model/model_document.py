@@ -41,6 +41,12 @@ _CONVENTION_ON_SKY = (
 )
 
 
+def _coefficient(name, value, sigma, undetermined):
+    """Entry of a term or of a coefficient of the harmonics, of angles in radians."""
+    row = {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
+    return {**row, 'sigma_arcsec': None, 'undetermined': True} if name in undetermined else row
+
+
 def to_json(model):
     """A model as a versioned JSON document.
 
@@ -53,7 +59,6 @@ def to_json(model):
     str
         Angles in arcsec. `from_json` gives the same model back, to the last bit.
     """
-    sigma = model.sigmas / ARCSEC
     h = model.harmonics
     document = {
         'format': FORMAT,
@@ -61,13 +66,8 @@ def to_json(model):
         'convention': _CONVENTION,
         **_mount_document(model.mount),
         'geometry': model.geometry,
-        'terms': [
-            {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(s)}
-            if name not in model.undetermined else
-            {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': None,
-             'undetermined': True}
-            for (name, value), s in zip(model.terms.items(), sigma)
-        ],
+        'terms': [_coefficient(name, value, float(sigma), model.undetermined)
+                  for (name, value), sigma in zip(model.terms.items(), model.sigmas)],
         'covariance_arcsec2': (model.covariance / ARCSEC**2).tolist(),
         'harmonics': None if h is None else {
             _INTERPRETATION: h.interpretation,
@@ -76,11 +76,8 @@ def to_json(model):
             'covariance_arcsec2': (h.covariance / ARCSEC**2).tolist(),
             # the same for people, by the names of paper 000
             'degree': h.degree,
-            _NAMED: [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': s / ARCSEC}
-                     if name not in model.undetermined_harmonics else
-                     {'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': None,
-                      'undetermined': True}
-                     for name, (value, s) in h.coefficients.items()],
+            _NAMED: [_coefficient(name, *of, model.undetermined_harmonics)
+                     for name, of in h.coefficients.items()],
         },
         'provenance': model.provenance,
     }
@@ -237,12 +234,14 @@ def save(model, path):
     write_text(path, text)
 
 
-def load(path):
+def load(path, mount=None):
     """Read a model that `save` wrote.
 
     Parameters
     ----------
     path : str or Path
+    mount : Mount, optional
+        Of which it must be.
 
     Returns
     -------
@@ -251,7 +250,7 @@ def load(path):
     Raises
     ------
     ValueError
-        Another suffix, or not a pointing model; the message names the file.
+        Another suffix, not a pointing model, or one of another mount; the message names the file.
     OSError
         The file cannot be read.
     """
@@ -259,38 +258,22 @@ def load(path):
     is_yaml = _is_yaml(path)
     try:
         text = path.read_text(encoding='utf-8')
-        if not is_yaml:
-            return from_json(text)
-        import yaml
-
-        try:
-            document = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            line = ' '.join(str(error).split())
-            raise ValueError(f'pointing model is not YAML: {line}') from None
-        return from_document(document)
+        model = from_document(_parsed_yaml(text)) if is_yaml else from_json(text)
+        if mount is not None and not mount.agrees(model.mount):
+            raise ValueError(f'a model of another mount ({told(model.mount)}) than this one '
+                             f'({told(mount)})')
+        return model
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
 
 
-def load_for(path, mount):
-    """`load`, of a given mount.
+def _parsed_yaml(text):
+    import yaml
 
-    Parameters
-    ----------
-    path : str or Path
-    mount : Mount
-
-    Raises
-    ------
-    ValueError
-        As `load`, or the model is of another mount.
-    """
-    model = load(path)
-    if not mount.agrees(model.mount):
-        raise ValueError(f'{path}: a model of another mount ({told(model.mount)}) than this one '
-                         f'({told(mount)})')
-    return model
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f'pointing model is not YAML: {" ".join(str(error).split())}') from None
 
 
 def _is_yaml(path):

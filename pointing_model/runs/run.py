@@ -203,6 +203,14 @@ KEPT_POWER_ONS = Param(
     fixed=True)
 
 
+def known_site(meta):
+    """Site by the ``meta`` of a run: a dict of latitude, longitude, height (rad, m), as known."""
+    site = meta.get('site') or {}
+    return site if isinstance(site, dict) else {
+        name: getattr(site, name) for name in ('latitude', 'longitude', 'height')
+        if hasattr(site, name)}
+
+
 def first_of_last(runs, count):
     """The first row that is kept: from there on there are `count` power-ons.
 

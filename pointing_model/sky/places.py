@@ -202,19 +202,18 @@ def sun_place(time, site=DEFAULT_SITE):
 
     Parameters
     ----------
-    time : float
+    time : float or ndarray, shape (n,)
         UTC, seconds since 1970-01-01.
     site : Site
 
     Returns
     -------
-    az, el : float
+    az, el : float or ndarray, shape (n,)
         rad. Good to 30": the Earth's place is ERFA's, the parallax is left out.
     """
     earth = erfa.ufunc.epv00(*terrestrial(time))[0]['p']
     ra, dec = erfa.c2s(-earth)
-    az, el = icrs_to_observed(ra, dec, time, site, Weather(pressure_hpa=0.0))
-    return float(az), float(el)
+    return icrs_to_observed(ra, dec, time, site, Weather(pressure_hpa=0.0))
 
 
 def sidereal_time(time, site=DEFAULT_SITE):

@@ -173,24 +173,6 @@ def in_sunlight(satellite, time):
     return (along > 0.0) | (across > _EARTH_RADIUS)
 
 
-def sun_elevation(time, site=DEFAULT_SITE):
-    """Elevation of the Sun without refraction, good to 0.01 degrees.
-
-    Parameters
-    ----------
-    time : float or ndarray
-        UTC, seconds since 1970-01-01.
-    site : Site
-
-    Returns
-    -------
-    float or ndarray
-        Radians.
-    """
-    time = np.asarray(time, float)
-    return _horizontal(_sun_and_motion(time)[0], _earth(time, None)[1], site)[1]
-
-
 def _earth(time, orientation):
     """GMST (rad), and the matrix from the Earth's axis of date to ITRS."""
     orientation = orientation or earth_orientation(time)

@@ -5,7 +5,6 @@ from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import (
     HORIZON,
     Gauge,
-    demand_angles,
     pointing_context,
     time_driver,
     travelled,
@@ -14,6 +13,7 @@ from pointing_model.context import Context
 from pointing_model.effects import PERIODS, effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.model_application import turned
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.observing.night_table import blind_summary
 
@@ -57,8 +57,8 @@ def test_a_graduation_is_met_at_the_angle_with_the_zero():
     model = PointingModel({'IE': 40 * ARCSEC}, effects=[
         FittedEffect(subdivision, np.array([amplitude, 0.0]))])
     az, el = np.full(9, 1.0), np.linspace(0.6, 0.6001, 9)
-    _, out = demand_angles(model, az, el, Context(az, el, {}), zero)
-    reading = out + zero[1]
+    _, reading = turned(model, Context(az, el, {}), zero)
+    out = reading - zero[1]
     wanted = amplitude * np.cos(2 * np.pi * np.mod(reading, PERIODS['grating'])
                                 / PERIODS['grating'])
     np.testing.assert_allclose((out - el - 40 * ARCSEC) / ARCSEC, wanted / ARCSEC, atol=1e-4)
@@ -66,7 +66,7 @@ def test_a_graduation_is_met_at_the_angle_with_the_zero():
 
 def test_without_a_reading_nothing_is_iterated():
     model = PointingModel({'IE': 40 * ARCSEC})
-    _, el = demand_angles(model, np.array([1.0]), np.array([0.6]), None, np.zeros(2))
+    _, el = turned(model, Context(np.array([1.0]), np.array([0.6])))
     assert el[0] - 0.6 == pytest.approx(40 * ARCSEC)
 
 
@@ -94,7 +94,7 @@ def test_the_approach_is_that_of_the_coming_move(here, sign):
                                approach=None, **where)
     assert (context.get('approach_az')[0], context.get('approach_el')[0]) == sign
     assert context.get('temperature')[2] == 4.0 and context.latitude == DEFAULT_SITE.latitude
-    out, _ = demand_angles(model, az, el, context, np.zeros(2))
+    out, _ = turned(model, context)
     assert (out[0] - 1.0) / ARCSEC == pytest.approx(10.0 * sign[0])
     # once it is there, small moves to the same star do not change the side
     context = pointing_context(model, np.full(3, NOW), az, el, {}, approach=(-1.0, -1.0), **where)

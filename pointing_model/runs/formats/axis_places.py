@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import is_beyond, sides, through_pole
-from pointing_model.runs.run import column_name
+from pointing_model.runs.run import column_name, known_site
 
 from . import equinox
 from .checks import PAIRS
@@ -33,9 +33,8 @@ def observe_places(path, table, weather, origin, mount):
     columns, meta = table.columns, table.meta
     if 'ra_deg' not in columns:
         return
-    told = meta.get('site') or {}
-    told_longitude = not isinstance(told, dict) or 'longitude' in told
-    site = _whole_site(path, told, meta.get('clock_tells'))
+    given_longitude = 'longitude' in known_site(meta)
+    site = _whole_site(path, meta, meta.get('clock_tells'))
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
@@ -51,8 +50,8 @@ def observe_places(path, table, weather, origin, mount):
         time[known] = moment_of(columns['lst_h'][known] * (np.pi / 12.0),
                                 columns['time'][known], site)
         columns['time'] = time
-        _note_clock(meta, site if told_longitude else None)
-        if not told_longitude:  # the clock tells the day, and what comes after what
+        _note_clock(meta, site if given_longitude else None)
+        if not given_longitude:  # the clock tells the day, and what comes after what
             meta['time_is_utc'] = False
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
     ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
@@ -107,7 +106,7 @@ def mount_ascension(path, table):
         if not meta.get('time_is_utc', True):
             raise ValueError(f'{path}: ra_enc_deg needs time in UTC, or a column lst_h')
         from pointing_model.sky.places import sidereal_time
-        site, time = _whole_site(path, meta.get('site') or {}, False), columns['time']
+        site, time = _whole_site(path, meta, False), columns['time']
         known = np.isfinite(time)
         lst = np.full(len(time), np.nan)
         lst[known] = sidereal_time(time[known], site)
@@ -130,7 +129,7 @@ def _note_clock(meta, site):
         '(--longitude)'))
 
 
-def _whole_site(path, told, clock_tells):
+def _whole_site(path, meta, clock_tells):
     """The site with everything that a place of the sky needs.
 
     Raises
@@ -138,8 +137,7 @@ def _whole_site(path, told, clock_tells):
     ValueError
         It is not told.
     """
-    if not isinstance(told, dict):
-        return told
+    told = known_site(meta)
     needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
     missing = [name for name in needed if name not in told]
     if missing:

@@ -8,7 +8,7 @@ from msg_tools.output import beside
 from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
-from pointing_model.runs.run import COLUMNS, column_name
+from pointing_model.runs.run import COLUMNS, column_name, known_site
 
 from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
@@ -350,11 +350,9 @@ def _told_of(run):
     mount = run.mount
     if mount.vertical:
         return []
-    site = run.meta.get('site') or {}
-    place = {name: site.get(name) if isinstance(site, dict) else getattr(site, name, None)
-             for name, _ in _SITE.values()}
+    place = dict(known_site(run.meta))
     if mount.celestial:
         place['latitude'] = mount.latitude
-    said = [f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
-            if place[name] is not None]
-    return [f'mount: {mount_text(mount)}', *said]
+    return [f'mount: {mount_text(mount)}', *(
+        f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
+        if place.get(name) is not None)]

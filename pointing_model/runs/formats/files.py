@@ -6,7 +6,7 @@ from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount, parse_mount
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
-from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run import PointingRun, known_site
 
 from . import (
     axis_places,
@@ -157,8 +157,7 @@ def _settle_mount(path, table, given):
     if mount is None and table.names is ALTAZ.names:
         return ALTAZ
     if not isinstance(mount, Mount):
-        place = meta.get('site') or {}
-        latitude = place.get('latitude') if isinstance(place, dict) else place.latitude
+        latitude = known_site(meta).get('latitude')
         if mount is None and not table.names.celestial:
             raise ValueError(f'{path}: the mount of the columns axis1, axis2 is not told: give a '
                              'line "# mount: free:AZ,EL", or --mount')
@@ -168,7 +167,7 @@ def _settle_mount(path, table, given):
             if 'latitude' not in str(error):
                 raise ValueError(f'{path}: {error}') from None
             # of places among the stars the longitude is asked for too, and not afterwards
-            both = 'ra_deg' in table.columns and not (meta.get('site') or {}).get('longitude')
+            both = 'ra_deg' in table.columns and not known_site(meta).get('longitude')
             raise ValueError(
                 f'{path}: {error}' + (', and its longitude' if both else '') +
                 ' (a line "# latitude_deg: 31.05" before the header, or --latitude DEG'
@@ -261,8 +260,7 @@ def _settle_equinox(path, table, given):
 
 
 def _compare_site(site, meta):
-    mine = site.get('latitude') if isinstance(site, dict) else site.latitude
-    theirs = (meta.get('site') or {}).get('latitude')
+    mine, theirs = (known_site(of).get('latitude') for of in ({'site': site}, meta))
     if mine is not None and theirs is not None and abs(mine - theirs) > 0.01 * DEG:
         meta['notes'].append(f'the file says latitude {theirs / DEG:.4f} deg, it was '
                              f'read with {mine / DEG:.4f} deg')

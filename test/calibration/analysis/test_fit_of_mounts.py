@@ -210,7 +210,7 @@ def test_a_model_of_another_mount_is_refused(tmp_path):
     assert PointingModel.load(tmp_path / 'model.json').mount == FORK
     # a latitude that was rounded is the same
     near = Mount.equatorial(FORK.latitude + 1e-10)
-    assert PointingModel.load_for(tmp_path / 'model.json', near).mount == FORK
+    assert PointingModel.load(tmp_path / 'model.json', near).mount == FORK
     for other in (ALTAZ, GERMAN, Mount.equatorial(FORK.latitude + 1e-6)):
         with pytest.raises(ValueError, match='a model of another mount .equatorial, latitude'):
-            PointingModel.load_for(tmp_path / 'model.json', other)
+            PointingModel.load(tmp_path / 'model.json', other)

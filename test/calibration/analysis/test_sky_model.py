@@ -125,7 +125,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     assert again.observations().mount.on_sky
     model.save(tmp_path / 'sky.json')
     assert json.loads((tmp_path / 'sky.json').read_text())['mount']['errors'] == 'sky'
-    loaded = PointingModel.load_for(tmp_path / 'sky.json', MOUNT)
+    loaded = PointingModel.load(tmp_path / 'sky.json', MOUNT)
     assert loaded.mount == model.mount
     other = replace(model, mount=MOUNT)
     assert identity(other.to_json()) != identity(model.to_json())
