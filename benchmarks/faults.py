@@ -229,7 +229,7 @@ def night(folder, seed, moment=None, node='', liar=None, scenario='default'):
     out, watcher = Result(), None
     try:
         watcher = Watcher('faults', lock.number, nodes.environment, lambda: None)
-        watcher.hear_results()
+        watcher.keep_results()
         heard = Heard(watcher)
         if liar is not None:
             liar.attach(watcher.node)

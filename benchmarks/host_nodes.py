@@ -23,14 +23,14 @@ def _observe(folder, specs, asked):
     from telescope_mount.night_files import write_results
     from telescope_mount.whole_night import NightFailed, observe
     try:
-        report = observe(
+        written = observe(
             folder, specs, asked['plan'], partial(write_results, folder),
             lambda step, done, total: _say('at', step, done, total), asked['domain'],
             claim=domain.join, stall=asked['stall'], say=partial(_say, 'said'))
     except NightFailed as err:
         _say('failed', str(err))
     else:
-        _say('report', report)
+        _say('report', written.report)
 
 
 def main():

@@ -229,7 +229,7 @@ class Night:
         self._lock = domain.claim(None)
         self.nodes = Processes(self.folder / 'nodes', self._lock.number)
         self.watcher = Watcher('drivers', self._lock.number, self.nodes.environment, lambda: None)
-        self.watcher.hear_results()
+        self.watcher.keep_results()
         site = midnight_site(time.time())
         for spec in specs:
             if spec.name in ('mount_guard', 'star_observer'):

@@ -2,11 +2,9 @@
 
 import os
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 
 import rclpy
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +26,18 @@ def leads_to(transition):
             'cleanup': 'unconfigured'}.get(transition, 'finalized')
 
 
+@contextmanager
+def _environment_of(environment):
+    """Within, what ROS and DDS read is that of `environment`; after it as before."""
+    before = dict(os.environ)
+    os.environ.update(environment)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
 class GraphClient:
     """A node that asks the nodes of a namespace.
 
@@ -39,6 +49,8 @@ class GraphClient:
         Of the node.
     args : list of str, optional
         As of `rclpy.init`.
+    environment : dict of str to str, optional
+        That of the graph, from which DDS takes its settings.
 
     Attributes
     ----------
@@ -46,37 +58,52 @@ class GraphClient:
     executor : NodeExecutor
     """
 
-    def __init__(self, domain, namespace, name, args=None):
-        os.environ.update(dds_environment())
+    def __init__(self, domain, namespace, name, args=None, environment=None):
         self._until_closed = ExitStack()
         self._until_closed.enter_context(noted())
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain, args=args,
-                   signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(name, context=self._context, namespace=namespace,
-                         start_parameter_services=False, enable_rosout=False)
+        # Ctrl-C belongs to the command line, which ends all in order
+        with _environment_of(environment or dds_environment()):
+            rclpy.init(context=self._context, domain_id=domain, args=args,
+                       signal_handler_options=SignalHandlerOptions.NO)
+            self.node = Node(name, context=self._context, namespace=namespace,
+                             start_parameter_services=False, enable_rosout=False)
         self.executor = NodeExecutor(context=self._context)
         self.executor.add_node(self.node)
         self._within = self.node.get_namespace().rstrip('/') + '/'
 
-    def spin(self, seconds, until=lambda: False):
-        """Take what comes for so long, or until something holds; whether it does.
+    def spin(self, seconds):
+        """Take what comes for at most `seconds`; returns early after something came.
 
         Raises
         ------
         KeyboardInterrupt
             A signal since the last time, with its number.
         """
-        end = time.monotonic() + seconds
-        while not until():
+        self.executor.spin_once(timeout_sec=seconds)
+        raise_noted()
+
+    def check(self):
+        """Called while something is waited for: it may raise."""
+
+    def spin_until(self, condition, timeout):
+        """Spin until `condition()`; False when `timeout` seconds went by."""
+        end = time.monotonic() + timeout
+        while not condition():
             if time.monotonic() > end:
                 return False
-            self.executor.spin_once(0.05)
-            raise_noted()
+            self.spin(0.05)
+            self.check()
         return True
 
-    def ask(self, kind, name, request):
+    def spin_for(self, seconds):
+        """Spin for so long."""
+        self.spin_until(lambda: False, seconds)
+
+    def ask(self, kind, name, request, found=FOUND, answered=ANSWERED):
         """Call a service, again where its answer does not come.
+
+        Its server must be found and answer within so many seconds.
 
         Returns
         -------
@@ -90,11 +117,11 @@ class GraphClient:
             Nobody offers it or answers.
         """
         client = self.node.create_client(kind, name)
-        if not self.spin(FOUND, client.service_is_ready):
+        if not self.spin_until(client.service_is_ready, found):
             raise ValueError(f'no node offers {self._within}{name}{self.where_else()}')
         question = ServiceCall(client, request=request)
-        if not self.spin(ANSWERED, question.over):
-            raise ValueError(f'{self._within}{name} did not answer within {ANSWERED:g} s')
+        if not self.spin_until(question.over, answered):
+            raise ValueError(f'{self._within}{name} did not answer within {answered:g} s')
         self.node.destroy_client(client)
         return question.answer, question.times
 
@@ -108,7 +135,7 @@ class GraphClient:
         got = []
         subscription = self.node.create_subscription(
             topic.message, topic.name, got.append, topic.qos)
-        self.spin(FOUND, lambda: got)
+        self.spin_until(lambda: got, FOUND)
         self.node.destroy_subscription(subscription)
         return got[-1] if got else None
 
@@ -124,7 +151,7 @@ class GraphClient:
 
     def managed(self):
         """Names of the nodes that have states, in order; ValueError where there is none."""
-        self.spin(FOUND)
+        self.spin_for(FOUND)
         found = sorted(
             name.removeprefix(self._within).removesuffix('/change_state')
             for name, _ in self.node.get_service_names_and_types()
@@ -136,6 +163,7 @@ class GraphClient:
 
     def state(self, name):
         """Of a managed node; ValueError where it does not answer."""
+        from lifecycle_msgs.srv import GetState
         answer, _ = self.ask(GetState, f'{name}/get_state', GetState.Request())
         return answer.current_state.label
 
@@ -144,6 +172,8 @@ class GraphClient:
 
         `shutdown` is one of three transitions, by the state that it begins in.
         """
+        from lifecycle_msgs.msg import Transition
+        from lifecycle_msgs.srv import ChangeState
         if transition == 'shutdown':
             transition = f'{self.state(name)}_shutdown'
         number = getattr(Transition, f'TRANSITION_{transition.upper()}', None)

@@ -87,7 +87,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             nodes.start_all(replay_graph(str(Path(log).resolve()), prefix, played, seed,
                                          reference, as_then))
             watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
-            watcher.hear_results()
+            watcher.keep_results()
 
             def taken():
                 heard = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))

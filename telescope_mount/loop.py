@@ -14,6 +14,7 @@ from telescope_mount.observing.plan import parse_plan
 from .graph import measured_graph, night_graph
 from .loop_outcome import outcome, paired, points_worse
 from .loop_page import write_all_page, write_loop_page
+from .night_files import Written, diagnosing, write_files
 from .simulation import kind_of_mount, scenario_names, undeclared
 from .whole_night import NightFailed, observe, prepare_folder
 
@@ -92,8 +93,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
         run, plan = None, loop_plan(stars, polaris, check)
         parse_plan(plan)
     folder = prepare_folder(out)
-    calibration = {'alpha': alpha, 'site': _site_of(run, sky),
-                   'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
+    calibration = diagnosing(folder, {'alpha': alpha, 'site': _site_of(run, sky)})
     if file is not None:
         specs = measured_graph(
             bag=str(folder / 'bag'), seed=seed, calibration=calibration,
@@ -106,20 +106,17 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
             mount=mount or kind_of_mount(scenario))
     about = {'scenario': scenario or None, 'source': str(file) if file else None, 'seed': seed,
              'plan': plan}
-    kept, incomplete = {}, []
-    report = observe(
-        folder, specs, plan, partial(_write, folder, about, kept, incomplete), progress,
-        domain_number, incomplete=incomplete)
-    told = None
+    report, rows, _ = observe(folder, specs, plan, partial(_write, folder, about), progress,
+                              domain_number)
     if file is not None:
         report['rows_read'] += reader_row_counts(run).lost
-    else:  # now that everything is decided
-        told = undeclared(folder / 'bag_truth')
-    report = _judge(folder, report, told, incomplete)
-    tried(incomplete, folder / 'page.html', lambda path: write_loop_page(
-        folder, report, kept['run']))
-    report['incomplete'] = incomplete
-    return report
+    # of a simulated night now, that everything is decided
+    _add_outcome(folder, report, None if file else undeclared(folder / 'bag_truth'))
+    incomplete = report.pop('incomplete')
+    tried(incomplete, folder / 'report.json', partial(
+        write_text, text=json.dumps(report, indent=1) + '\n'))
+    tried(incomplete, folder / 'page.html', lambda path: write_loop_page(folder, report, rows))
+    return report | {'incomplete': incomplete}
 
 
 def close_all(out, *, names=ALL, seed=1, progress=None, **options):
@@ -175,9 +172,9 @@ def _sound_run(file, place):
     with naming_columns():
         run = load_run(file, **place)
     check_columns(run)
-    told = reader_row_counts(run)
-    if told.too_few:
-        raise ValueError(f'{file}: {told.refusal}')
+    counts = reader_row_counts(run)
+    if counts.too_few:
+        raise ValueError(f'{file}: {counts.refusal}')
     return run
 
 
@@ -192,16 +189,16 @@ def _site_of(run, sky):
     """
     from msg_tools.units import DEG
     from pointing_model.sky.places import DEFAULT_SITE
-    told = DEFAULT_SITE if run is None else run.meta.get('site') or {}
-    if not isinstance(told, dict):
-        told = {'latitude': told.latitude, 'longitude': told.longitude}
-    told = {f'{name}_deg': value / DEG for name, value in told.items()
+    site = DEFAULT_SITE if run is None else run.meta.get('site') or {}
+    if not isinstance(site, dict):
+        site = {'latitude': site.latitude, 'longitude': site.longitude}
+    site = {f'{name}_deg': value / DEG for name, value in site.items()
             if name in ('latitude', 'longitude') and value is not None} | sky
     # times from an arbitrary start say nothing of the stars' place
     dated = run is None or run.meta.get('time_is_utc', True)
-    if not dated or not {'latitude_deg', 'longitude_deg'} <= set(told):
+    if not dated or not {'latitude_deg', 'longitude_deg'} <= set(site):
         return ''
-    return f'{told["latitude_deg"]!r}, {told["longitude_deg"]!r}'
+    return f'{site["latitude_deg"]!r}, {site["longitude_deg"]!r}'
 
 
 def _player(run, file, azimuth_origin, folder):
@@ -214,19 +211,16 @@ def _player(run, file, azimuth_origin, folder):
     return {'file': str(file.resolve()), 'azimuth_origin': azimuth_origin or ''}
 
 
-def _write(folder, about, kept, incomplete, latest):
-    """diagnosis.json, model.json and observations.csv; the report so far; `kept` gets ``run``, and
-    the list `incomplete` what cannot be written.
-    """
+def _write(folder, about, latest):
+    """diagnosis.json, model.json and observations.csv; `Written` with the report so far."""
     from msg_tools import topics
     from pointing_model.model import PointingModel
-    from pointing_model.runs.formats import write_csv
     from pointing_model.runs.run_messages import cloud_to_run
 
     diagnosis = json.loads(latest[topics.DIAGNOSIS.name].data)
     checks = latest.get(topics.CHECKS.name)
     checks = json.loads(checks.data)['checks'] if checks is not None else []
-    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     report = {
         'format': FORMAT, 'version': VERSION, **about, **run.mount.entries(),
         'verdict': diagnosis['verdict'], 'effects': diagnosis['effects'],
@@ -248,11 +242,10 @@ def _write(folder, about, kept, incomplete, latest):
     model = PointingModel.from_json(latest[topics.MODEL.name].data)
     report['drive'] = drive_error(run, model, diagnosis['site_deg'],
                                   bool((report['judged'] or {}).get('taken_back')))
-    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
-    for name, text in (('model', latest[topics.MODEL.name].data),
-                       ('diagnosis', json.dumps(diagnosis, indent=1))):
-        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
-    return report
+    report['incomplete'] = write_files(folder, run, {
+        'model.json': latest[topics.MODEL.name].data,
+        'diagnosis.json': json.dumps(diagnosis, indent=1)})
+    return Written(report, run)
 
 
 def drive_error(run, model, site_deg=None, taken_back=False):
@@ -285,8 +278,8 @@ def drive_error(run, model, site_deg=None, taken_back=False):
     from pointing_model.zero import zeros_in_force
 
     zeros = zeros_in_force(model)
-    told = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
-    if not told or not zeros or model.provenance.get('zero_follows'):
+    known = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
+    if not known or not zeros or model.provenance.get('zero_follows'):
         return None
     blind = (run['check'] == 1.0) & np.isfinite(run['miss_x'])
     if not blind.any():
@@ -306,18 +299,15 @@ def drive_error(run, model, site_deg=None, taken_back=False):
             'missed_arcsec': float(rms(*miss) / ARCSEC)}
 
 
-def _judge(folder, report, told, incomplete):
-    """Add what the scenario did and whether it was found, and write report.json."""
-    report['undeclared'] = told
-    judged = report['judged'] or {}
-    harmful = report['published'] and not judged.get('taken_back') and points_worse(
-        report['blind_before'], report['blind_after'], judged)
+def _add_outcome(folder, report, scenario):
+    """Add what the scenario did and whether it was found, and the files."""
+    report['undeclared'] = scenario
+    comparison = report['judged'] or {}
+    harmful = report['published'] and not comparison.get('taken_back') and points_worse(
+        report['blind_before'], report['blind_after'], comparison)
     report['found'], report['false'] = outcome(
-        told and told['shows_as'], report['effects'], report['verdict'], harmful,
+        scenario and scenario['shows_as'], report['effects'], report['verdict'], harmful,
         report['follows'])
     report['files'] = {name: str(folder / file) for name, file in (
         ('log', 'bag'), ('model', 'model.json'), ('observations', 'observations.csv'),
         ('report', 'report.json'), ('diagnosis', 'diagnosis.json'), ('page', 'page.html'))}
-    tried(incomplete, folder / 'report.json', partial(
-        write_text, text=json.dumps(report, indent=1) + '\n'))
-    return report

@@ -2,8 +2,26 @@
 
 import json
 from functools import partial
+from typing import NamedTuple
 
 from msg_tools.output import reason, tried, write_text
+
+
+class Written(NamedTuple):
+    """The files of a night.
+
+    Attributes
+    ----------
+    report : dict
+        With ``incomplete``, a line for each that could not be written.
+    run : PointingRun
+        All rows.
+    model : PointingModel or None
+    """
+
+    report: dict
+    run: object
+    model: object = None
 
 
 def add_truth(bag, report):
@@ -27,30 +45,41 @@ def diagnosing(folder, calibration=None):
     return {**(calibration or {}), 'diagnosis_page': str((folder / 'diagnosis.html').resolve())}
 
 
-def write_page(folder, report, kept, log=None):
-    """The page of the night, once its log is whole; `kept` as of `write_results`."""
-    if not kept:  # nothing was written
-        return
+def write_page(folder, written, log=None):
+    """The page of the night, once its log is whole; `written` as of `write_results`."""
     from calibration.report.night_page import write_night_page
     try:
-        write_night_page(folder / 'page.html', kept['run'], kept['model'], report,
+        write_night_page(folder / 'page.html', written.run, written.model, written.report,
                          log or folder / 'bag')
     except OSError as err:
-        report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
+        written.report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
     except Exception as err:  # whatever it is: a night is not lost for its page
-        report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
+        written.report['notes'].append(f'the page was not written: {type(err).__name__}: {err}')
     else:
-        report['files']['page'] = str(folder / 'page.html')
+        written.report['files']['page'] = str(folder / 'page.html')
 
 
-def write_results(folder, results, kept=None, incomplete=None):
-    """observations.csv, model.json, report.json; `kept` gets ``run`` and ``model``, and the list
-    `incomplete` what cannot be written.
+def write_files(folder, run, documents):
+    """Write observations.csv, and texts by the names of their files.
+
+    Returns
+    -------
+    list of str
+        A line for each that cannot be written.
     """
+    from pointing_model.runs.formats import write_csv
+    incomplete = []
+    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
+    for name, text in documents.items():
+        tried(incomplete, folder / name, partial(write_text, text=text + '\n'))
+    return incomplete
+
+
+def write_results(folder, results):
+    """observations.csv, model.json, report.json of the last message of each topic; `Written`."""
     from msg_tools import topics
     from msg_tools.units import ARCSEC
     from pointing_model.model import PointingModel
-    from pointing_model.runs.formats import write_csv
     from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.sky.earth import earth_orientation
 
@@ -58,19 +87,14 @@ def write_results(folder, results, kept=None, incomplete=None):
     fitted = results.get(topics.CALIBRATION_REPORT.name)
     report = json.loads(fitted.data) if fitted else {'notes': []}
     model = PointingModel.from_json(results[topics.MODEL.name].data)
-    if kept is not None:
-        kept.update(run=run, model=model)
     orientation = earth_orientation(float(run['time'][0]))
     if orientation.sigma > 0.1 * ARCSEC:
         report['notes'].append(orientation.statement())
     if topics.TRACKING.name in results:
         report['tracking'] = json.loads(results[topics.TRACKING.name].data)
-    incomplete = [] if incomplete is None else incomplete
-    tried(incomplete, folder / 'observations.csv', partial(write_csv, run, plain=True))
-    for name, text in (('model', results[topics.MODEL.name].data),
-                       ('report', json.dumps(report, indent=1))):
-        tried(incomplete, folder / f'{name}.json', partial(write_text, text=text + '\n'))
+    incomplete = write_files(folder, run, {
+        'model.json': results[topics.MODEL.name].data, 'report.json': json.dumps(report, indent=1)})
     report['files'] = {'log': str(folder / 'bag'), 'model': str(folder / 'model.json'),
                        'observations': str(folder / 'observations.csv')}
     report['incomplete'] = incomplete
-    return report
+    return Written(report, run, model)

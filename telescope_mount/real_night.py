@@ -66,20 +66,15 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
         raise ValueError(f'--plan {plan!r} has no fit, nor track with a --reference: nothing would '
                          'be told')
     _check_files(drivers, reference)
-    folder, again = _folder(Path(out), plan, graph.get('mount', 'altaz'), anew, note)
-    bag = _free(folder / 'bag')
-    if 'diagnose' in verbs:
-        graph['calibration'] = diagnosing(folder, graph.get('calibration'))
-    specs = real_graph(bag=str(bag), plan=plan, state_file=str(folder / STATE),
-                       model_file=str(reference.resolve()) if reference else '', **graph)
-    kept, incomplete = {}, []
-    report = night.observe(
-        folder, specs, plan, partial(
-            write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
-        domain_number, params_file, claim=domain.join, drivers=drivers, stall=STALL, say=say,
-        note=note, again=again, incomplete=incomplete)
-    write_page(folder, report, kept, bag)
-    return report
+
+    def nodes(folder, **common):
+        if 'diagnose' in verbs:
+            graph['calibration'] = diagnosing(folder, graph.get('calibration'))
+        return real_graph(**common, **graph)
+
+    return _carry_out(out, plan, graph.get('mount', 'altaz'), nodes, reference, anew, drivers,
+                      domain_number=domain_number, params_file=params_file, progress=progress,
+                      say=say, note=note, claim=domain.join)
 
 
 def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
@@ -112,19 +107,24 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     plan = server_plan(stars, track, apart)
     parse_plan(plan)
     found = ask_server(mount, sky, bool(camera or drivers))
-    folder, again = _folder(Path(out), plan, found.kind, anew, note)
+    return _carry_out(
+        out, plan, found.kind, lambda _, **common: nodes_of(
+            found, camera=camera, drivers=drivers, **common, **graph),
+        reference, anew, drivers, domain_number=domain_number, params_file=params_file,
+        progress=progress, say=say, note=note)
+
+
+def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, **options):
+    """Observe in a folder with the nodes that `nodes` gives for it; the report."""
+    folder, again = _folder(Path(out), plan, kind, anew, note)
     bag = _free(folder / 'bag')
-    specs = nodes_of(found, plan=plan, camera=camera, drivers=drivers, bag=str(bag),
-                     state_file=str(folder / STATE),
-                     model_file=str(reference.resolve()) if reference else '', **graph)
-    kept, incomplete = {}, []
-    report = night.observe(
-        folder, specs, plan, partial(
-            write_with_checks, folder, bag=bag, kept=kept, incomplete=incomplete), progress,
-        domain_number, params_file, drivers=drivers, stall=STALL, say=say, note=note, again=again,
-        incomplete=incomplete)
-    write_page(folder, report, kept, bag)
-    return report
+    specs = nodes(folder, plan=plan, bag=str(bag), state_file=str(folder / STATE),
+                  model_file=str(reference.resolve()) if reference else '')
+    written = night.observe(
+        folder, specs, plan, partial(write_with_checks, folder, bag), drivers=drivers, stall=STALL,
+        note=note, again=again, **options)
+    write_page(folder, written, bag)
+    return written.report
 
 
 def _check_files(drivers, reference):
@@ -164,17 +164,17 @@ def _free(path):
     return free
 
 
-def write_with_checks(folder, results, bag=None, kept=None, incomplete=None):
-    """As `night_files.write_results`, with the blind checks in the report; `bag`: another log."""
+def write_with_checks(folder, bag, results):
+    """As `night_files.write_results`, with the blind checks and the log in the report."""
     from msg_tools import topics
-    report = write_results(folder, results, kept, incomplete)
-    if bag is not None:
-        report['files']['log'] = str(bag)
+    written = write_results(folder, results)
+    report = written.report
+    report['files']['log'] = str(bag)
     if topics.CHECKS.name in results:
-        told = json.loads(results[topics.CHECKS.name].data)
-        report['checks'] = told['checks']
-        if 'clocks' in told:
-            found = told['clocks']
+        document = json.loads(results[topics.CHECKS.name].data)
+        report['checks'] = document['checks']
+        if 'clocks' in document:
+            found = document['clocks']
             report['notes'].append(sentence(found['found'], found['camera_late_s'],
                                             found['absolute']))
-    return report
+    return written

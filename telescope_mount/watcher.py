@@ -1,39 +1,21 @@
 """The command line's own node: watches the graph and keeps what it publishes last."""
 
 import contextlib
-import os
 import time
 
-import rclpy
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
 
 from msg_tools import NAMESPACE, topics
-from msg_tools.executor import NodeExecutor
 from msg_tools.node import NO_SUBSCRIPTION_EVENTS
 from msg_tools.readiness import AWAITED, REST, RESTS, GraphReports, unreceived
 
-from .interrupt import raise_noted
+from .graph_client import GraphClient
 
 #: s; what comes within is taken at once while nothing hangs on it
 LEISURE = 0.02
 
 
-@contextlib.contextmanager
-def _of(environment):
-    """Within, what ROS and DDS read is that of `environment`; after it as before."""
-    before = dict(os.environ)
-    os.environ.update({key: value for key, value in environment.items()
-                       if key.startswith(('ROS_', 'FASTDDS_', 'FASTRTPS_'))})
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
-
-
-class Watcher:
+class Watcher(GraphClient):
     """Subscribes to status, diagnostics and results of a graph.
 
     Parameters
@@ -56,21 +38,13 @@ class Watcher:
     """
 
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.GUARD_STATUS)
-    #: grow with the night, and are wanted at its end: see `hear_results`
+    #: grow with the night, and are wanted at its end: see `keep_results`
     RESULTS = (topics.OBSERVATIONS, topics.MODEL, topics.CALIBRATION_REPORT, topics.ZERO,
                topics.DIAGNOSIS, topics.CHECKS, topics.TRACKING)
 
     def __init__(self, name, domain, environment, check):
-        self._check = check
-        self._context = Context()
-        # Ctrl-C belongs to the command line, which ends the nodes in order
-        with _of(environment):
-            rclpy.init(context=self._context, domain_id=domain,
-                       signal_handler_options=SignalHandlerOptions.NO)
-            self.node = Node(name, context=self._context, namespace=NAMESPACE,
-                             start_parameter_services=False, enable_rosout=False)
-        self._executor = NodeExecutor(context=self._context)
-        self._executor.add_node(self.node)
+        super().__init__(domain, NAMESPACE, name, environment=environment)
+        self.check = check
         self.latest = {}
         self._clients = {}
         self.reports = GraphReports(self.node.get_namespace())
@@ -86,42 +60,18 @@ class Watcher:
                 lambda message, key=topic.name: self.latest.__setitem__(key, message), topic.qos,
                 event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
-    def hear_results(self):
+    def keep_results(self):
         """Keep what the graph has found as well, from what each topic has now on."""
         self._keep(self.RESULTS)
-
-    def spin(self, seconds):
-        """Take what comes for at most `seconds`; returns early after something came.
-
-        Raises
-        ------
-        KeyboardInterrupt
-            A signal since the last time, with its number: within `interrupt.noted`.
-        """
-        self._executor.spin_once(timeout_sec=seconds)
-        raise_noted()
 
     @contextlib.contextmanager
     def at_leisure(self):
         """Within, what comes soon after each other is taken at once."""
-        self._executor.gather = LEISURE
+        self.executor.gather = LEISURE
         try:
             yield
         finally:
-            self._executor.gather = 0.0
-
-    def spin_until(self, condition, timeout):
-        """Spin until `condition()`; False when `timeout` seconds went by.
-
-        The graph is checked in between.
-        """
-        deadline = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > deadline:
-                return False
-            self.spin(0.05)
-            self._check()
-        return True
+            self.executor.gather = 0.0
 
     def call(self, service, timeout=30.0):
         """Call a Trigger service of the graph; asked again where the answer does not come.
@@ -136,21 +86,16 @@ class Watcher:
         RuntimeError
             It did not answer or refused.
         """
-        from msg_tools.steps import ServiceCall
-        client = self.client(service)
-        if not self.spin_until(client.service_is_ready, timeout):
-            raise RuntimeError(f'no node offers the service {client.srv_name}')
-        question = ServiceCall(client)
-        if not self.spin_until(question.over, timeout):
-            raise RuntimeError(f'{client.srv_name} did not answer within {timeout:g} s')
-        answer = question.answer
+        try:
+            answer, _ = self.ask(Trigger, service, Trigger.Request(), timeout, timeout)
+        except ValueError as err:
+            raise RuntimeError(str(err)) from None
         if not answer.success:
             raise RuntimeError(f'{service}: {answer.message}')
         return answer.message
 
     def client(self, service):
         """Of a Trigger service, always the same one: it takes a moment to find its server."""
-        from std_srvs.srv import Trigger
         if service not in self._clients:
             self._clients[service] = self.node.create_client(Trigger, service)
         return self._clients[service]
@@ -188,9 +133,3 @@ class Watcher:
         self.spin_until(lambda: not (unreceived(name, self.reports, then)
                                      or self.reports[name][AWAITED]), timeout)
         return unreceived(name, self.reports, then)
-
-    def close(self):
-        """Leave the graph."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        self._context.try_shutdown()

@@ -124,17 +124,15 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     folder = prepare_folder(out)
     if apart:
         graph['calibration'] = diagnosing(folder, graph.get('calibration'))
-    kept, incomplete = {}, []
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
         mount=mount or kind_of_mount(scenario),
         model_file=str(reference.resolve()) if reference else '', **graph)
-    report = observe(
-        folder, specs, plan, partial(write_results, folder, kept=kept, incomplete=incomplete),
-        progress, domain_number, params_file, incomplete=incomplete)
-    write_page(folder, report, kept)  # before there is anything of the simulator's in the report
-    add_truth(folder / 'bag_truth', report)
-    return report
+    written = observe(folder, specs, plan, partial(write_results, folder), progress, domain_number,
+                      params_file)
+    write_page(folder, written)  # before there is anything of the simulator's in the report
+    add_truth(folder / 'bag_truth', written.report)
+    return written.report
 
 
 def is_server(mount):
@@ -143,8 +141,7 @@ def is_server(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False,
-            incomplete=None):
+            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -156,8 +153,8 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
     plan : str
         That of the observer.
     write : callable
-        ``write(latest)``, with the last message of each topic by its name, makes the files; what
-        it returns is returned.
+        ``write(latest)``, with the last message of each topic by its name, makes the files, and
+        gives a `Written`, which is returned.
     progress : callable, optional
         Called with (text, done, total) as the plan goes on.
     domain_number : int, optional
@@ -176,16 +173,18 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Called with each star that the guard refuses, and with what the mount does at the end.
     again : bool
         A night goes on whose files are in `folder` already.
-    incomplete : list of str, optional
-        Gets a line where the log is not whole.
+
+    Returns
+    -------
+    night_files.Written
+        With a line in ``incomplete`` where the log is not whole.
 
     Raises
     ------
     ValueError
         The domain is in use.
     NightFailed
-        A node ended, or the plan could not be carried out; without `incomplete` also where the log
-        is not whole.
+        A node ended, or the plan could not be carried out.
     """
     bag = next(spec.parameters['folder'] for spec in specs if spec.name == 'mcap_logger')
     from .processes import Processes
@@ -213,7 +212,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
                     progress('writing the results', 0, None)
                 out = _results(watcher, specs, plan, write, bag)
             if nodes.stop().get('mcap_logger'):
-                _tell_log(watcher, nodes, bag, incomplete)
+                out.report['incomplete'].append(_log_error(watcher, nodes, bag))
             return out
         except RuntimeError as err:
             nodes.stop()
@@ -228,15 +227,12 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             raise
 
 
-def _tell_log(watcher, nodes, bag, incomplete):
-    """Say that the log is not whole, and why as far as its logger could say so."""
-    said = (watcher.reports.errors_of('mcap_logger')
-            or nodes.last_words('mcap_logger').removeprefix('error: ')
-            or f'{Path(bag).name}: it could not be closed')
-    line = str(Path(bag).parent / said)
-    if incomplete is None:
-        raise NightFailed(line)
-    incomplete.append(line)
+def _log_error(watcher, nodes, bag):
+    """Why the log is not whole, as far as its logger could say so."""
+    error = (watcher.reports.errors_of('mcap_logger')
+             or nodes.last_words('mcap_logger').removeprefix('error: ')
+             or f'{Path(bag).name}: it could not be closed')
+    return str(Path(bag).parent / error)
 
 
 def _clear(folder):
@@ -277,7 +273,7 @@ def _refusal(status, count):
 
 def _results(watcher, specs, plan, write, bag):
     """What `write` makes of the results, when the log has them too."""
-    watcher.hear_results()
+    watcher.keep_results()
     if not watcher.spin_until(lambda: _complete(watcher, plan), 15.0):
         raise NightFailed('the plan is done, but its results were not published')
     with ThreadPoolExecutor(1) as pool:
@@ -310,11 +306,6 @@ def _progress(watcher):
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
-def _said(watcher, topic):
-    status = watcher.latest.get(topic.name)
-    return '' if status is None else status.message
-
-
 def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
@@ -322,14 +313,14 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
     from msg_tools import topics
     total = sum(step.exposures for step in parse_plan(plan))
     last, since = None, time.monotonic()
-    waits, said, refused, hinted, log = ('', since), '', 0, note is None, ''
+    waits, shown, refused, hinted, log = ('', since), '', 0, note is None, ''
     while True:
         watcher.spin(0.2)
         nodes.check()
         status = watcher.latest.get(topics.OBSERVER_STATUS.name)
         at = _progress(watcher)
         now = (status is None, at.observations, at.step, at.lost, len(watcher.reports),
-               _said(watcher, topics.CALIBRATION_STATUS))
+               getattr(watcher.latest.get(topics.CALIBRATION_STATUS.name), 'message', ''))
         if now != last:
             last, since = now, time.monotonic()
         quiet = _without_answer(watcher, nodes)
@@ -351,17 +342,17 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
             progress((at.step or 'connecting the nodes') + (f', {at.lost} lost' if at.lost else '')
                      + quiet, done, max(total, done))
             if at.state == 'done':
-                if said:
+                if shown:
                     say('')
                 return
-            told = at.state == 'waiting' or status.level > DiagnosticStatus.OK
-            text = status.message if told else ''
+            wrong = at.state == 'waiting' or status.level > DiagnosticStatus.OK
+            text = status.message if wrong else ''
             if text != waits[0]:
                 waits = text, time.monotonic()
             # what is over within moments nobody need read
             patience = HOMES_IN if 'it homes the mount' in text else SAID_AFTER
-            if say is not None and text != said and time.monotonic() - waits[1] > patience:
-                said = text
+            if say is not None and text != shown and time.monotonic() - waits[1] > patience:
+                shown = text
                 say(text)
                 if not hinted and 'a publisher of' in text:
                     hinted = True

@@ -73,9 +73,9 @@ def _graph(args):
     try:
         heard = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
         if args.once or args.json or not sys.stdout.isatty():
-            if not graph.spin(FOUND, lambda: heard.any):
+            if not graph.spin_until(lambda: heard.any, FOUND):
                 raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
-            graph.spin(TOLD)
+            graph.spin_for(TOLD)
             _tell(args, heard.state(time.monotonic()))
         else:
             _dashboard(graph, heard)
@@ -124,7 +124,7 @@ def _dashboard(graph, heard):
             console=new_console(), screen=True, auto_refresh=False,
             vertical_overflow='crop') as live:
         while True:
-            graph.spin(TAKING)
+            graph.spin_for(TAKING)
             if not heard.any and not lost and time.monotonic() - begin > FOUND:
                 lost = f'; nothing is said here yet{graph.where_else()}'
             note = 'Ctrl-C ends' + ('' if heard.any else lost)

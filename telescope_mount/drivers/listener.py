@@ -47,7 +47,7 @@ class Listener:
         self._mount, self._clock, self._first_tick = mount, None, None
         self._graph = GraphClient(domain, namespace, 'check_drivers', [
             '--ros-args', '--params-file', str(params)] if params else None)
-        self._node, self.spin = self._graph.node, self._graph.spin
+        self._node = self._graph.node
         self._asking, self._guard = None, dict(guard or {})
         for topic, take in ((topics.INCREMENTAL, self._on_joints),
                             (topics.ABSOLUTE, self._on_joints),
@@ -63,6 +63,10 @@ class Listener:
     def _forget(self):
         self._streams = {topic.name: Stream(topic.name, topic.type) for topic in (
             topics.INCREMENTAL, topics.ABSOLUTE, topics.MISS_DISTANCE)}
+
+    def spin(self, seconds, until=lambda: False):
+        """Take what comes for so long, or until something holds; whether it does."""
+        return self._graph.spin_until(until, seconds)
 
     # --- messages -----------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ from msg_tools.output import beside, tried, write_text
 from telescope_mount.observing.plan import parse_plan
 
 from ..graph import night_graph
+from ..night_files import Written
 from ..whole_night import observe, prepare_folder
 from .experiment_page import write_experiment_page
 
@@ -99,24 +100,18 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0, kept_power_ons=0)
-    kept, incomplete = {}, []
-    report = observe(
-        folder, specs, plan, partial(_write, folder, nights, said, kept, incomplete), progress,
-        domain_number, incomplete=incomplete)
+    report, run, _ = observe(
+        folder, specs, plan, partial(_write, folder, nights, said), progress, domain_number)
     page = folder / 'page.html'
-    tried(incomplete, page, partial(
-        write_experiment_page, report=report, run=kept.get('run'), files=[
+    tried(report['incomplete'], page, partial(
+        write_experiment_page, report=report, run=run, files=[
             folder / 'bag', *(folder / name for name in FILES)]))
     report['files']['page'] = str(page)
-    report['incomplete'] = incomplete
     return report
 
 
-def _write(folder, nights, said, kept, incomplete, latest):
-    """table1.csv, zeros.csv, gps.json, report.json, observations.csv.
-
-    `kept` gets ``run``, the list `incomplete` what cannot be written.
-    """
+def _write(folder, nights, said, latest):
+    """table1.csv, zeros.csv, gps.json, report.json, observations.csv; `Written`."""
     from calibration.report.zero_season_report import judge_season, write_season
     from msg_tools import topics
     from pointing_model.runs.formats import write_csv
@@ -124,12 +119,12 @@ def _write(folder, nights, said, kept, incomplete, latest):
     from pointing_model.runs.run_messages import cloud_to_run
     from telescope_mount.papers.table_1 import COLUMNS, compare_with_paper
 
-    kept['run'] = run = cloud_to_run(latest[topics.OBSERVATIONS.name])
+    run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     report = compare_with_paper(calibrated['nights'], nights)
     report.update(said)
     report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
-    files = {name: folder / name for name in FILES}
+    files, incomplete = {name: folder / name for name in FILES}, []
 
     def write_table(path):
         with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as file:
@@ -142,6 +137,7 @@ def _write(folder, nights, said, kept, incomplete, latest):
             ('observations.csv', partial(write_csv, run, plain=True)),
             ('zeros.csv', partial(write_season, calibrated['power_ons']))):
         tried(incomplete, files[name], write)
+    report['incomplete'] = incomplete
     report['files'] = {'log': str(folder / 'bag'),
                        **{name: str(path) for name, path in files.items()}}
-    return report
+    return Written(report, run)

@@ -13,6 +13,7 @@ from telescope_mount import whole_night as night
 from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
 from telescope_mount.bridges.indi.indi_server import SIMULATOR
 from telescope_mount.bridges.indi.two_axes import TwoAxes
+from telescope_mount.night_files import Written
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.real_night import run_server_night
@@ -114,8 +115,9 @@ def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatc
     def observe(folder, specs, plan, *args, again, **_):
         values = {spec.name: spec.parameters for spec in specs}
         begun.append((Path(values['mcap_logger']['folder']).name, again))
-        return values['star_observer']['state_file']
+        return Written(values['star_observer']['state_file'], None)
     monkeypatch.setattr(night, 'observe', observe)
+    monkeypatch.setattr('telescope_mount.real_night.write_page', lambda *_: None)
     out = tmp_path / 'night'
     with FakeServer(SIMULATED) as server:
         def run(**given):

@@ -73,6 +73,6 @@ def test_results_are_heard_when_they_are_asked_for(watcher):
     pub.publish(topic.message(data='first'))
     pub.publish(topic.message(data='second'))
     assert watcher.node.count_subscribers(pub.topic_name) == 0
-    watcher.hear_results()
+    watcher.keep_results()
     assert watcher.spin_until(lambda: topic.name in watcher.latest, 30.0)
     assert watcher.latest[topic.name].data == 'second'

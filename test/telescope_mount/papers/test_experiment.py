@@ -12,6 +12,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.zero import is_for_zero
+from telescope_mount.night_files import Written
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.papers import experiment as module
 from telescope_mount.papers.experiment import SATELLITE_NIGHT, experiment_plan
@@ -150,7 +151,8 @@ def test_the_drifts_are_the_papers_unless_others_are_asked_for(
         monkeypatch, tmp_path, given, scenario):
     seen = {}
     monkeypatch.setattr(module, 'observe', lambda folder, specs, plan, *_, **__: seen.update(
-        {spec.name: spec.parameters for spec in specs}, plan=plan) or {'files': {}})
+        {spec.name: spec.parameters for spec in specs}, plan=plan) or Written(
+            {'files': {}, 'incomplete': []}, None))
     monkeypatch.setattr(module, 'write_experiment_page', lambda *_, **__: None)
     module.run_experiment(tmp_path / 'out', stars=8, nights=4, **given)
     for node in ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera'):
