@@ -92,8 +92,8 @@ def test_an_alpaca_telescope_is_asked_for_the_same(refused, tmp_path):
         specs = {spec.name: spec.parameters for spec in nodes_of(found, plan='home', bag='b')}
         assert specs['alpaca_sky']['port'] == server.port
         assert specs['mount_guard']['second_travel_deg'] == '-5,89'
-        tell = server.tell
-        server.tell = lambda name: [] if name == 'supportedactions' else tell(name)
+        value = server.value
+        server.value = lambda name: [] if name == 'supportedactions' else value(name)
         said = refused('night', '--mount', address, '--out', tmp_path / 'x')
     assert 'reports what it believes, not what is seen: give a camera with --camera' in said
     said = refused('night', '--mount', address, '--out', tmp_path / 'x')
