@@ -85,8 +85,8 @@ class FrameReader(MountNode):
         self._batch.add((*read_frame(message, self._axes), message.header.frame_id))
 
     def _read(self, images):
-        stamps, frames, told = zip(*images)
-        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], told)
+        stamps, frames, frame_ids = zip(*images)
+        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], frame_ids)
 
     def required(self):
         """It needs images."""

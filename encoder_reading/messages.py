@@ -15,7 +15,7 @@ _BOTH = np.arange(2)
 _ENCODINGS = ('mono8', '8UC1')
 
 
-def frame_message(stamp, frames, told='absolute_encoder'):
+def frame_message(stamp, frames, frame_id='absolute_encoder'):
     """A mono8 image with a row for each reading head: those of the first axis, then of the second.
 
     Parameters
@@ -24,20 +24,18 @@ def frame_message(stamp, frames, told='absolute_encoder'):
         ns.
     frames : sequence of ndarray of uint8, shape (heads, pixels)
         Of each axis; the rows of a shorter CCD are filled with 0.
-    told : str
-        The ``frame_id``, which may tell the power-on (`msg_tools.power_on`).
+    frame_id : str
+        It may tell the power-on (`msg_tools.power_on`).
     """
     rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
     first = 0
     for part in frames:
         rows[first : first + len(part), : part.shape[1]] = part
         first += len(part)
-    image = topics.ABSOLUTE_FRAME.message(
-        height=rows.shape[0], width=rows.shape[1], encoding='mono8', is_bigendian=0,
-        step=rows.shape[1], data=array.array('B', rows.tobytes()))
-    image.header.stamp = convert.to_stamp(stamp)
-    image.header.frame_id = told
-    return image
+    return topics.ABSOLUTE_FRAME.message(
+        header=convert.header(stamp, frame_id), height=rows.shape[0], width=rows.shape[1],
+        encoding='mono8', is_bigendian=0, step=rows.shape[1],
+        data=array.array('B', rows.tobytes()))
 
 
 def read_frame(message, axes):
@@ -103,7 +101,7 @@ class AngleOutput:
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
         self._rates, self._frame = Differenced(), ''
 
-    def read(self, stamps, frames, told):
+    def read(self, stamps, frames, frame_ids):
         """Read frames and publish the angles, with the rates of `frame_readings.Differenced`.
 
         Parameters
@@ -112,14 +110,14 @@ class AngleOutput:
             n of them, ns.
         frames : sequence of ndarray, shape (heads, n, pixels)
             Of each axis.
-        told : sequence of str
+        frame_ids : sequence of str
             The ``frame_id`` of each reading, which may tell the power-on; rates begin anew with
             another one.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
         for stamp, angle, quality, frame in zip(
-                stamps, readings.angle.tolist(), readings.quality.tolist(), told):
+                stamps, readings.angle.tolist(), readings.quality.tolist(), frame_ids):
             if frame != self._frame:
                 self._rates.forget()
                 self._frame = frame

@@ -7,7 +7,6 @@ import dataclasses
 import math
 
 import numpy as np
-from std_srvs.srv import Trigger
 
 from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
@@ -49,7 +48,7 @@ class AbsoluteEncoders(MountedDevice):
         self._batch = Batch(self._work, lambda: self.value('max_batch'))
         self._power_on = None  # from the first sample of a power-on on
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth, self._batch.finish)
-        self.create_service(Trigger, 'absolute/power_cycle', self._on_power_cycle)
+        self.serve('absolute/power_cycle', self._power_cycle, once=True)
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
@@ -64,18 +63,18 @@ class AbsoluteEncoders(MountedDevice):
         known = np.where(np.isfinite(rates), rates, 0.0)
         when = np.array(stamps, dtype=np.int64)
         warmth = self.warmth(when)
-        told = self._note_power_ons(when)
+        frame_ids = self._note_power_ons(when)
         frames = [encoder.frames(when, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
         rate = 0.0
         if self._output:
-            self._output.read(stamps, frames, told)
+            self._output.read(stamps, frames, frame_ids)
             rate = self.value('frame_rate_hz')
         if self._frame_pub.get_subscription_count() > 0:
             for i, stamp in enumerate(stamps):
                 if self._frame_decimator.passes(stamp, rate):
                     self._frame_pub.publish(
-                        frame_message(stamp, [part[:, i] for part in frames], told[i]))
+                        frame_message(stamp, [part[:, i] for part in frames], frame_ids[i]))
 
     def _note_power_ons(self, stamps):
         """The ``frame_id`` of each reading: which power-on it is of."""
@@ -87,13 +86,11 @@ class AbsoluteEncoders(MountedDevice):
             out.append(self._power_on.frame)
         return out
 
-    def _on_power_cycle(self, request, response):
+    def _power_cycle(self):
         self._batch.finish()  # what was seen before is of the power-on before
         for encoder in self._encoders:
             encoder.power_cycle()
-        response.success = True
-        response.message = f'absolute encoder: power-on {self._encoders[0].power_on}'
-        return response
+        return True, f'absolute encoder: power-on {self._encoders[0].power_on}'
 
     def required(self):
         """It needs axes to sit on, and in place of its own reader another."""

@@ -2,7 +2,6 @@
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
@@ -30,11 +29,11 @@ class IncrementalEncoders(MountedDevice):
         self._pub = self.publisher(topics.INCREMENTAL)
         self._homing_pub = self.publisher(topics.HOMING)
         self._zero_pub = self.publisher(topics.TRUTH_ZERO)
-        self._homing_told = None
+        self._homing_published = None
         self._power_on = self._counts = None  # from the first sample of a power-on on
-        self._tell_homing()
+        self._publish_homing()
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth, self._work)
-        self.create_service(Trigger, 'power_cycle', self._on_power_cycle)
+        self.serve('power_cycle', self._power_cycle, once=True)
 
     def _on_truth(self, message):
         stamp, angles, rates = convert.read_joints(message)[:3]
@@ -66,17 +65,17 @@ class IncrementalEncoders(MountedDevice):
             self._zero_pub.publish(convert.joint_state(
                 self._stamp, [encoder.zero for encoder in self._encoders], names=self.names))
         self._homed = homed
-        self._tell_homing()
+        self._publish_homing()
         rate = self.value('max_rate_hz')
-        told = [i for i, stamp in enumerate(stamps.tolist())
+        chosen = [i for i, stamp in enumerate(stamps.tolist())
                 if self._decimator.passes(stamp, rate)]
-        if not told:
+        if not chosen:
             return
-        rates = np.stack([encoder.rate(stamps[told], angles[told, axis], rates[told, axis],
-                                       warmth[told])
+        rates = np.stack([encoder.rate(stamps[chosen], angles[chosen, axis], rates[chosen, axis],
+                                       warmth[chosen])
                           for axis, encoder in enumerate(self._encoders)], axis=1)
         for stamp, angle, rate in zip(
-                stamps[told].tolist(), reading[told].tolist(), rates.tolist()):
+                stamps[chosen].tolist(), reading[chosen].tolist(), rates.tolist()):
             self._pub.publish(convert.joint_state(
                 stamp, angle, rate, frame=self._power_on.frame, names=self.names))
 
@@ -85,14 +84,14 @@ class IncrementalEncoders(MountedDevice):
         if counts != self._counts:
             self._counts, self._power_on = counts, PowerOn(max(counts), since(stamp))
 
-    def _tell_homing(self):
+    def _publish_homing(self):
         """Publish what is known of the marks, if a mark or the power changed it."""
         states = [encoder.status for encoder in self._encoders]
         known = [(s.homed, s.missed_marks, s.miscounted, self._power_on) for s in states]
         now = [*known, *((s.passages, s.power_on) for s in states)]
-        if now != self._homing_told:
-            news = self._homing_told is None or known != self._homing_told[:len(known)]
-            self._homing_told = now
+        if now != self._homing_published:
+            news = self._homing_published is None or known != self._homing_published[:len(known)]
+            self._homing_published = now
             started = self._power_on.started if self._power_on else np.nan
             self._homing_pub.publish(homing_to_cloud([
                 AxisHoming(s.homed, s.side, s.missed_marks, s.passages, s.mark_error,
@@ -102,15 +101,13 @@ class IncrementalEncoders(MountedDevice):
             if news and self._power_on is not None:
                 self.announce()  # a log without that topic has the diagnostics alone
 
-    def _on_power_cycle(self, request, response):
+    def _power_cycle(self):
         self._work()  # what was seen before is of the power-on before
         for encoder in self._encoders:
             encoder.power_cycle()
         self._homed, self._power_on = False, None
-        self._tell_homing()
-        response.success = True
-        response.message = f'power-on {self._encoders[0].power_on}; home before measuring'
-        return response
+        self._publish_homing()
+        return True, f'power-on {self._encoders[0].power_on}; home before measuring'
 
     def problems(self):
         """Not homed yet, or a counter that the mark gives the lie."""

@@ -9,7 +9,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
@@ -72,7 +71,7 @@ class MountSimulator(ManagedNode):
         self._read_thermometer(0.0)
         self._feedback_sub = self.subscribe(topics.INCREMENTAL, self._on_feedback)
         self.subscribe(topics.COMMAND, self._on_command)
-        self.create_service(Trigger, 'home', self._on_home)
+        self.serve('home', self._home, once=True)
         # wall time in which an answer would have been heard: others in this process may take long
         self._awake, self._looked = 0.0, time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -97,35 +96,28 @@ class MountSimulator(ManagedNode):
         if not self._live:
             self._settle(settled)
 
-    async def _on_home(self, request, response):
+    async def _home(self):
         """Pass the marks; where one was not noticed, again and slower."""
         if not self.active:
-            response.message = self.inactive
-            return response
+            return False, self.inactive
         if self._live and not await self._until_calm():
-            response.message = ('not homed: commands move the mount; cancel the plan '
-                                '(star_observer/cancel) or call pause of the guard first')
-            return response
+            return False, ('not homed: commands move the mount; cancel the plan '
+                           '(star_observer/cancel) or call pause of the guard first')
         if self._homing is not None:
-            response.message = 'homing is under way'
-            return response
-        reason = ''
+            return False, 'homing is under way'
         for attempt in range(HOME_ATTEMPTS):
             try:
                 first, last = self._mount.home(self._time, attempt)
             except ValueError as err:
-                response.message = str(err)
-                return response
+                return False, str(err)
             reading = await self._pass_marks(first, last)
-            reason = '' if reading is None else self._mount.home_failure(reading, attempt)
+            if reading is None:
+                return True, 'both axes have passed their reference marks; no encoder answered'
+            reason = self._mount.home_failure(reading, attempt)
             if not reason:
-                break
+                return True, 'both axes have met their reference marks'
             self.get_logger().warning(reason)
-        response.success = not reason
-        response.message = reason or (
-            'both axes have met their reference marks' if reading is not None else
-            'both axes have passed their reference marks; no encoder answered')
-        return response
+        return False, reason
 
     def _until_calm(self):
         """A future: whether commands have ceased."""

@@ -5,7 +5,7 @@ from itertools import count
 
 import numpy as np
 
-from .convert import MOUNT_FRAME, to_stamp
+from .convert import MOUNT_FRAME, header
 
 _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 # x, y, z as float32 and a gap, so that the float64 begin at a multiple of 8 bytes: so many of those
@@ -28,15 +28,12 @@ def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
     """
     from sensor_msgs.msg import PointCloud2, PointField
     rows = _rows(columns, points)
-    message = PointCloud2(
-        height=1, width=len(rows), fields=[
+    return PointCloud2(
+        header=header(ns, frame), height=1, width=len(rows), fields=[
             PointField(name=name, offset=offset, datatype=datatype, count=1)
             for name, offset, datatype in _fields(tuple(columns), points is not None)],
         is_bigendian=False, point_step=8 * rows.shape[1], row_step=rows.nbytes,
         data=rows.tobytes(), is_dense=True)
-    message.header.stamp = to_stamp(ns)
-    message.header.frame_id = frame
-    return message
 
 
 def _rows(columns, points):

@@ -18,6 +18,12 @@ def to_stamp(ns):
     return Time(sec=int(ns // 1_000_000_000), nanosec=int(ns % 1_000_000_000))
 
 
+def header(ns, frame):
+    """The std_msgs Header with a stamp (ns) and a ``frame_id``."""
+    from std_msgs.msg import Header
+    return Header(stamp=to_stamp(ns), frame_id=frame)
+
+
 def from_stamp(stamp):
     """Nanoseconds since 1970 of a ROS time message, int."""
     return stamp.sec * 1_000_000_000 + stamp.nanosec
@@ -37,12 +43,9 @@ def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan)
         Of the axes, one of `JOINTS`.
     """
     from sensor_msgs.msg import JointState
-    message = JointState(name=list(names), position=[float(v) for v in position],
-                         velocity=[float(v) for v in velocity],
-                         effort=[float(v) for v in effort])
-    message.header.stamp = to_stamp(ns)
-    message.header.frame_id = frame
-    return message
+    return JointState(
+        header=header(ns, frame), name=list(names), position=[float(v) for v in position],
+        velocity=[float(v) for v in velocity], effort=[float(v) for v in effort])
 
 
 def joints_of(names):
@@ -94,12 +97,8 @@ def read_joints(message):
 
 def vector(ns, x, y, frame):
     """A Vector3Stamped with x toward +A and y toward +E on the sky, rad."""
-    from geometry_msgs.msg import Vector3Stamped
-    message = Vector3Stamped()
-    message.header.stamp = to_stamp(ns)
-    message.header.frame_id = frame
-    message.vector.x, message.vector.y = float(x), float(y)
-    return message
+    from geometry_msgs.msg import Vector3, Vector3Stamped
+    return Vector3Stamped(header=header(ns, frame), vector=Vector3(x=float(x), y=float(y)))
 
 
 def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
@@ -120,9 +119,7 @@ def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
     """
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-    message = JointTrajectory(joint_names=list(names))
-    message.header.stamp = to_stamp(ns)
-    message.header.frame_id = frame
+    message = JointTrajectory(header=header(ns, frame), joint_names=list(names))
     for t, position, velocity in zip(times, positions, velocities):
         nanoseconds = round(t * 1e9)
         message.points.append(JointTrajectoryPoint(
@@ -172,10 +169,7 @@ def read_trajectory(message):
 def temperature(ns, celsius, frame='ambient'):
     """A Temperature message; its variance is unknown (0)."""
     from sensor_msgs.msg import Temperature
-    message = Temperature(temperature=float(celsius))
-    message.header.stamp = to_stamp(ns)
-    message.header.frame_id = frame
-    return message
+    return Temperature(header=header(ns, frame), temperature=float(celsius))
 
 
 def read_temperature(message):

@@ -69,7 +69,7 @@ class McapLogger(MountNode):
             self._make_bag, folder, self.value('truth_folder') or folder.rstrip('/') + '_truth',
             self.get_logger(), round(self.value('snapshot_mb') * 1e6))
         self._recorded = {}  # full name -> (subscription, counter)
-        self._refused, self._suspect, self._gaps_told = set(), set(), {}
+        self._refused, self._suspect, self._warned_gaps = set(), set(), {}
         self._model, self._attached = None, False
         for name, topic in self._known.items():
             if name in self._selection:
@@ -166,7 +166,7 @@ class McapLogger(MountNode):
                 self._suspect ^= {name}
             elif name in self._suspect:
                 self._suspect.discard(name)
-            self._tell_gaps(name, counter)
+            self._warn_of_gaps(name, counter)
         if self.value('provenance') and not self._recorder.error:
             before = self._collector.awaited
             self._collector.step()
@@ -209,10 +209,10 @@ class McapLogger(MountNode):
         if not offers:
             return
         qos, warnings = adapt_qos(offers)
-        before = self._gaps_told.get(f'qos {name}')
+        before = self._warned_gaps.get(f'qos {name}')
         if before == (qos.reliability, qos.durability):
             return
-        self._gaps_told[f'qos {name}'] = qos.reliability, qos.durability
+        self._warned_gaps[f'qos {name}'] = qos.reliability, qos.durability
         type_name = infos[0].topic_type
         self.destroy_subscription(sub)
         try:
@@ -224,12 +224,12 @@ class McapLogger(MountNode):
         self._warn(name, [f'subscribed anew, {qos.reliability.name.lower()} and '
                           f'{qos.durability.name.lower()}, as its publishers offer', *warnings])
 
-    def _tell_gaps(self, name, counter):
+    def _warn_of_gaps(self, name, counter):
         lost = counter.gaps
-        if lost > self._gaps_told.get(name, 0):
+        if lost > self._warned_gaps.get(name, 0):
             self.get_logger().warning(
                 f'{name}: {lost} messages lost so far, of {counter.sequence.publishers} publishers')
-        self._gaps_told[name] = lost
+        self._warned_gaps[name] = lost
 
     # --- services ---------------------------------------------------------------------------
 

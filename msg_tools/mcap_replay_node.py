@@ -141,7 +141,7 @@ class McapReplay(MountNode):
             topics=list(self._replayed), start=ns, end=self._stop)
         self._next = None
         self._earlier = self._reader.last_before(self._latched, ns) if self._latched else []
-        self._clock_told = None
+        self._clock_sent = None
         self._position = ns
         self._anchor(ns)
 
@@ -237,8 +237,8 @@ class McapReplay(MountNode):
 
     def _tick(self, ns):
         """Publish /clock if it is time to."""
-        if self._clock_told is None or ns - self._clock_told >= self._clock_step:
-            self._clock_told = ns
+        if self._clock_sent is None or ns - self._clock_sent >= self._clock_step:
+            self._clock_sent = ns
             self._clock_pub.publish(Clock(clock=to_stamp(ns)))
 
     # --- back-pressure ----------------------------------------------------------------------

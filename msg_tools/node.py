@@ -5,6 +5,7 @@ import os
 import socket
 import time
 import uuid
+from inspect import iscoroutinefunction
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -33,7 +34,7 @@ NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 #: are no ValueError
 UNUSABLE = ValueError, ArithmeticError, RecursionError
 #: s between two looks whether a node is alone in its place
-RIVALS = 0.25
+DUPLICATES = 0.25
 
 
 def message_of(data, kind):
@@ -107,20 +108,21 @@ class MountNode(ParameterNode):
         super().__init__(name, params, context=context, overrides=overrides, namespace=namespace)
         self._publishers_of = {}
         self._subscriptions_of = {}
-        self._instance, self._sole, self._overheard = new_instance(), [], None
+        self._instance, self._sole, self._watched = new_instance(), [], None
         self.rejected = {}
         # unique: two mounts may be on one graph
         self._hardware_id = f'{self.get_fully_qualified_name()}: {hardware_id or name}'
         self._announced = None
         self._announced_at = 0.0
-        self._last_counts, self._told, self._rests = None, (None, None), False
+        self._last_counts, self._rests = None, False
+        self._published_connections = self._published_counts = None
         self._unmatched, self._warned = set(), set()
         self._diagnostics = self.create_publisher(
             DIAGNOSTICS.message, DIAGNOSTICS.name, DIAGNOSTICS.qos,
             event_callbacks=NO_PUBLISHER_EVENTS)
         # diagnostics go on while simulated time stands still
         self.every(0.1, self._diagnose)
-        self.every(RIVALS, self._look_for_rivals)
+        self.every(DUPLICATES, self._look_for_duplicates)
 
     # --- topics -----------------------------------------------------------------------------
 
@@ -219,7 +221,7 @@ class MountNode(ParameterNode):
         return service
 
     def serve(self, name, call, once=False):
-        """A Trigger service; `call()` returns whether it was done, and a sentence.
+        """A Trigger service; `call()`, or what it awaits, is whether it was done, and a sentence.
 
         With `once` a question that is asked again, as its answer was lost, is not done again;
         without it what stops something is done whenever it is asked for.
@@ -227,7 +229,12 @@ class MountNode(ParameterNode):
         def answer(_, response):
             response.success, response.message = call()
             return response
-        service = self.create_service(Trigger, name, answer)
+
+        async def answer_later(_, response):
+            response.success, response.message = await call()
+            return response
+        service = self.create_service(
+            Trigger, name, answer_later if iscoroutinefunction(call) else answer)
         if not once:
             delattr(service, ANSWERS)
 
@@ -239,29 +246,29 @@ class MountNode(ParameterNode):
         GraphReports
         """
         reports = GraphReports(self.get_namespace())
-        self._hear_diagnostics(reports.take)
+        self._subscribe_diagnostics(reports.take)
         return reports
 
-    def _hear_diagnostics(self, call):
+    def _subscribe_diagnostics(self, call):
         return self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, call,
                                         DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     # --- one graph in a namespace -----------------------------------------------------------
 
-    def _look_for_rivals(self):
+    def _look_for_duplicates(self):
         """While another is, or publishes, what this node does, listen who it is."""
         own = self.get_name(), self.get_namespace()
         crowd = (any(self.count_publishers(topic) > 1 for topic in self._sole)
                  or self.get_node_names_and_namespaces().count(own) > 1)
-        if crowd and self._overheard is None:
-            self._overheard = self._hear_diagnostics(self._on_overheard)
-        elif not crowd and self._overheard is not None:
-            self.destroy_subscription(self._overheard)
-            self._overheard = None
+        if crowd and self._watched is None:
+            self._watched = self._subscribe_diagnostics(self._on_status)
+        elif not crowd and self._watched is not None:
+            self.destroy_subscription(self._watched)
+            self._watched = None
 
-    def _on_overheard(self, message):
+    def _on_status(self, message):
         for status in message.status:
-            reason = earlier_rival(self._instance, self.get_fully_qualified_name(), self._sole,
+            reason = earlier_duplicate(self._instance, self.get_fully_qualified_name(), self._sole,
                                    status)
             if reason:
                 # topics such as /clock are in no namespace
@@ -330,29 +337,20 @@ class MountNode(ParameterNode):
             rows.append((f'gaps {name}', str(sum(c.gaps for _, c in subs))))
         return rows
 
-    def _connections_and_counts(self):
-        """The numbers of `endpoints`, but for those of the clock, which never comes to rest."""
-        connections = [self._diagnostics.get_subscription_count()]
-        counts = []
-        for name, (pub, counter) in self._publishers_of.items():
-            connections.append(pub.get_subscription_count())
-            if name != CLOCK.name:
-                counts.append(counter.count)
-        for name, subs in self._subscriptions_of.items():
-            for sub, counter in subs:
-                connections.append(sub.get_publisher_count())
-                if name != CLOCK.name:
-                    counts += counter.count, counter.last, counter.gaps
-        return connections, counts
-
     def _diagnose(self):
         # at once when a connection came or went, or messages have come to rest; else once a second
-        connections, counts = self._connections_and_counts()
+        rows = self.endpoints()
+        ends = PUBLISHES, SUBSCRIBES
+        connections = [row for row in rows if row[0].startswith(ends)]
+        # those of the clock never come to rest
+        counts = [row for row in rows
+                  if not row[0].startswith(ends) and not row[0].endswith(f' {CLOCK.name}')]
         self._rests = counts == self._last_counts
         self._last_counts = counts
-        new = connections != self._told[0] or (self._rests and counts != self._told[1])
+        new = (connections != self._published_connections
+               or (self._rests and counts != self._published_counts))
         if new or time.monotonic() - self._announced_at >= 1.0:
-            self._told = connections, counts
+            self._published_connections, self._published_counts = connections, counts
             self.announce()
 
     def announce(self):
@@ -417,7 +415,7 @@ def _order(instance):
     return (int(start), rest) if is_count(start) else None
 
 
-def earlier_rival(own, name, topics, status):
+def earlier_duplicate(own, name, topics, status):
     """Whether a status is that of a node before which another has to go.
 
     Parameters

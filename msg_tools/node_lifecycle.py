@@ -65,7 +65,7 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     # --- for subclasses -----------------------------------------------------------------------
 
     def look_around(self):
-        """s after its start before it may be active: in them a rival is found."""
+        """s after its start before it may be active: in them a duplicate is found."""
         return 0.0
 
     def configured(self):

@@ -93,7 +93,8 @@ class MountDisplay(MountNode):
                 (LOOKS, BORESIGHT, self._reading and self._mount.direction(*self._reading[1])),
                 (SENT, STAR, self._star)):
             if end is None:
-                yield Marker(header=_header(stamp), ns='mount', id=number, action=Marker.DELETE)
+                yield Marker(header=convert.header(stamp, ROOT), ns='mount', id=number,
+                             action=Marker.DELETE)
             elif number == LOOKS:
                 marker = _marker(stamp, number, Marker.ARROW, colour, (0.01, 0.025, 0.05))
                 marker.points = [_point(np.zeros(3)), _point(end)]
@@ -108,16 +109,10 @@ class MountDisplay(MountNode):
         return {self.resolve_topic_name(topics.INCREMENTAL.name)}
 
 
-def _header(stamp):
-    marker = Marker().header
-    marker.frame_id, marker.stamp = ROOT, convert.to_stamp(stamp)
-    return marker
-
-
 def _marker(stamp, number, kind, colour, size):
     red, green, blue = colour
-    return Marker(header=_header(stamp), ns='mount', id=number, type=kind, action=Marker.ADD,
-                  scale=Vector3(**dict(zip('xyz', map(float, size)))),
+    return Marker(header=convert.header(stamp, ROOT), ns='mount', id=number, type=kind,
+                  action=Marker.ADD, scale=Vector3(**dict(zip('xyz', map(float, size)))),
                   color=ColorRGBA(r=red, g=green, b=blue, a=1.0))
 
 

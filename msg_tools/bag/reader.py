@@ -6,21 +6,16 @@ recover`). This one can go when one of them reads those.
 """
 
 import bisect
-import errno
 import heapq
-import os
 import re
 from collections import Counter
 from contextlib import ExitStack
-from pathlib import Path
 
-from ..output import beside
 from .chunk_rows import ChunkRows
 from .file import MIN_RECORDS, BagFile, attachment_data
 from .log import BagMessage, LogTopic, Reader
 from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short
 from .metadata import Listed
-from .writer import plain_name
 
 #: bytes of chunks that overlap in time and are held at once
 MAX_HELD = MAX_CHUNK + 64 * 2**20
@@ -303,28 +298,6 @@ class BagReader(Reader):
                 return attachment_data(info)
         known = ', '.join(a.name for a in self.attachments) or 'none'
         raise ValueError(f'{self.path} has no attachment {name!r} (it has: {known})')
-
-    def extract_attachment(self, name, folder):
-        """Write an attachment into `folder`; never over a file, never outside of it.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        ValueError
-            `name` holds a path, or there is no such attachment.
-        FileExistsError
-            A file of that name is there.
-        """
-        target = Path(folder) / plain_name(name)
-        data = self.read_attachment(name)
-        if target.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
-        with beside(target) as part:
-            part.write_bytes(data)
-        return target
 
 
 def _may_hold(segment, file, topic):

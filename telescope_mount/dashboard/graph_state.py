@@ -5,11 +5,11 @@ Needs no ROS: the messages of a log have the same fields.
 
 import json
 from dataclasses import asdict, dataclass, field
-from datetime import datetime, timedelta, timezone
 
 import numpy as np
 
 from msg_tools import NAMESPACE, convert, topics
+from msg_tools.bag.losses import utc
 from msg_tools.power_on import read_frame
 from msg_tools.readiness import is_count
 from msg_tools.status import Progress
@@ -220,7 +220,7 @@ class LastMessages:
         -------
         WatchState
         """
-        state = WatchState(self._source, time_utc=_utc(self._clock or self._newest))
+        state = WatchState(self._source, time_utc=utc(self._clock or self._newest or None))
         self._run = self._all_rows()
         for name, part in (('axes', self._axes), ('zero', self._zero),
                            ('encoders', self._encoders), ('sky', self._sky),
@@ -413,13 +413,3 @@ def _level(status):
 
 def _rows(status):
     return {row.key: row.value for row in status.values}
-
-
-def _utc(ns):
-    if not ns:
-        return None
-    try:
-        when = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=ns // 1000)
-    except OverflowError:
-        return f'{ns} ns since 1970'
-    return when.isoformat(timespec='milliseconds').replace('+00:00', 'Z')

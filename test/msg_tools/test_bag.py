@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from msg_tools.bag import BagReader, BagWriter, ros_schema
+from msg_tools.bag.writer import plain_name
 
 
 def test_every_message_comes_back_in_log_time_order(demo, tmp_path):
@@ -225,10 +226,6 @@ def test_attachments(demo, tmp_path):
             == [('model.json', 'application/json', 10)] * 2
         assert reader.read_attachment('model.json') == b'{"new": 1}'
         assert reader.metadata['parameters'] == {'seed': '4'}
-    target = reader.extract_attachment('model.json', tmp_path)
-    assert target.read_bytes() == b'{"new": 1}'
-    with pytest.raises(FileExistsError):
-        reader.extract_attachment('model.json', tmp_path)
     with pytest.raises(ValueError, match='model.json'):
         reader.read_attachment('other')
 
@@ -243,10 +240,8 @@ def test_attachment_names_that_leave_the_folder(demo, tmp_path, name):
         writer.finish()
     reader = BagReader(tmp_path / 'x.mcap')
     assert reader.attachments[0].name == name
-    (tmp_path / 'out').mkdir()
     with pytest.raises(ValueError, match='plain file name'):
-        reader.extract_attachment(name, tmp_path / 'out')
-    assert sorted(p.name for p in tmp_path.iterdir()) == ['out', 'x.mcap']
+        plain_name(reader.attachments[0].name)
 
 
 def test_truth_is_flagged(demo, tmp_path):

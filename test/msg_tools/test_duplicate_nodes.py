@@ -2,7 +2,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.node import INSTANCE, earlier_rival, new_instance
+from msg_tools.node import INSTANCE, earlier_duplicate, new_instance
 
 EARLY, LATE = new_instance(10**18), new_instance(2 * 10**18)
 
@@ -16,7 +16,7 @@ def status(instance, name='/mount/camera', topics=('/mount/zero',)):
 
 
 def rival(own, other):
-    return earlier_rival(own, '/mount/calibration', ['/mount/model', '/mount/zero'], other)
+    return earlier_duplicate(own, '/mount/calibration', ['/mount/model', '/mount/zero'], other)
 
 
 def test_of_two_publishers_the_one_that_started_later_goes():
