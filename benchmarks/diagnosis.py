@@ -43,7 +43,7 @@ from calibration.analysis.diagnosis import Base, diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.candidates import CandidateGroup
-from calibration.estimation.linear_model import orthonormal
+from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from calibration.estimation.linear_model import orthonormal
+from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.runs.run import PointingRun

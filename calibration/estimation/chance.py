@@ -86,7 +86,7 @@ class ChanceTest:
         n, r = fit.n, fit.residual
         own = scores.basis(group)
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
-        e = pair_corrected(fit.basis.with_common(own), r - (own @ r) @ own)
+        e = pair_corrected(fit.basis.beside(own), r - (own @ r) @ own)
         variance = np.mean(np.square(e), axis=1) + 1e-30
         free = 1.0 - len(fit.basis) / (2.0 * n)
         self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
@@ -192,7 +192,7 @@ class Chance:
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0
-        if self._whole is not None and problem.base.own is not None:
+        if self._whole is not None and problem.base.groups:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
         return self._memory_test(problem, chosen, groups).p(g)
 

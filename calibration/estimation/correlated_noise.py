@@ -335,7 +335,7 @@ def _solved(phi, root, lower, columns):
     return _bidiagonal(np.vstack((np.ones(len(phi)), np.append(lower, 0.0))), columns) / root
 
 
-def noise_memory(sequence, root, scale, rows, b, own=None):
+def noise_memory(sequence, root, scale, columns, b):
     """How much rows resemble their neighbours: the noise of each axis, by restricted likelihood.
 
     Parameters
@@ -345,11 +345,9 @@ def noise_memory(sequence, root, scale, rows, b, own=None):
         Weights, with all noise taken as white.
     scale : ndarray, shape (2,)
         That noise, as `WeightedFit.scale`.
-    rows : ndarray, shape (k, 2n)
-        Design of what is fitted to all rows.
+    columns : GroupColumns
+        What is fitted; groups are runs, or parts of them.
     b : ndarray, shape (2n,)
-    own : ndarray, shape (j, 2n), optional
-        Of what each run fits for itself.
 
     Returns
     -------
@@ -359,19 +357,19 @@ def noise_memory(sequence, root, scale, rows, b, own=None):
     out, memories = [], sequence.memories()
     for axis in (0, 1):
         best = AxisNoise(scale=scale[axis])
-        likelihood = AxisLikelihood(sequence, axis, False, root, scale, rows, b, own)
+        likelihood = AxisLikelihood(sequence, axis, False, root, scale, columns, b)
         if not likelihood.few:
             best = likelihood.climb(memories, _SIZES, best)
         if axis == 0 and best.gain > 0.0:
             # nearly the same curve: near the best of the other
-            likelihood = AxisLikelihood(sequence, axis, True, root, scale, rows, b, own)
+            likelihood = AxisLikelihood(sequence, axis, True, root, scale, columns, b)
             size = best.variance / (best.scale / scale[0])**2 / likelihood.typical
             best = likelihood.climb([best.memory], [size], best)
         out.append(best)
     return tuple(out)
 
 
-def likely_memories(sequence, root, memory, scale, rows, b, own=None):
+def likely_memories(sequence, root, memory, scale, columns, b):
     """Noise that each axis may have, and how likely it is: the estimate alone claims too much.
 
     Half of the prior is that it has no memory, the other half is even over the logarithms of memory
@@ -379,7 +377,7 @@ def likely_memories(sequence, root, memory, scale, rows, b, own=None):
 
     Parameters
     ----------
-    sequence, root, scale, rows, b, own
+    sequence, root, scale, columns, b
         As of `noise_memory`.
     memory : tuple of AxisNoise
         The estimate.
@@ -391,7 +389,7 @@ def likely_memories(sequence, root, memory, scale, rows, b, own=None):
     """
     out = []
     for axis in (0, 1):
-        likelihood = AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, rows, b, own)
+        likelihood = AxisLikelihood(sequence, axis, memory[axis].scaled, root, scale, columns, b)
         tried = [] if likelihood.few else likelihood.at(*_grid(sequence.memories(), _FINER))
         every = [AxisNoise(scale=scale[axis]), *tried]
         gain = np.array([one.gain for one in every])
@@ -417,11 +415,11 @@ class AxisLikelihood:
         Variance of the white noise.
     """
 
-    def __init__(self, sequence, axis, scaled, root, scale, rows, b, own):
+    def __init__(self, sequence, axis, scaled, root, scale, columns, b):
         n = len(b) // len(scale)
         part = slice(axis * n, (axis + 1) * n)
         own, rows = (some[np.abs(some).max(axis=1, initial=0.0) > 0.0] for some in (
-            rows[:0, part] if own is None else own[:, part], rows[:, part]))
+            columns.own[:, part], columns.common[:, part]))
         self._scaled, self._scale, self._own = scaled, scale[axis], len(own)
         self._rows = _AxisRows(root[part], sequence, scaled)
         self._columns = self._rows.scaled(np.vstack((own, rows, b[part])))

@@ -65,17 +65,14 @@ def predicted(problem, part, chosen, noise, test):
     p, own = design.solver(noise, DISTINCT)(part.b)
     other = problem.rows(test)
     other.b = other.b - p @ other.design(chosen).common
-    if design.own is not None:
-        runs = np.unique(design.run)
-        for run, q in zip(runs, own):
-            here = np.tile(other.base.run == run, 2)
-            other.b[here] -= q @ other.base.own[:, here]
-        new = ~np.isin(other.base.run, runs)
+    if design.groups:
+        other.b -= other.base.spread(own[:, :, None])[0]
+        new = ~np.isin(other.base.group, design.group)
         if new.any():
-            rows = other.rows(np.flatnonzero(new))
-            rows.base.common = rows.base.common[:0]
+            rows = other.rows(np.flatnonzero(new[:len(test)]))
+            rows.base = rows.base.without_common()
             # zeros of a night are fitted as an observer would, not by its memory
-            other.b[np.tile(new, 2)] = rows.plain.fit([]).raw
+            other.b[new] = rows.plain.fit([]).raw
     return other.b.reshape(2, len(test))
 
 
@@ -119,7 +116,7 @@ def cross_validate_quickly(problem, chosen, noise, folds):
     design, everything = whole.base, np.arange(problem.n)
     out = np.empty((2, problem.n))
     for fold in folds:
-        if design.own is None:
+        if not design.groups:
             p, _ = design.solver(noise.without(fold))(problem.b)
             both = np.concatenate((fold, fold + problem.n))
             out[:, fold] = (problem.b[both] - p @ design.common[:, both]).reshape(2, -1)

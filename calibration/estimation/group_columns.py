@@ -1,8 +1,8 @@
-"""Designs in which each row has a column of its group: the zeros of many power-ons.
+"""Designs of which some columns are zero outside one group: zeros of power-ons, terms of a night.
 
-A column that is zero outside its group is fitted in closed form, whatever the weights: what the
-group's column takes of a vector is one sum over the group (Frisch and Waugh 1933, Econometrica 1,
-387). So a zero more costs a sum more, and not a column of the design.
+Columns that are zero outside their group are fitted in closed form, whatever the weights: what they
+take of a vector is a few sums over the group (Frisch and Waugh 1933, Econometrica 1, 387). So a
+group more costs sums more, and no column of the normal matrix.
 """
 
 from dataclasses import dataclass, replace
@@ -10,35 +10,93 @@ from functools import cached_property
 
 import numpy as np
 
+from .correlated_noise import EIGEN, CorrelatedNoise, WhiteNoise
+
+#: of a row of unit length that those before it do not explain: with more of each none depends on
+#: others
+_SURE = 1e-3
+#: of a common column, what must remain beyond those of the groups: below it, it may be rounding
+_LEAST = 1e-5
+
+
+def orthonormal(rows):
+    """Orthonormal basis of the span of `rows` (numerically dependent ones dropped).
+
+    Parameters
+    ----------
+    rows : ndarray, shape (k, m)
+
+    Returns
+    -------
+    ndarray, shape (rank, m)
+    """
+    for _ in range(2):  # twice is enough for orthogonality to rounding
+        if not len(rows):
+            break
+        length = np.sqrt(np.einsum('ij,ij->i', rows, rows))
+        rows = rows[length > 0.0] / length[length > 0.0, None]
+        if 0 < len(rows) <= rows.shape[1]:
+            from scipy.linalg.lapack import dgeqrf, dorgqr  # slow to import
+            turned, tau, _, _ = dgeqrf(rows.T)  # a tenth of the time of the eigenvalues
+            if np.abs(turned.diagonal()).min() > _SURE:
+                return dorgqr(turned, tau, overwrite_a=1)[0].T
+        values, vectors = np.linalg.eigh(rows @ rows.T)
+        keep = values > EIGEN * values[-1:]
+        rows = (vectors[:, keep] / np.sqrt(values[keep])).T @ rows
+    return rows
+
+
+def inverse_root(normal, least=EIGEN):
+    """H with H H^T = N^-1, shape (..., j, j), where N determines it; else zero.
+
+    Directions count of which the eigenvalue, for unit columns, is above the part `least` of the
+    largest.
+    """
+    length = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    length = np.where(length > 0.0, length, 1.0)
+    values, vectors = np.linalg.eigh(normal / (length[..., None] * length[..., None, :]))
+    keep = values > least * np.maximum(values[..., -1:], 1e-300)
+    return vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)[
+        ..., None, :] / length[..., None]
+
 
 @dataclass(frozen=True, eq=False)
 class GroupColumns:
-    """A design: the columns of `rest`, then of each group a column `own`, zero in other groups.
+    """A design: columns of all rows, then of each group columns `own`, zero in other groups.
 
-    To `least_squares` it is as an ndarray of shape (k + groups, n).
+    To `least_squares` it is as an ndarray of shape (k + groups * j, n).
 
     Attributes
     ----------
     group : ndarray of int, shape (n,)
-        0, 1, ...; none is empty.
-    own : ndarray, shape (n,)
-        Of a group in which it is zero there is no column.
-    rest : ndarray, shape (n, k)
+        0, 1, ...
+    own : ndarray, shape (j, n)
+        Of each group; of one in which they are zero there are none.
+    common : ndarray, shape (k, n)
+    zeros : sequence of int
+        Which of the common columns are the zeros of the axes.
     """
 
     __array_ufunc__ = None  # so that an ndarray leaves products to this
 
     group: np.ndarray
     own: np.ndarray
-    rest: np.ndarray
+    common: np.ndarray
+    zeros: tuple = ()
 
     @classmethod
-    def of(cls, label, own=None, rest=None):
+    def of(cls, label, own=None, common=None, zeros=()):
         """With the groups that share a value of `label`, shape (n,); `own` is 1 by default."""
         n = len(label)
         return cls(np.unique(label, return_inverse=True)[1].reshape(n),
-                   np.ones(n) if own is None else own,
-                   np.empty((n, 0)) if rest is None else rest)
+                   np.ones((1, n)) if own is None else own,
+                   np.empty((0, n)) if common is None else common, zeros)
+
+    @classmethod
+    def alone(cls, common, zeros=()):
+        """Without groups."""
+        n = common.shape[1]
+        return cls(np.zeros(n, int), np.empty((0, n)), common, zeros)
 
     @classmethod
     def of_runs(cls, terms, run, cos_el):
@@ -54,90 +112,241 @@ class GroupColumns:
         """
         place = np.unique(run, return_inverse=True)[1].reshape(len(run))
         group = 2 * np.maximum(place - 1, 0)
-        return cls(np.concatenate((group, group + 1)),
-                   np.concatenate((cos_el, np.ones(len(run)))) * np.tile(place > 0, 2), terms.T)
+        own = np.concatenate((cos_el, np.ones(len(run)))) * np.tile(place > 0, 2)
+        return cls(np.concatenate((group, group + 1)), own[None], terms)
 
     @cached_property
     def groups(self):
         """How many."""
-        return int(self.group.max(initial=-1)) + 1
+        return int(self.group.max(initial=-1)) + 1 if len(self.own) else 0
+
+    @cached_property
+    def _members(self):
+        ends = np.cumsum(np.bincount(self.group, minlength=self.groups))[:-1]
+        return np.split(np.argsort(self.group, kind='stable'), ends)
 
     @property
     def shape(self):
         """Of the ndarray in whose place it is."""
-        return self.rest.shape[1] + self.groups, len(self.group)
+        return len(self.common) + self.groups * len(self.own), self.common.shape[1]
 
     def __len__(self):
         return self.shape[0]
 
     def beside(self, *columns):
-        """With further columns, shape (n,) or (n, j) each."""
-        return self._with(rest=np.column_stack([self.rest, *columns]))
+        """With further common columns, shape (n,) or (j, n) each."""
+        return self._with(common=np.vstack([self.common, *columns]))
+
+    def rows(self, rows):
+        """Of some rows (indices of n); the groups keep their numbers."""
+        return self._with(group=self.group[rows], own=self.own[:, rows],
+                          common=self.common[:, rows])
+
+    def without_common(self):
+        """The groups' columns alone."""
+        return self._with(common=self.common[:0], zeros=())
 
     def whitened(self, noise):
-        """By a noise such as `CorrelatedNoise` in which no row resembles one of another group."""
-        return self._with(own=noise.whiten(self.own), rest=noise.whiten(self.rest.T).T)
+        """By a noise in which no row resembles one of another group."""
+        own = noise.whiten(self.own) if self.groups else self.own
+        return self._with(own=own, common=noise.whiten(self.common))
 
     def _with(self, **changed):
         out = replace(self, **changed)
         out.__dict__['groups'] = self.groups
+        if 'group' not in changed and '_members' in self.__dict__:
+            out.__dict__['_members'] = self._members
         return out
 
-    def squares(self, weights=None):
-        """Square of the length of the group's columns, shape (groups,)."""
-        own = np.square(self.own)
-        return self._sums((own if weights is None else weights * own)[:, None])[:, 0]
+    def sums(self, values):
+        """Products of the groups' columns with `values`, (m, n): shape (groups, j, m)."""
+        if len(self.own) == 1:  # one pass, whatever the number of groups
+            place = np.arange(len(values))[:, None] * self.groups + self.group
+            return np.bincount(place.ravel(), (self.own * values).ravel(),
+                               self.groups * len(values)).reshape(-1, 1, self.groups).T
+        return np.array([self.own[:, at] @ values[:, at].T for at in self._members]).reshape(
+            self.groups, len(self.own), len(values))
 
-    def share(self, values, weights=None):
-        """Coefficients of the groups' columns alone, with those weights, shape (groups, k).
+    def spread(self, coefficients):
+        """Coefficients of the groups' columns, (groups, j, m), as values, shape (m, n)."""
+        if len(self.own) == 1:
+            return self.own * coefficients[self.group, 0].T
+        out = np.zeros((coefficients.shape[2], self.shape[1]))
+        for at, p in zip(self._members if self.groups else (), coefficients):
+            out[:, at] = p.T @ self.own[:, at]
+        return out
+
+    def own_normal(self, weights=None):
+        """Normal matrices of the groups' columns, shape (groups, j, j)."""
+        return self.sums(self.own if weights is None else weights * self.own)
+
+    def share(self, values, weights=None, root=None):
+        """Coefficients of the groups' columns alone, with those weights, shape (groups, j, m).
 
         Parameters
         ----------
-        values : ndarray, shape (n, k)
+        values : ndarray, shape (m, n)
         weights : ndarray, shape (n,), optional
+        root : ndarray, shape (groups, j, j), optional
+            `inverse_root` of `own_normal`, where it is known.
         """
-        own = self.own if weights is None else weights * self.own
-        size = self.squares(weights)[:, None]
-        return self._sums(own[:, None] * values) / np.where(size > 0.0, size, 1.0)
-
-    def off(self, values, weights=None):
-        """What the groups' columns leave of `values`, shape (n,) or (n, k)."""
-        if values.ndim == 1:
-            return self.off(values[:, None], weights)[:, 0]
-        return values - self.own[:, None] * self.share(values, weights)[self.group]
-
-    def _sums(self, values):
-        """Sum over each group, shape (groups, k), of `values`, shape (n, k)."""
-        k = values.shape[1]
-        # a bin for each group and column: one pass, in the order of the rows
-        place = self.group[:, None] * k + np.arange(k)
-        return np.bincount(place.ravel(), values.ravel(), self.groups * k).reshape(
-            self.groups, k)
+        root = inverse_root(self.own_normal(weights)) if root is None else root
+        sums = self.sums(values if weights is None else weights * values)
+        return root @ (root.transpose(0, 2, 1) @ sums)
 
     def normal(self, weights):
         """The normal matrix."""
-        across = self._sums((weights * self.own)[:, None] * self.rest)
-        return bordered((self.rest.T * weights) @ self.rest, across,
-                        np.diag(self.squares(weights)))
+        k, j = len(self.common), len(self.own)
+        across = self.sums(weights * self.common).reshape(-1, k)
+        own = np.zeros((self.groups, j, self.groups, j))
+        each = np.arange(self.groups)
+        own[each, :, each] = self.own_normal(weights)
+        return bordered((self.common * weights) @ self.common.T, across,
+                        own.reshape(len(across), -1))
+
+    def basis(self, noise=None):
+        """`Basis` of the columns, whitened by a noise as of `whitened`."""
+        white = self if noise is None else self.whitened(noise)
+        if not self.groups:
+            return Basis(orthonormal(white.common), white)
+        groups = white.orthonormal_groups()
+        left = groups.off(groups.off(white.common))
+        length, after = (np.sqrt(np.square(of).sum(axis=1)) for of in (white.common, left))
+        return Basis(orthonormal(left[after > _LEAST * length]), groups.groups)
+
+    def orthonormal_groups(self):
+        """`Basis` of the groups' columns alone."""
+        out = self.without_common()
+        for _ in range(2 if self.groups else 0):  # twice is enough for orthogonality to rounding
+            out = out._with(own=out.spread(inverse_root(out.own_normal())))
+        return Basis(out.common, out)
+
+    def solver(self, noise, least=_LEAST):
+        """`ColumnSolver` of these columns."""
+        return ColumnSolver(self, noise, least)
+
+    def left_of(self, b, noise):
+        """What a least-squares fit leaves of all rows, those without weight too, shape (n,).
+
+        Parameters
+        ----------
+        b : ndarray, shape (n,)
+        noise : WhiteNoise or CorrelatedNoise
+        """
+        return b - np.concatenate([of.ravel() for of in self.solver(noise)(b)]) @ self
 
     def __matmul__(self, values):
         """With values of the rows, shape (n,)."""
-        sums = self._sums((self.own * values)[:, None])
-        return np.concatenate((self.rest.T @ values, sums[:, 0]))
+        return np.concatenate((self.common @ values, self.sums(values[None]).ravel()))
 
     def __rmatmul__(self, p):
         """Coefficients as values of the rows; of a matrix of them, dense."""
         if p.ndim > 1:
             return p @ np.asarray(self)
-        k = self.rest.shape[1]
-        return self.rest @ p[:k] + self.own * p[k:][self.group]
+        k = len(self.common)
+        return p[:k] @ self.common + self.spread(
+            p[k:].reshape(self.groups, len(self.own), 1))[0]
 
     def __array__(self, dtype=None, copy=None):
-        members = (self.group == np.arange(self.groups)[:, None]) * self.own
-        return np.concatenate((self.rest.T, members)).astype(dtype or float, copy=False)
+        members = self.group == np.arange(self.groups)[:, None, None]
+        return np.concatenate((self.common, (members * self.own).reshape(
+            -1, self.shape[1]))).astype(dtype or float, copy=False)
 
 
 def bordered(corner, across, own):
-    """Symmetric, of the columns of `rest`, between these and those of the groups, of the latter."""
+    """Symmetric, of the common columns, between these and those of the groups, of the latter."""
     return np.concatenate((np.concatenate((corner, across.T), axis=1),
                            np.concatenate((across, own), axis=1)))
+
+
+class Basis:
+    """Orthonormal rows, of which those of groups are zero elsewhere and kept so.
+
+    Of 119 runs with six terms each 714 rows of 2n would be nearly all zeros; to take them off
+    hundreds of candidates would cost a hundred times as much.
+
+    Parameters
+    ----------
+    common : ndarray, shape (k, n)
+        Orthonormal, beyond those of the groups.
+    groups : GroupColumns
+        Whose own columns are orthonormal, or zero; by default without any.
+    """
+
+    def __init__(self, common, groups=None):
+        self.common = common
+        self.groups = GroupColumns.alone(common[:0]) if groups is None else groups
+
+    def __len__(self):
+        return len(self.common) + round(np.square(self.groups.own).sum())
+
+    def off(self, rows, in_place=False):
+        """Rows, shape (..., n), without what the basis spans."""
+        out = rows if in_place else np.array(rows, dtype=float)
+        if self.groups.groups:
+            flat = out.reshape(-1, out.shape[-1])
+            flat -= self.groups.spread(self.groups.sums(flat))
+        out -= (out @ self.common.T) @ self.common
+        return out
+
+    def beside(self, rows):
+        """With orthonormal rows, shape (j, n), that are beyond it."""
+        return Basis(np.vstack((self.common, rows)), self.groups)
+
+    def blocks_of_rows(self):
+        """Entries of the projector that belong to one row of two axes: xx, yy and xy, each (n,).
+
+        Both values of a row are of one group.
+        """
+        x, y = np.split(np.vstack((self.common, self.groups.own)), 2, axis=1)
+        return np.array([np.einsum('ij,ij->j', a, b) for a, b in ((x, x), (y, y), (x, y))])
+
+
+class ColumnSolver:
+    """Least squares by `GroupColumns`, group by group.
+
+    Parameters
+    ----------
+    columns : GroupColumns
+    noise : WhiteNoise or CorrelatedNoise
+    least : float
+        Part of a common column that the groups cannot fit for themselves: below it its coefficient
+        is zero.
+
+    Attributes
+    ----------
+    inverse : ndarray, shape (k, k)
+        Covariance of the coefficients of the common columns, whatever the groups' own are.
+    """
+
+    def __init__(self, columns, noise, least):
+        self._columns, self._noise = columns, noise
+        white = columns.whitened(noise)
+        self._groups, beyond = white.orthonormal_groups(), white.common
+        if columns.groups:
+            length = np.sqrt(np.square(beyond).sum(axis=1))
+            beyond = self._groups.off(beyond)
+            beyond[np.sqrt(np.square(beyond).sum(axis=1)) <= least * length] = 0.0
+        root = inverse_root(beyond @ beyond.T)
+        self._beyond, self.inverse = beyond, root @ root.T
+
+    def inverse_under(self, noise):
+        """Covariance of the same coefficients, if the noise is another `CorrelatedNoise`."""
+        factor = noise.spread((self.inverse @ self._beyond) * self._noise.root)
+        return factor @ factor.T
+
+    def __call__(self, b):
+        """Coefficients of the common columns, (k,), and of each group's own, (groups, j).
+
+        Zeros are where the rows were, not where their memory would take them: where correlated
+        noise goes through the whole run its mean is hardly known, and generalised least squares
+        may put it far beside all rows (a run of 1.4 h with noise of 140": 60").
+        """
+        columns, root = self._columns, self._noise.root
+        p = self.inverse @ (self._beyond @ self._groups.off(self._noise.whiten(b)))
+        if columns.groups:
+            return p, columns.share((b - p @ columns.common)[None], np.square(root))[:, :, 0]
+        if len(columns.zeros) and isinstance(self._noise, CorrelatedNoise):
+            zeros = GroupColumns.alone(columns.common[list(columns.zeros)])
+            p[list(columns.zeros)] += zeros.solver(WhiteNoise(root))(b - p @ columns.common)[0]
+        return p, np.empty((0, 0))

@@ -12,7 +12,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .few_rows import satterthwaite
-from .group_columns import GroupColumns, bordered
+from .group_columns import GroupColumns, bordered, inverse_root
 from .robust import LOSS, huber, reweighted, sigma_of
 
 # of the normal matrix, scaled to a unit diagonal:
@@ -148,22 +148,21 @@ def weighted_solve(design, b, weights, rcond):
 
 def _solve_beside_groups(design, b, weights, rcond):
     """`weighted_solve` of what the groups' columns leave; they have what is left of it."""
-    both = np.column_stack((design.rest, b))
-    share = design.share(both, weights)
-    left = both - design.own[:, None] * share[design.group]
-    if weights is None:
-        before, after = (np.linalg.norm(of[:, :-1], axis=0) for of in (both, left))
-    else:
-        before, after = (np.sqrt(weights @ np.square(of[:, :-1])) for of in (both, left))
-    rest = left[:, :-1] * (after > _EXPLAINED * before)
-    inner = weighted_solve(rest.T, left[:, -1], weights, rcond)
-    size = design.squares(weights)
-    onto = share[:, :-1] @ inner.inverse
-    own = onto @ share[:, :-1].T
-    own.flat[::len(own) + 1] += np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0.0)
-    return Solution(np.concatenate((inner.p, share[:, -1] - share[:, :-1] @ inner.p)),
+    root = inverse_root(design.own_normal(weights))
+    both = np.vstack((design.common, b))
+    share = design.share(both, weights, root)
+    left = both - design.spread(share)
+    before, after = (np.sqrt((np.square(of) if weights is None else weights * np.square(of))[:-1]
+                             .sum(axis=1)) for of in (both, left))
+    inner = weighted_solve(left[:-1] * (after > _EXPLAINED * before)[:, None], left[-1], weights,
+                           rcond)
+    onto_common, onto_b = np.split(share.reshape(-1, len(both)), [-1], axis=1)
+    onto = onto_common @ inner.inverse
+    own, each = onto @ onto_common.T, np.arange(len(root))
+    own.reshape(*root.shape[:2], *root.shape[:2])[each, :, each] += root @ root.transpose(0, 2, 1)
+    return Solution(np.concatenate((inner.p, onto_b[:, 0] - onto_common @ inner.p)),
                     bordered(inner.inverse, -onto, own), inner.residual,
-                    inner.rank + int(np.count_nonzero(size)))
+                    inner.rank + int(np.count_nonzero(root.any(axis=1))))
 
 
 class System:

@@ -7,7 +7,8 @@ import numpy as np
 
 from .candidates import CandidateBank, CandidateGroup
 from .correlated_noise import AxisNoise, Sequence, likely_memories
-from .linear_model import Columns, memory_of, weighted_fit, with_memory
+from .group_columns import GroupColumns
+from .linear_model import memory_of, weighted_fit, with_memory
 
 
 @dataclass
@@ -16,7 +17,7 @@ class SelectionProblem:
 
     Attributes
     ----------
-    base : Columns
+    base : GroupColumns
         Of everything that is fitted anyway.
     b : ndarray, shape (2n,)
         Offsets, radians.
@@ -30,7 +31,7 @@ class SelectionProblem:
         to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
     """
 
-    base: Columns
+    base: GroupColumns
     b: np.ndarray
     inverse_sigma: np.ndarray | None
     dictionary: CandidateBank
@@ -106,12 +107,12 @@ class SelectionProblem:
         design, fit = self.design(chosen), self.plain.fit(chosen)
         return likely_memories(self.sequence, fit.noise.root,
                                self.fit(chosen).memory or (AxisNoise(), AxisNoise()), fit.scale,
-                               design.common, self.b, design.own)
+                               design, self.b)
 
     def design(self, chosen, without=None):
         """Columns of the base and the chosen groups."""
-        return self.base.added(
-            [c.columns(self) for i, c in enumerate(chosen) if i != without])
+        return self.base.beside(
+            *(c.columns(self) for i, c in enumerate(chosen) if i != without))
 
     def changes_of(self, chosen):
         """`CandidateBank` of the changes of all of a choice, the `CandidateGroup` that each is."""

@@ -71,50 +71,25 @@ class LocalColumns:
         return out
 
 
-class Complement(NamedTuple):
-    """What a design leaves of anything.
+def shares(basis, candidates, rest):
+    """Of each of `LocalColumns`: its square, that of what is left, this times `rest`, (m,).
 
-    Attributes
+    Parameters
     ----------
-    groups : GroupColumns
-        Columns that are taken off first.
-    basis : ndarray, shape (n, r)
-        Orthonormal, of the others; those that depend on others left out.
+    basis : Basis
+        What it takes of a candidate is gone.
+    candidates : LocalColumns
+    rest : ndarray, shape (n,)
+        What is left of something.
     """
-
-    groups: GroupColumns
-    basis: np.ndarray
-
-    @classmethod
-    def of(cls, design):
-        """Of a GroupColumns."""
-        columns = design.rest / np.maximum(np.linalg.norm(design.rest, axis=0), 1e-300)
-        u, s, _ = np.linalg.svd(design.off(columns), full_matrices=False)
-        return cls(design, u[:, s > _RCOND * max(1.0, *s[:1])])
-
-    @property
-    def rank(self):
-        """Numbers that the design determines."""
-        return self.basis.shape[1] + self.groups.groups
-
-    def off(self, values):
-        """What is left of `values`, shape (n,) or (n, k)."""
-        values = self.groups.off(values)
-        return values - self.basis @ (self.basis.T @ values)
-
-    def shares(self, candidates, rest):
-        """Of each of `LocalColumns`: its square, that of what is left, this times `rest`, (m,).
-
-        `rest`, shape (n,), is what is left of something.
-        """
-        out = []
-        for rows, columns in candidates.blocks:
-            own = self.groups.own[rows]
-            left = columns - np.outer(own, own @ columns / (own @ own))
-            along = self.basis[rows].T @ left
-            out.append((np.sum(columns**2, axis=0), np.sum(left**2, axis=0)
-                        - np.sum(along**2, axis=0), rest[rows] @ left))
-        return np.concatenate(out, axis=1)
+    out = []
+    for rows, columns in candidates.blocks:
+        own = basis.groups.own[:, rows]
+        left = columns - own.T @ (own @ columns)
+        along = basis.common[:, rows] @ left
+        out.append((np.sum(columns**2, axis=0), np.sum(left**2, axis=0)
+                    - np.sum(along**2, axis=0), rest[rows] @ left))
+    return np.concatenate(out, axis=1)
 
 
 def robust_fit(design, y):
@@ -137,7 +112,7 @@ def robust_fit(design, y):
         No more rows than columns.
     """
     groups = isinstance(design, GroupColumns)
-    k = (design.rest if groups else design).shape[1]
+    k = len(design.common) if groups else design.shape[1]
     system = System(design if groups else design.T, y, None, _RCOND, axes=1)
     plain = system.solve()
     rank, dof = plain.rank, len(y) - plain.rank
@@ -164,12 +139,12 @@ def probabilities_by_chance(design, y, candidates, least):
 
     By Student's t; 1 where the rows do not determine it.
     """
-    complement = Complement.of(design)
-    rest = complement.off(y)
-    squares, size, along = complement.shares(candidates, rest)
+    basis = design.basis()
+    rest = basis.off(y)
+    squares, size, along = shares(basis, candidates, rest)
     known = size > 1e-6 * squares
     size = np.where(known, size, 1.0)
-    dof = max(len(y) - complement.rank - 1, 1)
+    dof = max(len(y) - len(basis) - 1, 1)
     left = np.maximum(rest @ rest - along**2 / size, max(least**2 * dof, 1e-300))
     return np.where(known, two_sided(along / np.sqrt(size * left / dof), dof), 1.0)
 
@@ -323,7 +298,7 @@ def neighbour_noise(design, y, run, most=1.0):
     memories, out = -1.0 / np.log(_CORRELATIONS[most + 1e-9 > _CORRELATIONS]), []
     for axis in range(axes):
         likelihood = AxisLikelihood(sequence, axis, False, np.ones(len(y)), np.ones(axes),
-                                     design.rest.T, y, design.own[None])
+                                     design, y)
         gain = np.zeros(1) if likelihood.few else np.array([one.gain for one in likelihood.at(
             memories, np.full(len(memories), _NO_WHITE**-2))])
         best = float(gain.max())
@@ -350,8 +325,7 @@ def random_walk(design, y, position, run):
     """
     n = len(y)
     sequence = Sequence(position, run, np.ones(n))
-    likelihood = AxisLikelihood(sequence, 0, False, np.ones(n), np.ones(1), design.rest.T, y,
-                                 design.own[None])
+    likelihood = AxisLikelihood(sequence, 0, False, np.ones(n), np.ones(1), design, y)
     memory, best = _ENDLESS * max(sequence.span, 1.0), AxisNoise()
     if not likelihood.few:
         best = max([best, *likelihood.at(np.full(len(_WALKS), memory), _WALKS * memory / 2.0)],

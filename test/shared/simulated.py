@@ -4,7 +4,7 @@ import numpy as np
 
 from calibration.analysis.diagnosis.diagnosis_base import sequence_of
 from calibration.analysis.diagnosis.run_problem import effect_bank
-from calibration.estimation.linear_model import Columns
+from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
@@ -70,6 +70,6 @@ def make_problem(seed, n=60, signal=None, curves=False, noise=None):
         b = b + signal(context)
     effects = dictionary(context)[0] + steps(context)
     return SelectionProblem(
-        Columns(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
+        GroupColumns.alone(stacked_design(PHYSICAL, context.az, context.el)), b.ravel(), None,
         effect_bank(effects, context), effect_bank(smooths(context) if curves else [], context),
         sequence_of(context, np.zeros(n, int)))

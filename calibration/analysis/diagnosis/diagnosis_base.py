@@ -8,7 +8,7 @@ import numpy as np
 from calibration.analysis.finding import Finding
 from calibration.analysis.fit import fit_terms
 from calibration.estimation.correlated_noise import Sequence
-from calibration.estimation.linear_model import Columns
+from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.robust import GROSS
 from calibration.rows import usable
 from msg_tools.units import ARCSEC
@@ -112,7 +112,7 @@ class Base:
 
         Returns
         -------
-        Columns
+        GroupColumns
         """
         common = self.common
         az, el, mount = context.az, context.el, context.mount
@@ -125,8 +125,9 @@ class Base:
                      np.hstack((nothing, functions))]
         zeros = [common.index(t) for t in mount.names.index if t in common]
         if not self.own:
-            return Columns(np.vstack(rows), zeros=zeros)
-        return Columns(np.vstack(rows), stacked_design(self.own, az, el, mount), run, zeros)
+            return GroupColumns.alone(np.vstack(rows), zeros)
+        return GroupColumns.of(np.tile(run, 2), stacked_design(self.own, az, el, mount),
+                               np.vstack(rows), zeros)
 
 
 @dataclass

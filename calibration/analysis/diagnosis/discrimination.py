@@ -252,7 +252,7 @@ class _SetMatch:
         self._problem, self._others, self._obs = problem, others, obs
         n = problem.n
         self._whole = SelectionProblem(
-            problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others]),
+            problem.base.beside(*(e.columns(obs.context).reshape(-1, 2 * n) for e in others)),
             problem.b, problem.inverse_sigma, bank, problem.curves, problem.sequence)
         lines = [e.line for e in bank.effects]
         taken = {e.line for e in others}
@@ -300,8 +300,8 @@ class _SetMatch:
         problem, n = self._problem, self._problem.n
 
         def model(effects):
-            design = problem.base.added([e.columns(self._obs.context).reshape(-1, 2 * n)
-                                         for e in effects])
+            design = problem.base.beside(*(e.columns(self._obs.context).reshape(-1, 2 * n)
+                                          for e in effects))
             return design, weighted_fit(design, problem.b, problem.inverse_sigma)
 
         def scanned(effects):

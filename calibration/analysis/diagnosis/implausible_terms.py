@@ -126,7 +126,7 @@ def refraction_in_place(result):
             for one in (with_tf, with_tx)]
     return {'value_arcsec': _coefficient(with_tx, at, b, noise),
             'delta_bic': float(len(both) * np.log(max(left[0], 1e-300) / max(left[1], 1e-300))),
-            'beside_arcsec': _coefficient(with_tf.added([with_tx.common[at:at + 1]]), at, b, noise)}
+            'beside_arcsec': _coefficient(with_tf.beside(with_tx.common[at]), at, b, noise)}
 
 
 def _coefficient(columns, at, b, noise):

@@ -9,12 +9,13 @@ difference of the scores by which the members are one set, and what is expected 
 """
 
 from copy import copy
+from dataclasses import replace
 from datetime import datetime, timezone
 
 import numpy as np
 
 from calibration.estimation.correlated_noise import WhiteNoise
-from calibration.estimation.linear_model import Columns
+from calibration.estimation.group_columns import GroupColumns
 from msg_tools.units import DEG, covered, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
@@ -300,11 +301,11 @@ def views_of(problem, obs, base, fit, pair, others, context):
     # they are observed in the last run, with its terms
     last = int(np.searchsorted(np.unique(obs.label), obs.label[-1]))
     grid_base = base.columns(context, np.full(m, obs.label[-1]))
-    shared = problem.base.added([e.columns(obs.context).reshape(-1, 2 * n) for e in others])
+    shared = problem.base.beside(*(e.columns(obs.context).reshape(-1, 2 * n) for e in others))
     shared_grid = [grid_base.common, *(e.columns(context).reshape(-1, 2 * m) for e in others)]
     rows = [shared.common]
-    if shared.own is not None:
-        rows.append(shared.own_of(last))
+    if shared.groups:
+        rows.append(shared.own * (shared.group == last))
         shared_grid.append(grid_base.own)
     rows = [np.vstack(rows), *(_stacked(member, obs.context) for member in pair),
             problem.b[None]]
@@ -349,9 +350,8 @@ def _matters(gain, j, hours):
 
 def _beyond_other_runs(shared, rows, noise, last):
     """Whitened rows without what the runs but the last can fit for themselves."""
-    if shared.own is None:
-        return rows
-    return shared.own_basis(noise.whiten(shared.own), last).off(rows, in_place=True)
+    others = replace(shared.without_common(), own=shared.own * (shared.group != last))
+    return others.whitened(noise).orthonormal_groups().off(rows, in_place=True)
 
 
 def _noise(fit, problem, context):
@@ -368,7 +368,7 @@ def _noise(fit, problem, context):
 
 def _coefficients(rows, b):
     """Least squares of `b` by rows that are white."""
-    return Columns(rows).solver(WhiteNoise(np.ones(len(b))))(b)[0]
+    return GroupColumns.alone(rows).solver(WhiteNoise(np.ones(len(b))))(b)[0]
 
 
 class Prospect:

@@ -96,7 +96,7 @@ def its_own(diagnosis, found):
     obs, (rows, both) = diagnosis.observations, live_rows(diagnosis)
     others = [e.columns.reshape(-1, 2 * len(obs))[:, both] for e in diagnosis.effects
               if e is not found and e.fitted.effect.kind != 'known']
-    columns = diagnosis.base.columns(obs.context, obs.label).rows(both).added(others)
+    columns = diagnosis.base.columns(obs.context, obs.label).rows(both).beside(*others)
     out = np.full((2, len(obs)), np.nan)
     out[:, rows] = columns.left_of(effect_offsets(found).reshape(-1)[both],
                                    WhiteNoise(np.ones(len(both)))).reshape(2, -1)
@@ -221,7 +221,7 @@ def correlations(diagnosis):
         root = np.concatenate([weight / max(s, 1e-15) for s in scale])
     else:
         root = obs.inverse_sigma[both] * np.concatenate((weight, weight))
-    inverse = shared.added(parts).solver(WhiteNoise(root)).inverse[np.ix_(at, at)]
+    inverse = shared.beside(*parts).solver(WhiteNoise(root)).inverse[np.ix_(at, at)]
     size = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
     return names, inverse / np.outer(size, size)
 

@@ -168,16 +168,14 @@ class RunProblem:
         Estimate
         """
         whole, n = self.obs.whole, len(self.obs.whole)
-        design = self.base.columns(whole.context, whole.label).added(
-            [c.effect(self.problem).columns(whole.context).reshape(-1, 2 * n) for c in chosen])
+        design = self.base.columns(whole.context, whole.label).beside(
+            *(c.effect(self.problem).columns(whole.context).reshape(-1, 2 * n) for c in chosen))
         start = self._rotation(fitted)
         left, _ = after_rotation(whole, start)
-        k = len(design.common)
-        p, own = np.split(fitted.coefficients.copy(), [k])
-        own = own.reshape(-1, max(len(self.base.own), 1))
+        p = fitted.coefficients.copy()
         p[_geometric(whole, self.base)] = 0.0  # in the rotations
         given = np.ones(2 * n) if whole.inverse_sigma is None else whole.inverse_sigma
-        standard = (design.left_by(p, own, left) * given).reshape(2, n)
+        standard = ((left - p @ design) * given).reshape(2, n)
         middle = np.maximum(sigma_of(standard, axis=1), 1e-6 * ARCSEC)
         weights = bisquare(np.hypot(*(standard / middle[:, None])))
         scale = np.sqrt((weights * standard**2).sum(axis=1) / weights.sum()) + 1e-9 * ARCSEC
@@ -255,7 +253,7 @@ def exact_fit(obs, base, design, start, left, weights, scatter, noise, true_nois
     ----------
     obs : Observations
     base : Base
-    design : Columns
+    design : GroupColumns
         Of the base and the effects.
     start : dict of str to float
         Terms of the rotations to begin with.
@@ -280,7 +278,7 @@ def exact_fit(obs, base, design, start, left, weights, scatter, noise, true_nois
     solve, start = design.solver(noise), dict(start)
     for _ in range(4):
         p, own = solve(left)
-        residual = design.left_by(p, own, left)
+        residual = left - np.append(p, own) @ design
         step = p[geometric].copy()
         # what the geometric terms gained goes into the rotations
         for i, d in zip(geometric, step):

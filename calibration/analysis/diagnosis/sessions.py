@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.estimation.correlated_noise import EIGEN
-from calibration.estimation.linear_model import DISTINCT, LIVE, orthonormal, weighted_fit
+from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
+from calibration.estimation.group_columns import inverse_root
+from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
@@ -229,7 +230,7 @@ class _SessionTrial:
         """k ln n - 2 ln L, with noise of its own for each axis, and the RMS of rows left out."""
         columns = Base.parse(self._base, own, self._mount).columns(self._context, label)
         live = int(self._live.sum())
-        residual, count = self._fit(columns, label, self._root)
+        residual, count = self._fit(columns, self._root)
         if 2 * live < count + 4:
             return np.inf, np.inf
         rss = np.square(residual * self._root).reshape(2, -1).sum(axis=1) + 1e-30
@@ -243,31 +244,23 @@ class _SessionTrial:
         total = 0.0
         for part in range(_PARTS):
             out = np.tile(place * _PARTS // size == part, 2)
-            left, _ = self._fit(columns, label, np.where(out, 0.0, self._root))
+            left, _ = self._fit(columns, np.where(out, 0.0, self._root))
             total += np.square((left * self._root)[out & np.tile(judged, 2)]).sum()
         return bic, np.sqrt(total / max(judged.sum(), 1))
 
-    def _fit(self, columns, label, root):
+    def _fit(self, columns, root):
         """What is left of all rows, shape (2n,), and how many coefficients were determined."""
-        common, b = columns.common, self._left
-        white, left, count, blocks = common * root, b * root, 0, []
+        common, b, noise = columns.common, self._left, WhiteNoise(root)
+        groups = columns.whitened(noise).orthonormal_groups()
+        white, left = noise.whiten(common), groups.off(noise.whiten(b))
         length = np.sqrt(np.square(white).sum(axis=1))
-        for session in range(label.max() + 1) if columns.own is not None else ():
-            rows = np.flatnonzero(label == session)
-            both = np.concatenate((rows, rows + self._n))
-            basis = orthonormal(columns.own[:, both] * root[both])
-            count += len(basis)
-            blocks.append(both)
-            left[both] -= (left[both] @ basis.T) @ basis
-            white[:, both] -= (white[:, both] @ basis.T) @ basis
+        white = groups.off(white)
         white[np.sqrt(np.square(white).sum(axis=1)) < DISTINCT * length] = 0.0
         scale = np.where(white.any(axis=1), length, 1.0)[:, None]
         p = np.linalg.lstsq((white / scale).T, left, rcond=EIGEN)[0] / scale[:, 0]
-        count += np.count_nonzero(white.any(axis=1))
         out = b - p @ common
-        for both in blocks:
-            own = columns.own[:, both]
+        if columns.groups:
             # what the rows of a session hardly determine is taken as zero
-            a = (own * root[both]).T
-            out[both] -= np.linalg.lstsq(a, out[both] * root[both], rcond=DISTINCT)[0] @ own
-        return out, count
+            known = inverse_root(columns.own_normal(root**2), DISTINCT**2)
+            out -= columns.spread(columns.share(out[None], root**2, known))[0]
+        return out, len(groups) + np.count_nonzero(white.any(axis=1))

@@ -23,7 +23,8 @@ from calibration.estimation.folds import (
     random_folds,
     run_folds,
 )
-from calibration.estimation.linear_model import Columns, weighted_fit
+from calibration.estimation.group_columns import GroupColumns
+from calibration.estimation.linear_model import weighted_fit
 from calibration.estimation.select import choose
 from msg_tools.forks import forked
 from msg_tools.units import ARCSEC
@@ -176,7 +177,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         every.extend(choices)
         return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
     parts, every, folds_done, expected = [], [], 0, 0
-    if problem.sequence is not None and problem.base.own is None:
+    if problem.sequence is not None and not problem.base.groups:
         chance.simulate(problem, chosen)  # once, and not in each fold
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
@@ -437,7 +438,7 @@ def _refit(obs, model, own_terms):
     b = obs.observed - np.nan_to_num(np.concatenate(replace(model, effects=()).offsets(az, el))) \
         - np.concatenate(total(model.effects, obs.context))
     own = stacked_design(tuple(own_terms), az, el, obs.run.mount)
-    columns = Columns(own[:0], own, obs.label)
+    columns = GroupColumns.of(np.tile(obs.label, 2), own)
     return weighted_fit(columns, b, obs.inverse_sigma, final=True)
 
 

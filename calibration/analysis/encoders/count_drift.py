@@ -19,7 +19,7 @@ from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 
 from ...estimation.correlated_noise import WhiteNoise
 from ...estimation.group_columns import GroupColumns
-from ...estimation.step_scan import Complement, neighbour_noise, random_walk, robust_fit, two_sided
+from ...estimation.step_scan import neighbour_noise, random_walk, robust_fit, two_sided
 from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
 
@@ -100,7 +100,7 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
         None where chance, the alternatives, the side of approach or finer harmonics of the angle
         explain as much, and leave nothing that walks.
     """
-    n, design = len(difference), GroupColumns.of(run, rest=harmonic_columns(angle))
+    n, design = len(difference), GroupColumns.of(run, common=harmonic_columns(angle).T)
     if n < max(_FEWEST, len(design) + _FREE):
         return None
     y, left = _without_wild(difference, design)
@@ -118,7 +118,7 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
     curves = design.beside(*(column for column, _ in alternatives))
     cost = sum(cost for _, cost in alternatives)
     others = [(curves, cost), *((curves.beside(side), cost + 1) for side in sides),
-              (curves.beside(harmonic_columns(angle, _FINER)), 2 * len(_FINER))]
+              (curves.beside(harmonic_columns(angle, _FINER).T), 2 * len(_FINER))]
     best, white = _bic(y, design, walk, walk.log_det, 1), WhiteNoise(np.ones(n))
     for columns, cost in others:
         # the better explanation, or not enough of one: what it leaves still walks
@@ -127,14 +127,14 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
             return None
     whitened = design.whitened(walk)
     # discs of a part of the turn resemble each other: no more of them than a disc has
-    rest, target = whitened.off(whitened.rest), whitened.off(walk.whiten(y))
-    discs = np.linalg.solve(rest.T @ rest + np.eye(rest.shape[1]) / _DISC**2, rest.T @ target)
-    left = y - design.rest @ discs
-    zeros = whitened.share(walk.whiten(left)[:, None])[:, 0]
-    path = walk.process(left - zeros[whitened.group])
+    zeros = whitened.orthonormal_groups()
+    rest, target = zeros.off(whitened.common), zeros.off(walk.whiten(y))
+    discs = np.linalg.solve(rest @ rest.T + np.eye(len(rest)) / _DISC**2, rest @ target)
+    left = y - discs @ design.common
+    path = walk.process(left - design.spread(whitened.share(walk.whiten(left)[None]))[0])
     step = np.sqrt(2.0 * process.variance / process.memory)
     return CountDrift(probability, float(step), process.scale, discs,
-                      GroupColumns.of(run).off(path), lead)
+                      GroupColumns.of(run).basis().off(path), lead)
 
 
 def _positions(angle):
@@ -184,7 +184,7 @@ def _chance(gain):
 def _bic(y, design, noise, log_det, numbers):
     """Bayes' information criterion of a fit with that noise and so many numbers more."""
     n = len(y)
-    left = Complement.of(design.whitened(noise)).off(noise.whiten(y))
+    left = design.basis(noise).off(noise.whiten(y))
     return n * np.log(max(left @ left / n, 1e-300)) + n + log_det + numbers * np.log(n)
 
 

@@ -163,7 +163,7 @@ class CrossCheckNight:
 
         Power-ons, and both discs, off their axis and tilted.
         """
-        return GroupColumns.of(self.run, rest=harmonic_columns(self.rows[SHORT[axis]]))
+        return GroupColumns.of(self.run, common=harmonic_columns(self.rows[SHORT[axis]]).T)
 
     def on_sky(self, axis, column):
         """What a column of coordinate angles makes on the sky, shape (2n,)."""
@@ -209,8 +209,8 @@ class CrossCheckNight:
                  for column in harmonic_columns(self.rows[SHORT[axis]]).T]
         number = np.searchsorted(self.runs, self.run)
         columns = GroupColumns(np.concatenate([number, number + len(self.runs)]),
-                               np.concatenate([self.cos_el, np.ones(len(self.run))]),
-                               np.column_stack([*self._by_night(terms), *discs]))
+                               np.concatenate([self.cos_el, np.ones(len(self.run))])[None],
+                               np.vstack([*(of.T for of in self._by_night(terms)), *discs]))
         moved = [self.on_sky(event.axis, event.column) for event in events]
         noise = robust_fit(columns.beside(*moved), incremental).scatter[0]
         return SkyResiduals(incremental, absolute, terms, columns, noise)
@@ -227,7 +227,7 @@ class CrossCheckNight:
             if axis is not None:
                 column = fitted.offsets(Context.of_run(self.rows))[axis]
                 column = column / (self.cos_el if axis == 0 else 1.0)
-                fit = robust_fit(GroupColumns.of(self.run, rest=column[:, None]),
+                fit = robust_fit(GroupColumns.of(self.run, common=column[None]),
                                  self.difference[axis])
                 if fit.coefficients[-1] > 0.5:
                     continue

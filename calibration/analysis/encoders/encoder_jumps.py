@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from ...estimation.step_scan import (
-    Complement,
     clipped,
     detect,
     log_normal,
@@ -273,12 +272,12 @@ def _step(night, sky, run, found, number, budget):
 def _step_fits(design, y, steps, at, run):
     """Each step alone beside the design, with the noise beside the step `at`."""
     noise = neighbour_noise(design.beside(steps[:, at]), y, run)
-    complement = Complement.of(design.whitened(noise))
-    y, steps = complement.off(noise.whiten(y)), complement.off(noise.whiten(steps.T).T)
-    square = np.maximum(np.sum(steps**2, axis=0), 1e-6)  # not determined: no gain
-    size = steps.T @ y / square
+    basis = design.basis(noise)
+    y, steps = basis.off(noise.whiten(y)), basis.off(noise.whiten(steps.T))
+    square = np.maximum(np.sum(steps**2, axis=1), 1e-6)  # not determined: no gain
+    size = steps @ y / square
     left = y @ y - size[at] ** 2 * square[at]
-    sigma = np.sqrt(max(left / max(len(y) - complement.rank - 1, 1), LEAST**2))
+    sigma = np.sqrt(max(left / max(len(y) - len(basis) - 1, 1), LEAST**2))
     return _StepFits(size, sigma / np.sqrt(square))
 
 

@@ -30,7 +30,7 @@ def simulated(seed=1):
     rng = np.random.default_rng(seed)
     rest = rng.normal(size=(N, 4))
     rest[:, 3] = 2.0 * rest[:, 0] + 3.0 * (RUN == 5)
-    design = GroupColumns.of(RUN, rng.uniform(0.5, 1.0, N), rest)
+    design = GroupColumns.of(RUN, rng.uniform(0.5, 1.0, (1, N)), rest.T)
     y = whole(design) @ rng.normal(0.0, 5.0, len(design)) + rng.normal(size=N)
     y[::31] += 100.0
     return design, y, 6.0 * (np.arange(N) >= 12 * ROWS + 4) * (RUN == 12)
@@ -60,7 +60,7 @@ def test_robust_fits_are_those_of_all_columns():
 
 def alone(design):
     """The same columns, none of them of a group."""
-    return GroupColumns(np.zeros(N, int), np.zeros(N), whole(design))
+    return GroupColumns.alone(np.asarray(design))
 
 
 def test_what_moved_is_found_as_by_all_columns():
@@ -99,7 +99,7 @@ def test_a_column_that_depends_on_others_changes_no_likelihood():
     for k in range(1, N):
         y[k] += 0.5 * y[k - 1] * (RUN[k] == RUN[k - 1])
     twice = GroupColumns(design.group, design.own,
-                         np.insert(design.rest, 1, design.rest[:, 0] * np.pi, axis=1))
+                         np.insert(design.common, 1, design.common[0] * np.pi, axis=0))
     assert neighbour_noise(twice, y, RUN).memory[0].gain == pytest.approx(
         neighbour_noise(design, y, RUN).memory[0].gain, abs=1e-6)
 

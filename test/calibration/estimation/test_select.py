@@ -19,7 +19,8 @@ from calibration.estimation.folds import (
     random_folds,
     run_folds,
 )
-from calibration.estimation.linear_model import Basis, Columns, orthonormal, overlap, weighted_fit
+from calibration.estimation.group_columns import Basis, GroupColumns, orthonormal
+from calibration.estimation.linear_model import overlap, weighted_fit
 from calibration.estimation.select import choose, search, settled, significance
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from msg_tools.units import ARCSEC
@@ -35,23 +36,13 @@ def play(size):
     return lambda c: np.array([size * ARCSEC * c.get('approach_az') * np.cos(c.el), 0.0 * c.el])
 
 
-def own_rows(blocks, parts, size):
-    """Rows that live in blocks of the columns, zero elsewhere."""
-    for where, part in zip(blocks, parts):
-        out = np.zeros((len(part), size))
-        out[:, where] = part
-        yield out
-
-
 def test_columns_of_single_runs_are_the_dense_ones():
     rng = np.random.default_rng(1)
     own, common, run = rng.normal(size=(2, 80)), rng.normal(size=(3, 80)), np.arange(40) % 3
-    columns = Columns(common, own, run)
+    columns = GroupColumns.of(np.tile(run, 2), own, common)
     root = rng.uniform(0.5, 2.0, 80)
     kept = columns.basis(WhiteNoise(root))
-    basis = np.vstack((*own_rows(kept.blocks, kept.parts, 80), kept.common))
-    dense = np.vstack((common, *own_rows(columns._blocks, [
-        own[:, where] for where in columns._blocks], 80)))
+    basis, dense = np.vstack((np.asarray(kept.groups), kept.common)), np.asarray(columns)
     assert len(columns) == len(dense) == 9 and np.allclose(basis @ basis.T, np.eye(9), atol=1e-12)
     white = dense * root
     assert np.allclose((white @ basis.T) @ basis, white, atol=1e-10)
@@ -69,9 +60,9 @@ def test_columns_of_single_runs_are_the_dense_ones():
     inverse = np.linalg.inv(white @ white.T)[:3, :3]
     assert np.allclose(solver.inverse, inverse, rtol=1e-6)
     part = columns.rows(np.concatenate((np.flatnonzero(run < 2), 40 + np.flatnonzero(run < 2))))
-    assert len(part) == 7
+    assert len(part.basis()) == len(kept) - 2 == 7
     # a column that runs fit for themselves has nothing left of its own
-    again = Columns(np.vstack((common, own[:1])), own, run)
+    again = columns.beside(own[0])
     assert len(again.basis(WhiteNoise(root))) == 9
 
 
@@ -262,7 +253,7 @@ def test_new_runs_refit_their_own_terms_only():
     b = truth @ common + np.concatenate((shift * np.cos(context.el), -shift)) \
         + 0.1 * ARCSEC * rng.normal(size=180)
     none = CandidateBank.empty(90)
-    problem = SelectionProblem(Columns(common, own, run), b, None, none, none)
+    problem = SelectionProblem(GroupColumns.of(np.tile(run, 2), own, common), b, None, none, none)
 
     def left_of_one(problem):
         part = problem.rows(np.flatnonzero(run != 1))
@@ -328,8 +319,7 @@ def test_a_cause_of_known_size_is_offered_where_the_rows_ask_for_that_size(size,
     context = make_context(np.random.default_rng(5), 200)
     noise = 0.2 * ARCSEC * np.random.default_rng(3).normal(size=400)
     b = size * ARCSEC * east.columns(context)[0].ravel() + noise
-    base = Columns(stacked_design(('IA', 'IE'), context.az, context.el), np.empty((0, 400)),
-                   np.zeros(200, int))
+    base = GroupColumns.alone(stacked_design(('IA', 'IE'), context.az, context.el))
     free = replace(east, size=None)
     none = CandidateBank.empty(200)
     fit = SelectionProblem(base, b, None, none, none).fit([])

@@ -48,7 +48,7 @@ def test_dependent_columns_share_and_too_few_rows_are_refused():
 
 def one_run(columns):
     """A zero, and columns beside it, of one power-on."""
-    return GroupColumns.of(np.zeros(len(columns)), rest=columns)
+    return GroupColumns.of(np.zeros(len(columns)), common=columns.T)
 
 
 def local(columns):

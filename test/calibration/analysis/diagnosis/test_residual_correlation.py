@@ -24,7 +24,8 @@ from calibration.estimation.correlated_noise import (
     WhiteNoise,
     noise_memory,
 )
-from calibration.estimation.linear_model import Columns, weighted_fit
+from calibration.estimation.group_columns import GroupColumns
+from calibration.estimation.linear_model import weighted_fit
 from calibration.report.diagnosis_words import verdict_sentences
 from calibration.report.noise_wording import (
     correlation_sentence,
@@ -83,7 +84,7 @@ def test_a_wander_is_estimated_and_white_noise_is_left_white():
         sequence = problem.sequence
         rng = np.random.default_rng(seed)
         state = problem.plain.fit([])
-        rows = problem.base.common
+        rows = problem.base
         white.append(max(w.gain for w in noise_memory(
             sequence, state.noise.root, state.scale, rows, problem.b)))
         b = problem.b.copy()
@@ -336,7 +337,7 @@ def test_errors_of_terms_beside_a_wander_are_those_of_all_noise():
     sequence = Sequence(np.sort(rng.uniform(0.0, 9000.0, 12)), np.zeros(12, int), np.ones(12))
     wander = AxisNoise(4.0, 2000.0), AxisNoise(9.0, 900.0)
     noise = CorrelatedNoise(np.ones(24), sequence, wander)
-    columns = Columns(rng.normal(size=(3, 24)))
+    columns = GroupColumns.alone(rng.normal(size=(3, 24)))
     dense = np.eye(24)
     for k, one in enumerate(wander):
         part = slice(12 * k, 12 * k + 12)
@@ -352,7 +353,7 @@ def test_zeros_are_where_the_rows_were_whatever_their_memory():
     sequence = Sequence(60.0 * np.arange(30.0), np.zeros(30, int), np.ones(30))
     noise = CorrelatedNoise(np.full(60, 10.0), sequence, 2 * (AxisNoise(25.0, 1e5),))
     zero = np.repeat(np.eye(2), 30, axis=1)
-    columns = Columns(np.vstack((zero, rng.normal(size=(2, 60)))), zeros=[0, 1])
+    columns = GroupColumns.alone(np.vstack((zero, rng.normal(size=(2, 60)))), zeros=[0, 1])
     b = noise.coloured(rng.normal(size=60))
     left = b - columns.solver(noise)(b)[0] @ columns.common
     np.testing.assert_allclose(left.reshape(2, 30).mean(axis=1), 0.0, atol=1e-12)
