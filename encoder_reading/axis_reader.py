@@ -84,8 +84,8 @@ class AxisReader:
         angle, quality, sigma = readings.angle, readings.quality, readings.sigma
         if self.design.heads == 2:
             first, second = angle.reshape(2, -1)
-            apart = (second - first) % _TURN - np.pi
-            angle = (first + 0.5 * apart) % _TURN
+            difference = (second - first) % _TURN - np.pi
+            angle = (first + 0.5 * difference) % _TURN
             quality = quality.reshape(2, -1).max(axis=0)
             sigma = 0.5 * np.hypot(*sigma.reshape(2, -1))
         if self.design.sense == 'against':

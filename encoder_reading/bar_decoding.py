@@ -88,12 +88,12 @@ class BarDecoder:
             evidence[count, : count + 1] = count - np.log2(ways) - np.log2(2.0 * disc.bars)
         self._evidence = evidence
 
-    def bits(self, seen, unlike, visible):
+    def bits(self, measured, unlike, visible):
         """Which bars look like bars, and which of them like narrow ones.
 
         Parameters
         ----------
-        seen : ndarray, shape (11, n, bars)
+        measured : ndarray, shape (11, n, bars)
             Products of the stretches with the columns of the template.
         unlike : ndarray, shape (n, bars)
             Mean square of what neither a wide nor a narrow bar explains.
@@ -103,7 +103,7 @@ class BarDecoder:
         -------
         Bits
         """
-        level, wide, narrower = seen[0], seen[1], seen[2]
+        level, wide, narrower = measured[0], measured[1], measured[2]
         contrast = wide + narrower
         ratio = contrast / np.maximum(level, 1.0)
         typical = median(ratio)
@@ -113,7 +113,7 @@ class BarDecoder:
         odd = np.empty((4, *contrast.shape), dtype=np.float32)
         np.divide(ratio, typical, out=odd[0])
         np.divide(np.abs(difference), contrast, out=odd[1])
-        np.divide(np.where(narrow, seen[7], seen[3]), contrast, out=odd[2])
+        np.divide(np.where(narrow, measured[7], measured[3]), contrast, out=odd[2])
         np.divide(unlike, usual * usual, out=odd[3])
         odd -= self._usual
         np.abs(odd, out=odd)

@@ -94,7 +94,7 @@ class BarLine:
         curves = np.empty((2, *bars.good.shape), dtype=np.float32)
         np.multiply(bars.contrast, expected[:, 0], out=curves[1])
         np.multiply(curves[1], expected[:, 1], out=curves[0])
-        curves[0] += bars.seen[0]
+        curves[0] += bars.measured[0]
         values, slopes = self._smooth(curves, bars)
         bars.contrast_curve = contrast = values[1]
         ground = slopes[0] * expected[:, 3]
@@ -106,7 +106,7 @@ class BarLine:
             scale *= stretch
         ground -= contrast * expected[:, 2]
         bars.ground, bars.scale = ground, scale
-        bars.series = np.where(bars.narrow, bars.seen[7:11], bars.seen[3:7])
+        bars.series = np.where(bars.narrow, bars.measured[7:11], bars.measured[3:7])
         return self._find_line(bars, bars.shift, None, _PASSES - 1)
 
     # --- level and contrast along the row -----------------------------------------------------
@@ -290,7 +290,7 @@ class BarLine:
     def _crosstalk(self, apparent, off, bars):
         """What bars off the line, at a distance `apparent` (pixels), change in their neighbours."""
         if bars.like_missing is None:
-            level, contrast = bars.seen[0], bars.contrast
+            level, contrast = bars.measured[0], bars.contrast
             bars.like_missing = np.abs(contrast) < 0.25 * median(contrast)
             bars.like_missing &= level > median(level)
             # level and contrast of a bar, not of a blob
@@ -318,7 +318,7 @@ class Bars:
         By the code.
     pixel, shift : ndarray
         Middle of the stretch, and how far the bar is expected beyond it, pixels.
-    seen : ndarray, shape (11, n, bars)
+    measured : ndarray, shape (11, n, bars)
     contrast : ndarray
     contrast_curve, ground, scale : ndarray
         Set by `BarLine.fit`: contrast along the row; response of a bar at its place to a template
@@ -335,7 +335,7 @@ class Bars:
     like_missing = like_bar = None
     _FIRST = ('visible', 'good', 'narrow', 'pixel', 'shift', 'contrast', 'contrast_curve',
               'ground', 'scale', 'bar', 'whole', 'in_view')
-    _SECOND = ('seen', 'series')
+    _SECOND = ('measured', 'series')
 
     def __init__(self, **fields):
         self.__dict__.update(fields)

@@ -84,8 +84,8 @@ class BarLattice:
         # only their phase counts, so that a blob weighs no more than the bars that it hides
         waves /= np.maximum(np.abs(waves), _TINY)
         lag = self._lag
-        apart = np.add.reduce(waves[:, lag:] * waves[:, :-lag].conj(), axis=1)
-        scale = np.arctan2(apart.imag, apart.real) * -self._scale
+        lagged = np.add.reduce(waves[:, lag:] * waves[:, :-lag].conj(), axis=1)
+        scale = np.arctan2(lagged.imag, lagged.real) * -self._scale
         scale = np.minimum(np.maximum(scale, -_LARGEST), _LARGEST)
         turns = scale[:, np.newaxis] * self._turns
         turned = np.empty_like(waves)

@@ -107,10 +107,10 @@ class BarTemplate:
         self._explained = np.float32(2.0**12 / n**2)
         solve = rounded[:3].astype(float)
         self.inner = slice(int(np.argmax(inner)), int(np.argmax(inner)) + np.count_nonzero(inner))
-        seen = lights @ solve.T
-        self.level_of, self.contrast_of = seen[:, 0], -(seen[:, 1] + seen[:, 2])
+        measured = lights @ solve.T
+        self.level_of, self.contrast_of = measured[:, 0], -(measured[:, 1] + measured[:, 2])
         # what a bar may show, which lies half a pixel and a bit off; some noise comes on top
-        share = np.abs(seen[:, 2] - seen[:, 1]) / self.contrast_of
+        share = np.abs(measured[:, 2] - measured[:, 1]) / self.contrast_of
         if np.linalg.cond(shapes) > 200.0 or share.min() < 0.3:
             raise ValueError(
                 f'bar_pitch {self._pitch:g} px with blur {self._blur:g} px: wide and narrow bars '
@@ -118,11 +118,11 @@ class BarTemplate:
         low, high = 0.45 * share.min(), 0.9 + share.max()
         self.share = 0.5 * (high + low), 0.5 * (high - low)
         moved = self._light(x, 0.75)
-        rest = self.unexplained(moved.astype(np.float32), rounded[3:] @ moved.T.astype(np.float32))
+        rest = self.misfit(moved.astype(np.float32), rounded[3:] @ moved.T.astype(np.float32))
         self.unlike = max(_UNLIKE, 1.3 * np.sqrt(rest.max()))
         return rounded[:3], rounded[3:]
 
-    def unexplained(self, cells, parts):
+    def misfit(self, cells, parts):
         """Mean square of what neither a wide nor a narrow bar explains of each stretch.
 
         Parameters

@@ -98,11 +98,11 @@ class _BarReader:
         steps = np.diff(bright.ravel().view(np.int8))
         starts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
         # in both, pixel x of row r is at r * row_length + x; `ends` is one past the bar
-        apart = starts[1:] - ends[:-1] >= self._SMALLEST
-        apart |= starts[1:] // row_length != starts[:-1] // row_length
+        separate = starts[1:] - ends[:-1] >= self._SMALLEST
+        separate |= starts[1:] // row_length != starts[:-1] // row_length
         if len(starts):
-            starts = starts[np.concatenate([[True], apart])]
-            ends = ends[np.concatenate([apart, [True]])]
+            starts = starts[np.concatenate([[True], separate])]
+            ends = ends[np.concatenate([separate, [True]])]
         row = starts // row_length
         starts, ends = starts - row * row_length, ends - row * row_length
         whole = (starts > 0) & (ends < pixels) & (ends - starts >= self._SMALLEST)

@@ -176,11 +176,11 @@ class TemplateReader:
         frames, spoilt = _usable(frames)
         alpha, beta = self._lattice.locate(frames)
         pixel, shift, visible = self._lattice.pixels(alpha, beta)
-        seen, unlike = self._measure(frames, pixel)
-        bits = self._decoder.bits(seen, unlike, visible)
+        measured, unlike = self._measure(frames, pixel)
+        bits = self._decoder.bits(measured, unlike, visible)
         bar, good, wrong, reason = self._decoder.find(bits)
         move, turn, used, spread = self._line.fit(bar, Bars(
-            seen=seen, contrast=bits.contrast, visible=visible, pixel=pixel, shift=shift,
+            measured=measured, contrast=bits.contrast, visible=visible, pixel=pixel, shift=shift,
             narrow=self._decoder.narrow[bar], good=good))
         alpha, beta = alpha + move, beta + turn
 
@@ -218,7 +218,7 @@ class TemplateReader:
 
         Returns
         -------
-        seen : ndarray, shape (11, n, bars)
+        measured : ndarray, shape (11, n, bars)
             Its products with the columns of the template.
         unlike : ndarray, shape (n, bars)
             Mean square of what neither a wide nor a narrow bar explains.
@@ -229,17 +229,17 @@ class TemplateReader:
         stretches = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
                                2 * frames.strides[1:])
         first = (pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)).ravel()
-        seen = np.empty((11, first.size), dtype=np.float32)
+        measured = np.empty((11, first.size), dtype=np.float32)
         unlike = np.empty(first.size, dtype=np.float32)
-        room = np.empty((min(first.size, _STRETCHES), length), dtype=np.float32)
+        buffer = np.empty((min(first.size, _STRETCHES), length), dtype=np.float32)
         for begin in range(0, first.size, _STRETCHES):
             part = slice(begin, begin + _STRETCHES)
-            cells = room[: len(first[part])]
+            cells = buffer[: len(first[part])]
             cells[:] = stretches[first[part]]
             products = self._template.columns @ cells.T
-            seen[:, part] = products[:11]
-            unlike[part] = self._template.unexplained(cells, products[11:])
-        return seen.reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)
+            measured[:, part] = products[:11]
+            unlike[part] = self._template.misfit(cells, products[11:])
+        return measured.reshape(-1, *pixel.shape), unlike.reshape(pixel.shape)
 
 
 def _usable(frames):

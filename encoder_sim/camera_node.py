@@ -82,8 +82,8 @@ class StarCamera(MountedDevice):
         if self._wind.bends:
             frames = bent(frames, self._wind.bend(
                 (moments - self.start) * 1e-9, frames[:, FORWARD], self.value('exposure_s')))
-        seen = self._camera.expose(moments, frames)
-        stars = seen.miss if len(set(seen.hip)) == 1 else np.full((3, 2), np.nan)
+        measured = self._camera.expose(moments, frames)
+        stars = measured.miss if len(set(measured.hip)) == 1 else np.full((3, 2), np.nan)
         # of what is in the field the one that stays on its pixels is the one followed
         tracks = [stars, self._camera.expose_satellite(moments, frames)]
         smear = [np.hypot(*(track[2] - track[0])) for track in tracks]

@@ -226,7 +226,7 @@ class LinearCCD:
         """The track as `light` wants it, at the height that it has where it is read."""
         p, focus = self.params, self._defocus
         height = focus.height(angles)
-        seen = angles + focus.shift(height)
+        shown = angles + focus.shift(height)
         lower, part = focus.between(height)
         offset = self._offset / focus.growth(height)[:, np.newaxis]
         way = np.broadcast_to(rates * p.exposure, angles.shape)
@@ -235,7 +235,7 @@ class LinearCCD:
         looks = 1 if pixels <= 0.25 else math.ceil(2.0 * pixels)
         grey = np.zeros(offset.shape, dtype=np.float32)
         for look in range(looks):
-            at = seen + way * ((look + 0.5) / looks - 0.5)
+            at = shown + way * ((look + 0.5) / looks - 0.5)
             place = (at / self.disc.bar_angle) * (p.bar_pitch * self._steps)
             place = (place[:, np.newaxis] + offset) % self._last
             entry = np.floor(place)

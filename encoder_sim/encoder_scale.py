@@ -169,9 +169,9 @@ class SineSignals:
         gain, late = self._filtered(rate)
         phase = p.lines * np.asarray(angle) - late
         wide, high = self._amplitudes
-        seen = np.arctan2(gain * high * np.sin(phase + p.quadrature_error) + p.offset_sin,
+        shown = np.arctan2(gain * high * np.sin(phase + p.quadrature_error) + p.offset_sin,
                           gain * wide * np.cos(phase) + p.offset_cos)
-        return angle + (wrap(seen - phase) - late) / p.lines
+        return angle + (wrap(shown - phase) - late) / p.lines
 
     def counting(self, rate):
         """Whether lines are counted: no more where the ellipse does not go round the origin.

@@ -352,16 +352,16 @@ class IncrementalEncoder:
         volts = self._volts(seconds)
         # the last sample of the call before belongs to the motion seen now
         known = 0 if self._last is None else 1
-        stamps_seen, angles_seen = stamps, past
+        all_stamps, all_angles = stamps, past
         if known:
-            stamps_seen = np.concatenate([[self._last[0]], stamps])
-            angles_seen = np.concatenate([[self._last[1]], past])
+            all_stamps = np.concatenate([[self._last[0]], stamps])
+            all_angles = np.concatenate([[self._last[1]], past])
         self._last = stamps[-1], past[-1]
         self._supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
 
-        lost = self._count_losses(stamps_seen, angles_seen) + self._lost
+        lost = self._count_losses(all_stamps, all_angles) + self._lost
         passages, short = self._passages(
-            stamps_seen, angles_seen, volts[1 - known:], temperature[1 - known:])
+            all_stamps, all_angles, volts[1 - known:], temperature[1 - known:])
         self._missed += len(short)
         valid_from = 0
         if not self.homed:

@@ -122,10 +122,10 @@ def _to_section(mapping, cls, where, base, names):
 
 def _drop_description(mapping, file):
     """Take out ``undeclared``, which says to people what the scenario does."""
-    said = mapping.pop('undeclared', {'what': ''})
-    if not (isinstance(said, dict) and isinstance(said.get('what'), str)
-            and set(said) <= {'what', 'shows_as'}):
-        raise ValueError(f'scenario {file}, undeclared: {said!r} is not a mapping of what: a text '
+    truth = mapping.pop('undeclared', {'what': ''})
+    if not (isinstance(truth, dict) and isinstance(truth.get('what'), str)
+            and set(truth) <= {'what', 'shows_as'}):
+        raise ValueError(f'scenario {file}, undeclared: {truth!r} is not a mapping of what: a text '
                          'and shows_as: names of effects')
 
 
@@ -144,12 +144,12 @@ def described_scenarios():
     out = {}
     for name in scenario_names():
         text = (_FOLDER / f'{name}.yaml').read_text(encoding='utf-8')
-        said = (_parsed(text, own=True) or {}).get('undeclared', {}).get('what', '')
-        if said in ('', 'nothing'):  # the comment at its head
+        what = (_parsed(text, own=True) or {}).get('undeclared', {}).get('what', '')
+        if what in ('', 'nothing'):  # the comment at its head
             lines = text.splitlines()
             count = next((i for i, line in enumerate(lines) if line[:1] != '#'), len(lines))
-            said = ' '.join(line.strip('# ') for line in lines[:count]).partition('. ')[0]
-        out[name] = ' '.join(said.split())
+            what = ' '.join(line.strip('# ') for line in lines[:count]).partition('. ')[0]
+        out[name] = ' '.join(what.split())
     return out
 
 
@@ -193,13 +193,13 @@ def _on_its_mount(scenario, mapping, file):
     The names of the keys follow from it. Of one of another kind it takes over the instruments and
     the weather, not what was wrong with the other mount, nor its travel.
     """
-    told = mapping.get('mount') if isinstance(mapping, dict) else None
-    if not isinstance(told, dict) or 'kind' not in told:
+    section = mapping.get('mount') if isinstance(mapping, dict) else None
+    if not isinstance(section, dict) or 'kind' not in section:
         return scenario
-    kind = _to_text(told['kind'], MountErrors.__dataclass_fields__['kind'],
+    kind = _to_text(section['kind'], MountErrors.__dataclass_fields__['kind'],
                     f'scenario {file}, mount.kind')
     mount = parse_mount(kind, 0.0)
-    told['kind'] = kind = kind.strip().lower() if mount.kind == 'free' else mount.kind
+    section['kind'] = kind = kind.strip().lower() if mount.kind == 'free' else mount.kind
     return scenario if kind == scenario.mount.kind else scenario.on_mount(kind)
 
 
@@ -246,8 +246,8 @@ def undeclared(text):
         not said); None where the scenario says nothing.
     """
     import yaml
-    said = (yaml.safe_load(text) or {}).get('undeclared')
-    return {'what': said['what'], 'shows_as': said.get('shows_as')} if said else None
+    truth = (yaml.safe_load(text) or {}).get('undeclared')
+    return {'what': truth['what'], 'shows_as': truth.get('shows_as')} if truth else None
 
 
 def _is_name(text):
@@ -283,11 +283,11 @@ def _chain(text):
     """(name, file, content, mapping) of a scenario, then of each that it is based on."""
     import yaml
 
-    out, seen = [], []
+    out, visited = [], []
     while text is not None:
-        if text in seen:
+        if text in visited:
             raise ValueError(f'scenario {text}: based on itself')
-        seen.append(text)
+        visited.append(text)
         name, file, content = _read(text)
         try:
             mapping = _parsed(content, own=_is_name(text))

@@ -104,11 +104,11 @@ class Camera:
             exposure, star, place, height = self._in_field(time, frames, exposure, star)
             # brightest first, then the first candidate of each exposure
             order = np.lexsort((self._stars.mag[star], exposure))
-            seen, first = np.unique(exposure[order], return_index=True)
+            rows, first = np.unique(exposure[order], return_index=True)
             chosen = order[first]
-            hip[seen], mag[seen] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
-            miss[seen] = self._measure(
-                stamps[seen], place[chosen], height[chosen], mag[seen])
+            hip[rows], mag[rows] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
+            miss[rows] = self._measure(
+                stamps[rows], place[chosen], height[chosen], mag[rows])
         return ExposureTimes(miss, hip, mag)
 
     def expose_satellite(self, stamps, frames):
@@ -132,7 +132,7 @@ class Camera:
         if not self._satellite_near(time, frames[:, FORWARD]):
             return miss
         place = self.satellite.place(time, self.site, self._air(time))
-        inside, tangent = self._on_chip(self._seen(time, place), frames)
+        inside, tangent = self._on_chip(self._refracted(time, place), frames)
         miss[inside] = self._measure(stamps[inside], tangent[inside], place[1][inside])
         return miss
 
@@ -184,10 +184,10 @@ class Camera:
         moments = time[exposure]
         place = observed_place(
             self._stars.select(star), moments, self.site, self._air(moments))
-        inside, tangent = self._on_chip(self._seen(moments, place), frames[exposure])
+        inside, tangent = self._on_chip(self._refracted(moments, place), frames[exposure])
         return exposure[inside], star[inside], tangent[inside], place[1][inside]
 
-    def _seen(self, moments, place):
+    def _refracted(self, moments, place):
         """Directions (n, 3) through layers of the air that are not level."""
         return self._layers.bent(moments - self.start, direction(*place))
 
@@ -199,11 +199,11 @@ class Camera:
 
     def _on_chip(self, towards, frames):
         """Whether directions (n, 3) fall on the chip, and their tangent plane (n, 2), rad."""
-        seen = np.einsum('nij,nj->ni', frames, towards)
-        ahead = np.maximum(seen[:, FORWARD], 1e-9)
-        tangent = np.stack([seen[:, RIGHT] / ahead, seen[:, UP] / ahead], axis=1)
+        rows = np.einsum('nij,nj->ni', frames, towards)
+        ahead = np.maximum(rows[:, FORWARD], 1e-9)
+        tangent = np.stack([rows[:, RIGHT] / ahead, rows[:, UP] / ahead], axis=1)
         inside = np.all(np.abs(tangent) <= 0.5 * self.params.field_of_view, axis=1)
-        inside &= (towards[:, 2] > 0.0) & (seen[:, FORWARD] > 0.0)
+        inside &= (towards[:, 2] > 0.0) & (rows[:, FORWARD] > 0.0)
         return inside, tangent
 
     def _measure(self, stamps, place, elevation, mag=4.0):

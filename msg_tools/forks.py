@@ -120,20 +120,20 @@ class _Child:
         for other in (self.source, *others):
             os.close(other)
         try:
-            told = True, self._call()
+            outcome = True, self._call()
         except Exception as error:
-            told = False, error
+            outcome = False, error
         with open(target, 'wb') as file:
-            pickle.dump(told, file, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(outcome, file, pickle.HIGHEST_PROTOCOL)
 
     def result(self):
         """What the call returned; made once more here, where the child did not get to say it."""
         with open(self.source, 'rb') as file:
-            told = file.read()
+            outcome = file.read()
         _, status = os.waitpid(self._pid, 0)
-        if status or not told:
+        if status or not outcome:
             return self._call()
-        returned, value = pickle.loads(told)
+        returned, value = pickle.loads(outcome)
         if not returned:
             raise value
         return value

@@ -56,7 +56,7 @@ def node_help(node_class):
         lines += _block(f'topics that it {verb} (relative to {NAMESPACE}):', rows)
     lines += _block('services:', [(service, '') for service in ends['services']])
     params = getattr(node_class, 'PARAMS', None) or vars(module).get('PARAMS', ())
-    lines += _block('parameters:', [(param.name, _said(param)) for param in params])
+    lines += _block('parameters:', [(param.name, _described(param)) for param in params])
     return '\n'.join(lines).rstrip() + '\n'
 
 
@@ -80,7 +80,7 @@ def _block(title, rows):
     return [*out, '']
 
 
-def _said(param):
+def _described(param):
     """What a parameter does, its unit, range and default."""
     unit = re.findall(r'\[([^\]]+)\]', param.doc)
     unit = unit[-1] if unit else next(
@@ -92,9 +92,9 @@ def _said(param):
     default = ', '.join(map(str, param.default)) if isinstance(
         param.default, list | tuple) else param.default
     default = str(default).lower() if isinstance(default, bool) else default
-    told = [f'{limits} {unit}'.strip(), f'default {default}' if default != '' else 'default: empty',
-            'only at the start' if param.fixed else '']
-    return re.sub(r'\s*\[[^\]]+\]', '', param.doc) + f' ({", ".join(filter(None, told))})'
+    default = 'default: empty' if default == '' else f'default {default}'
+    facts = [f'{limits} {unit}'.strip(), default, 'only at the start' if param.fixed else '']
+    return re.sub(r'\s*\[[^\]]+\]', '', param.doc) + f' ({", ".join(filter(None, facts))})'
 
 
 # --- from the source -----------------------------------------------------------------------------
@@ -113,24 +113,24 @@ def endpoints(node_class):
         ``takes`` and ``gives`` of `topics.Topic`, ``services`` of str.
     """
     found = {'takes': {}, 'gives': {}, 'services': {}}
-    seen = set()
+    scanned = set()
     for base in node_class.__mro__:
         name = base.__module__
         if name == '__main__':  # started by ``python -m``
             name = sys.modules[name].__spec__.name
         house, _, part = name.partition('.')
         if part and house != 'rclpy' and (house, part) not in _SHARED:
-            _scan(name, found, seen)
+            _scan(name, found, scanned)
     return {'takes': sorted(found['takes'].values(), key=lambda t: t.name),
             'gives': sorted(found['gives'].values(), key=lambda t: t.name),
             'services': sorted(found['services'])}
 
 
-def _scan(name, found, seen):
+def _scan(name, found, scanned):
     """Look through a module, and those of the same house that it calls with the node."""
-    if name in seen:
+    if name in scanned:
         return
-    seen.add(name)
+    scanned.add(name)
     module = import_module(name)
     tree = ast.parse(Path(module.__file__).read_text(encoding='utf-8'))
     constants = {target.id: item.value for item in tree.body if isinstance(item, ast.Assign)
@@ -149,7 +149,7 @@ def _scan(name, found, seen):
             other = f'{house}.{item.module}' if item.level else item.module
             helper = other and other.split('.')[0] in (house, 'pointing_model', 'encoder_reading')
             if helper and not other.endswith('_node') and _has_node(other):
-                _scan(other, found, seen)
+                _scan(other, found, scanned)
 
 
 def _has_node(name):

@@ -69,11 +69,11 @@ def run_nodes(makers, args=None):
     int
         Exit code as of `run_node`; where one of them has bad input none runs.
     """
-    large_apart()
-    nodes, executor, running, told, code = [], None, False, [], 0
+    map_large_blocks()
+    nodes, executor, running, ended, code = [], None, False, [], 0
     # rclpy's handlers shut the context down, and call those before them as well, which end a node
     # that imports (`telescope_mount.start`); an exception would fall into the middle of a record
-    on_end(lambda *_: told.append(True))
+    on_end(lambda *_: ended.append(True))
     try:
         check_open_files()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -89,9 +89,9 @@ def run_nodes(makers, args=None):
         # time, and by default would be due once in some hundred nights
         gc.freeze()
         gc.set_threshold(700, 2, 2)
-        while not told and rclpy.ok():
+        while not ended and rclpy.ok():
             executor.spin_once()  # a node has timers: it looks at itself ten times a second
-        if told:
+        if ended:
             for node in nodes:
                 getattr(node, 'before_end', lambda: None)()
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -194,7 +194,7 @@ def _of_libc(name):
         return lambda *args: 0  # of glibc alone
 
 
-def large_apart():
+def map_large_blocks():
     """Large blocks stay apart from the heap, and go when they are freed.
 
     By default the first that is freed moves the limit up, to 32 MB at most: messages that grow with

@@ -45,5 +45,5 @@ def read_frame(frame):
 
 def start_of(frame):
     """When the power-on began that a ``frame_id`` tells, UTC s; NaN where it tells none."""
-    told = read_frame(frame)
-    return nan if told is None else told.started
+    power_on = read_frame(frame)
+    return nan if power_on is None else power_on.started

@@ -49,26 +49,26 @@ class GraphReports(dict):
 
     Attributes
     ----------
-    heard : dict of str to float
+    received : dict of str to float
         Node name -> when, by `time.monotonic`.
     """
 
     def __init__(self, namespace):
         super().__init__()
         self._within = namespace.rstrip('/') + '/'
-        self.heard = {}
+        self.received = {}
 
     def take(self, message):
         """Keep the reports in a DiagnosticArray."""
         for status in message.status:
             if status.name.startswith(self._within):
                 self[status.name] = parse(status)
-                self.heard[status.name] = time.monotonic()
+                self.received[status.name] = time.monotonic()
 
     def silent(self, seconds):
         """Nodes, by their own names, that have not reported for so long and did so before."""
         now = time.monotonic()
-        return [name.removeprefix(self._within) for name, at in self.heard.items()
+        return [name.removeprefix(self._within) for name, at in self.received.items()
                 if now - at > seconds]
 
     def errors_of(self, node):

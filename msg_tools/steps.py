@@ -110,7 +110,7 @@ class ServiceCall:
         self._client, self._wake, self._effect = client, wake, effect
         self._request = client.srv_type.Request() if request is None else request
         self._patient, self._wall = patient, wall
-        self._futures, self._away, self._looked, self._seen = [], False, 0.0, None
+        self._futures, self._away, self._looked, self._done_at = [], False, 0.0, None
         self._gone = None  # since when the server is
         self._lost = False  # its answer; what was asked for is done
         self._begin()
@@ -163,9 +163,9 @@ class ServiceCall:
             return False
         self._gone = None
         if self._effect():
-            self._seen = self._seen or now
+            self._done_at = self._done_at or now
             long = PATIENCE if self._patient and not self._away else AGAIN
-            self._lost = now - self._seen >= long
+            self._lost = now - self._done_at >= long
             return self._lost
         elif now - self._since >= AGAIN and (self._away or not self._patient):
             self._ask()

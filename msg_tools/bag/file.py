@@ -252,7 +252,7 @@ class BagFile:
             raise ValueError(f'a chunk claims {length} bytes, more than {MAX_CHUNK}')
         body = read_at(stream, offset, length)
         try:
-            return self._as_told(body, partial, expanded)
+            return self._as_described(body, partial, expanded)
         except PARSE_ERRORS as error:
             if partial or len(body) < max(length, 40) or not (
                     self.stream is None or self.spend(MAX_MENDED // 4)):
@@ -263,7 +263,7 @@ class BagFile:
             self.mended[offset - 9] = short(error)
             return buffer
 
-    def _as_told(self, body, partial, expanded):
+    def _as_described(self, body, partial, expanded):
         """The records in a chunk, by its own head."""
         size, crc, compression, data, stored = unpack_chunk(body)
         if len(data) < stored and not partial:

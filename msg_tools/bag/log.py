@@ -88,14 +88,14 @@ class Reader:
         if problem:
             self._problems.append(problem)
         files = []
-        for name, told in self._listed.items():
+        for name, row in self._listed.items():
             file = self.path / name
             if file.suffix == self.SUFFIX and file.is_file():
                 files.append(file)
             else:
                 self._problems.append(f'{name} is listed in metadata.yaml but missing' + (
-                    f', with {counted(told.count, True)} {span(told.start, told.end)}'
-                    if told.count else ''))
+                    f', with {counted(row.count, True)} {span(row.start, row.end)}'
+                    if row.count else ''))
         found = sorted(self.path.glob(f'*{self.SUFFIX}'), key=_natural)
         files += [file for file in found if file not in files and file.is_file()]
         if not files:

@@ -125,9 +125,9 @@ def listed_files(folder):
     files = {PurePath(name).name: Listed() for name in _of(info, 'relative_file_paths', list)
              if isinstance(name, str)}
     for row in _of(info, 'files', list):
-        name, told = _of(row, 'path', str), _listed(row)
-        if name in files and told is not None:
-            files[name] = told
+        name, entry = _of(row, 'path', str), _listed(row)
+        if name in files and entry is not None:
+            files[name] = entry
     return files, '' if files else f'{METADATA_FILE} lists no file'
 
 

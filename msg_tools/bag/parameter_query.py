@@ -106,12 +106,12 @@ class _Asked:
         names = sorted(n for n in answer.result.names if not n.startswith('qos_overrides.'))
         self._begin(DescribeParameters, 'describe_parameters',
                     DescribeParameters.Request(names=names),
-                    lambda told: self._described(names, told))
+                    lambda answer: self._described(names, answer))
 
     def _described(self, names, answer):
         self._drop()
-        truth = {name for name, told in zip(names, answer.descriptors)
-                 if OF_TRUTH in told.additional_constraints}
+        truth = {name for name, described in zip(names, answer.descriptors)
+                 if OF_TRUTH in described.additional_constraints}
         self._begin(GetParameters, 'get_parameters', GetParameters.Request(names=names),
                     lambda values: self._got(names, truth, values))
 

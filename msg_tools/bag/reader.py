@@ -116,16 +116,16 @@ class BagReader(Reader):
             counts = file.counts
             if not file.indexed:
                 counts = sum((Counter(part.counts) for part in file.lost), counts)
-            told = self._listed.get(file.path.name, Listed())
-            missing = told.count - sum(file.repeated.values()) - sum(counts.values())
+            row = self._listed.get(file.path.name, Listed())
+            missing = row.count - sum(file.repeated.values()) - sum(counts.values())
             topics.update(file.by_topic(counts))
             others += max(0, missing) if file.lost and not file.indexed else 0
             known = known and file.closed and (
                 file.indexed or missing >= 0 or all(part.known for part in file.lost))
-        for name, told in self._listed.items():
+        for name, row in self._listed.items():
             if not any(file.path.name == name for file in self._files):
-                others += told.count
-                known = known and told.count > 0
+                others += row.count
+                known = known and row.count > 0
         return topics, others, known
 
     def schema_of(self, topic, type_name):

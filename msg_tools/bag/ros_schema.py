@@ -111,7 +111,7 @@ def message_definition(type_name):
     ValueError
         The type, or one that it needs, is not installed.
     """
-    seen = set()
+    included = set()
 
     def full(name):
         package, short_name = split_type(name)
@@ -121,8 +121,8 @@ def message_definition(type_name):
                 f'message type {name}: no share/{package}/msg/{short_name}.msg found; install or '
                 f'source the package {package}')
         for dependency in _dependencies(text, package):
-            if dependency not in seen:
-                seen.add(dependency)
+            if dependency not in included:
+                included.add(dependency)
                 text += f'\n{_SEPARATOR}\nMSG: {dependency}\n{full(dependency)}'
         return text
 

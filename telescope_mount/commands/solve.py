@@ -51,7 +51,7 @@ def run(args):
     console = new_console()
     with ProgressLine(unit='images', first='looking for images') as progress:
         counts = solve_folder(args.folder, mapping, solver, out, again=args.again,
-                              told=console.print, progress=progress)
+                              report=console.print, progress=progress)
     total = sum(counts.values())
     console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
                   f'{counts[HUNG]} the solver hung')

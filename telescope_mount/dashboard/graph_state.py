@@ -26,8 +26,8 @@ LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE
         topics.ZERO, topics.IN_FORCE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
 #: all that is listened to
 HEARD = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
-#: s by which readings of the two encoders may be apart, and be compared by their rates
-APART = 0.5
+#: s by which readings of the two encoders may differ, and be compared by their rates
+LARGEST_DELAY = 0.5
 #: s without a report after which a node is called silent; each reports once a second
 SILENT = 5.0
 #: stars that are drawn at most
@@ -263,7 +263,7 @@ class LastMessages:
             state.wanted_deg = [float(np.interp(at, times, axis)) / DEG for axis in wanted.T]
 
     def _zero(self, state):
-        zero, model = self._in_force()
+        zero, model = self._active()
         if zero is None:
             return
         state.zero_arcsec = _scaled(zero.angles, ARCSEC)
@@ -272,7 +272,7 @@ class LastMessages:
         state.zero_by = zero.by
         state.left_by = 'zero and model' if model is not None else 'zero'
 
-    def _in_force(self):
+    def _active(self):
         """The zero and the model that go together; None where there is none."""
         pair, zero = self._get(topics.IN_FORCE), self._get(topics.ZERO)
         if pair is not None:
@@ -286,9 +286,9 @@ class LastMessages:
         if None in messages:
             return
         (here, first, rates, _), (there, second, _, _) = map(convert.read_joints, messages)
-        apart = (there - here) * 1e-9
-        moved = np.nan_to_num(rates) * apart
-        if abs(apart) > APART or not np.isfinite([*first, *second]).all():
+        delay = (there - here) * 1e-9
+        moved = np.nan_to_num(rates) * delay
+        if abs(delay) > LARGEST_DELAY or not np.isfinite([*first, *second]).all():
             return
         difference = wrap(np.array(first) + moved - np.array(second))
         state.encoders_arcsec = _scaled(difference, ARCSEC)
@@ -317,7 +317,7 @@ class LastMessages:
         az, el = np.array([_on_sky(run.mount, *place) for place in zip(run['az'], run['el'])]).T
         offset = run.offsets()
         left = np.full((2, len(run)), np.nan)
-        zero, model = self._in_force()
+        zero, model = self._active()
         if zero is not None:
             held = np.full(len(run), True) if zero.run is None else run.get('run') == zero.run
             if zero.started is not None and 'encoder_start' in run:

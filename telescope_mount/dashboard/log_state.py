@@ -35,7 +35,7 @@ def of_log(bag, namespace, end=None):
     if not there & {name for name in names if name.startswith(f'{namespace}/')}:
         raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
                          'name another with --namespace; `telescope-mount info` lists its topics')
-    heard = LastMessages(str(bag.path), namespace)
+    last = LastMessages(str(bag.path), namespace)
     # a log has a time of its own
     wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
     messages = bag.last_before(wanted, before)
@@ -51,8 +51,8 @@ def of_log(bag, namespace, end=None):
     for message in sorted(messages, key=lambda message: message.log_time):
         decoded = bag.decode(message)
         if decoded is not None:
-            heard.take(names[message.topic], decoded, message.log_time)
-    return heard
+            last.take(names[message.topic], decoded, message.log_time)
+    return last
 
 
 def _last(bag, name, first, newest):

@@ -22,7 +22,7 @@ _BARS, _PLAIN_BARS = '▁▂▃▄▅▆▇█', '_.-:=+*#'
 _BAD = 'bold red'
 
 
-class _Room(NamedTuple):
+class _Screen(NamedTuple):
     """What a terminal has: columns, and the encoding of its signs."""
 
     width: int
@@ -58,7 +58,7 @@ class Dashboard:
         self._state, self._note, self._whole = state, note, whole
 
     def __rich_console__(self, console, options):
-        state, whole = self._state, _Room(options.max_width, console.encoding)
+        state, whole = self._state, _Screen(options.max_width, console.encoding)
         wide = whole.width >= BESIDE
         beside = whole._replace(width=whole.width - SKY_WIDE - 2) if wide else whole
         numbers = [*_axes(state, beside), *_stars(state, beside)]
@@ -85,48 +85,48 @@ def _text(lines):
     return text
 
 
-def _head(state, room, note):
+def _head(state, screen, note):
     when = (state.time_utc or 'no time yet').replace('T', ' ')
-    lines = room.lines(f'{state.source} at {when}' + (note and f'; {note}'), 'bold')
+    lines = screen.lines(f'{state.source} at {when}' + (note and f'; {note}'), 'bold')
     plan = state.plan
     if plan:
         of = f' {plan["done"]} of {plan["total"]}' if plan['total'] else ''
         step = f': {plan["step"]}{of}' if plan['step'] and plan['state'] != 'done' else ''
         refused = f', {plan["refused"]} refused' if plan['refused'] else ''
-        lines += room.lines(f'plan {plan["state"]}{step}; {plan["observations"]} stars observed, '
+        lines += screen.lines(f'plan {plan["state"]}{step}; {plan["observations"]} stars observed, '
                             f'{plan["lost"]} lost{refused}, power-on {plan["run"]}')
     if 'guard' in state.said:
         doing = f'{state.guard}: ' if state.guard else ''
-        lines += room.lines(f'guard {doing}{state.said["guard"]}')
+        lines += screen.lines(f'guard {doing}{state.said["guard"]}')
     if 'calibration' in state.said:
-        lines += room.lines(f'calibration {state.said["calibration"]}')
+        lines += screen.lines(f'calibration {state.said["calibration"]}')
     return lines
 
 
-def _alarms(state, room, every):
+def _alarms(state, screen, every):
     if not state.alarms:
         nodes = len(state.nodes)
-        return room.lines(f'no alarms, {nodes} nodes report' if nodes else 'no node reports')
+        return screen.lines(f'no alarms, {nodes} nodes report' if nodes else 'no node reports')
     lines = []
     for alarm in state.alarms[:None if every else ALARMS]:
         warns = alarm['level'] == 'warning'
         style = 'yellow' if warns else _BAD
-        told = room.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}', style)
-        lines += told if every or len(told) <= ALARM_LINES else [
-            *told[:ALARM_LINES], ('  and so on: watch --once', style)]
+        texts = screen.lines(f'{"warning" if warns else "ALARM"} {alarm["said"]}', style)
+        lines += texts if every or len(texts) <= ALARM_LINES else [
+            *texts[:ALARM_LINES], ('  and so on: watch --once', style)]
     more = 0 if every else len(state.alarms) - ALARMS
     return lines + ([(f'and {more} more', _BAD)] if more > 0 else [])
 
 
-def _pair(name, values, room, form, style=''):
+def _pair(name, values, screen, form, style=''):
     """A name and two numbers, in columns where they fit."""
     if values is None:
         return []
-    told = [room.spelled(form(value)) for value in values]
-    line = f'{name:<{_NAME}}' + ''.join(f'{one:>{_NUMBER}}' for one in told)
-    if len(name) < _NAME and max(map(len, told)) < _NUMBER and len(line) <= room.width:
+    texts = [screen.spelled(form(value)) for value in values]
+    line = f'{name:<{_NAME}}' + ''.join(f'{one:>{_NUMBER}}' for one in texts)
+    if len(name) < _NAME and max(map(len, texts)) < _NUMBER and len(line) <= screen.width:
         return [(line, style)]
-    return room.lines(f'{name} {"  ".join(told)}', style)
+    return screen.lines(f'{name} {"  ".join(texts)}', style)
 
 
 def _number(form, unit):
@@ -137,9 +137,9 @@ def _number(form, unit):
 _DEGREES, _SECONDS, _PLAIN = _number('.4f', '°'), _number('+.2f', '″'), _number('.2f', '″')
 
 
-def _axes(state, room):
+def _axes(state, screen):
     stars, rate = state.stars, state.rate_deg_s
-    lines = _pair('', [name.replace('_', ' ') for name in state.joints], room, str, 'bold')
+    lines = _pair('', [name.replace('_', ' ') for name in state.joints], screen, str, 'bold')
     for name, values, form in (
             ('reading', state.reading_deg, _DEGREES),
             ('asked for', state.wanted_deg, _DEGREES),
@@ -148,17 +148,16 @@ def _axes(state, room):
             ('  sigma', state.zero_sigma_arcsec, _PLAIN),
             ('inc - abs', state.encoders_arcsec, _SECONDS),
             ('miss', state.miss_arcsec, _SECONDS)):
-        lines += _pair(name, values, room, form)
+        lines += _pair(name, values, screen, form)
     if stars.time_s:
-        lines += _pair('last offset', (stars.offset_x_arcsec[-1], stars.offset_y_arcsec[-1]), room,
-                       _SECONDS)
-        if state.left_by:
-            lines += _pair('  left', (stars.left_x_arcsec[-1], stars.left_y_arcsec[-1]), room,
-                           _SECONDS)
+        offset = stars.offset_x_arcsec[-1], stars.offset_y_arcsec[-1]
+        left = stars.left_x_arcsec[-1], stars.left_y_arcsec[-1]
+        lines += _pair('last offset', offset, screen, _SECONDS)
+        lines += _pair('  left', left if state.left_by else None, screen, _SECONDS)
     return lines
 
 
-def _stars(state, room):
+def _stars(state, screen):
     """Rows of bars: what is left of the last stars, and the encoders' difference."""
     stars = state.stars
     left = _finite(math.hypot(x, y) for x, y in zip(stars.left_x_arcsec, stars.left_y_arcsec))
@@ -167,7 +166,7 @@ def _stars(state, room):
         rms = math.sqrt(sum(value * value for value in left) / len(left))
         of = 'the last star' if len(left) == 1 else f'the last {len(left)} stars'
         lines += _bars(f'{state.left_by} leave {rms:.2f}″ RMS of {of}' if ' and ' in state.left_by
-                       else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, room)
+                       else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, screen)
     for name, values in zip(state.joints, (stars.encoders_first_arcsec,
                                            stars.encoders_second_arcsec)):
         # with another power-on it is another
@@ -176,7 +175,7 @@ def _stars(state, room):
         if values:
             low, most = min(values), max(values)
             lines += _bars(f'inc - abs, {name.replace("_", " ")}: {low:.2f} to {most:.2f}″', values,
-                           low, room)
+                           low, screen)
     return lines
 
 
@@ -184,17 +183,17 @@ def _finite(values):
     return [value for value in values if math.isfinite(value)][-BARS:]
 
 
-def _bars(title, values, low, room):
+def _bars(title, values, low, screen):
     """A title and a bar for each value, from `low` up to the largest."""
-    signs = _BARS if room.spelled(_BARS) == _BARS else _PLAIN_BARS
+    signs = _BARS if screen.spelled(_BARS) == _BARS else _PLAIN_BARS
     span = max(values) - low or 1.0
     bars = ''.join(signs[round((value - low) / span * (len(signs) - 1))] for value in values)
-    return [*room.lines(title), (bars[-room.width:], 'cyan')]
+    return [*screen.lines(title), (bars[-screen.width:], 'cyan')]
 
 
-def _sky(state, room):
+def _sky(state, screen):
     """A chart of the sky, the zenith in the middle, the horizon dotted, east on the right."""
-    width = room.width
+    width = screen.width
     high = min(SKY_HIGH, max(5, width // 2))
     middle, up = (width - 1) / 2.0, (high - 1) / 2.0
     rows = [[' '] * width for _ in range(high)]
@@ -208,7 +207,7 @@ def _sky(state, room):
 
     for az in range(0, 360, 5):
         put(az, 0.0, '.')
-    star = room.spelled('•')
+    star = screen.spelled('•')
     for az, el in zip(state.stars.az_deg, state.stars.el_deg):
         put(az, el, star)
     for az, name in zip(range(0, 360, 90), 'NESW'):
@@ -220,4 +219,4 @@ def _sky(state, room):
             put(*place, sign)
             legend.append(f'{sign} {name} {place[0]:.1f}° {place[1]:.1f}°')
     return [*((''.join(row), '') for row in rows),
-            *(line for part in legend for line in room.lines(part))]
+            *(line for part in legend for line in screen.lines(part))]

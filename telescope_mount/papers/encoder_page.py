@@ -53,8 +53,8 @@ def render_encoder_test(report, files=()):
     loud = report['noise_of_the_paper']
     own, paper = (methods[name]['std_arcsec'] for name in ('template', 'paper'))
     curves, table_2 = report['curves'], report['table_2']
-    headline = (f'{_said(own)} by the template, {_said(paper)} by the method of the paper, which '
-                f'printed {PRINTED_STD["paper"]:.2f}″')
+    headline = (f'{_seconds(own)} by the template, {_seconds(paper)} by the method of the paper, '
+                f'which printed {PRINTED_STD["paper"]:.2f}″')
     reading = np.arange(1.0, 24.0)
     body = [
         '<h1>23-face test of the absolute encoder</h1>',
@@ -62,7 +62,7 @@ def render_encoder_test(report, files=()):
         f'{conditions["bar_pitch_px"]:g} px a bar · noise {conditions["noise_grey_levels"]:g} grey '
         'levels unless said · a simulated bench</p>',
         verdict('', headline, notes(report), cards(
-            [(_said(methods[name]['std_arcsec']), f'{name}: standard deviation')
+            [(_seconds(methods[name]['std_arcsec']), f'{name}: standard deviation')
              for name in STYLES]), '', gains([(name.replace('_', ' '), [
                  (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
                  (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
@@ -89,7 +89,7 @@ def render_encoder_test(report, files=()):
     return whole('23-face test of the absolute encoder', body, 'Test of an absolute encoder')
 
 
-def _said(value):
+def _seconds(value):
     return '–' if value is None else f'{value:.2f}″'
 
 
@@ -98,20 +98,20 @@ def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):
     values = {name: np.array([np.nan if v is None or abs(v) > _GROSS else v
                               for v in curves[name]]) for name in names}
     limit = limit_of(*(v[np.isfinite(v)] for v in values.values()))
-    room = 0.02 * float(np.ptp(x))
-    panel = Panel((52, 26, 378, 200), (float(x.min()) - room, float(x.max()) + room),
+    margin = 0.02 * float(np.ptp(x))
+    panel = Panel((52, 26, 378, 200), (float(x.min()) - margin, float(x.max()) + margin),
                   (-limit, limit))
     panel.axes(label, 'error ″', title)
-    said = []
+    deviations = []
     for name, y in values.items():
         good = np.isfinite(y)
         panel.line(x[good], np.clip(y[good], -limit, limit), f'series {STYLES[name]}')
         if marks:
             panel.points(x[good], y[good], STYLES[name])
         if good.sum() > 1:
-            said.append(f'{name} {np.std(y[good], ddof=1):.2f}')
+            deviations.append(f'{name} {np.std(y[good], ddof=1):.2f}')
     return figure(svg(446, 274, panel.parts, f'{title}. Standard deviation, arcsec: '
-                      + ', '.join(said)), f'{title}.')
+                      + ', '.join(deviations)), f'{title}.')
 
 
 def _methods(report):

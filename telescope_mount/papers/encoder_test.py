@@ -59,18 +59,18 @@ def run(seed=1, turns=20, pitch=48, progress=None):
     dict
         For JSON; every angle in arcsec.
     """
-    tell = progress or (lambda text: None)
+    step = progress or (lambda text: None)
     params = SCALES[pitch]
-    tell('23 angles')
+    step('23 angles')
     bench = IndexingTable(params, seed)
     errors = bench.turns(turns)
-    tell('damaged bars')
+    step('damaged bars')
     damaged = bench.turns(max(2, turns // 4), DAMAGE)
-    tell('one bar')
+    step('one bar')
     quiet, noisy = bench.one_bar(noise=False), bench.one_bar()
-    tell('the noise of the paper')
+    step('the noise of the paper')
     loud_errors = IndexingTable(replace(params, noise=PAPER_NOISE), seed).turns(turns)
-    tell('what the rivals need')
+    step('what the rivals need')
     rows = _search(params, seed, max(2, turns // 2))
     gross = bench.gross
     return {
@@ -212,14 +212,14 @@ def needed(rows):
     out, columns = [], {'level': 'level', 'paper_arcsec': 'paper', 'r_square': 'r_square'}
     for name in dict.fromkeys(row['disturbance'] for row in rows):
         tried = [row for row in rows if row['disturbance'] == name and row['paper'] is not None]
-        for rival in ('centroid', 'parabola'):
-            shown = np.array([row[rival] for row in tried])
-            found = {'disturbance': name, 'unit': tried[0]['unit'], 'rival': rival,
-                     'printed_arcsec': PRINTED_STD[rival], **dict.fromkeys(columns)}
-            above = np.flatnonzero(shown >= PRINTED_STD[rival])
+        for method in ('centroid', 'parabola'):
+            shown = np.array([row[method] for row in tried])
+            found = {'disturbance': name, 'unit': tried[0]['unit'], 'rival': method,
+                     'printed_arcsec': PRINTED_STD[method], **dict.fromkeys(columns)}
+            above = np.flatnonzero(shown >= PRINTED_STD[method])
             if len(above) and above[0] > 0:
                 i = above[0]
-                part = (PRINTED_STD[rival] - shown[i - 1]) / (shown[i] - shown[i - 1])
+                part = (PRINTED_STD[method] - shown[i - 1]) / (shown[i] - shown[i - 1])
                 for key, column in columns.items():
                     low, high = tried[i - 1][column], tried[i][column]
                     found[key] = float(low + part * (high - low))

@@ -95,13 +95,13 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     plan = experiment_plan(stars, polaris, satellite, extra, nights)
     parse_plan(plan)
     folder = prepare_folder(out)
-    said = {'seed': seed, **({'scenario': scenario} if scenario else {'drifts': drifts})}
+    origin = {'seed': seed, **({'scenario': scenario} if scenario else {'drifts': drifts})}
     specs = night_graph(
         bag=str(folder / 'bag'), scenario=scenario or DRIFTS[drifts], seed=seed,
         start_time=START, plan=plan, first_run=1 - REFERENCE_AGE, reference_age=REFERENCE_AGE,
         satellite='gps-26690', sample_rate_hz=1.0, kept_power_ons=0)
     report, run, _ = observe(
-        folder, specs, plan, partial(_write, folder, nights, said), progress, domain_number)
+        folder, specs, plan, partial(_write, folder, nights, origin), progress, domain_number)
     page = folder / 'page.html'
     tried(report['incomplete'], page, partial(
         write_experiment_page, report=report, run=run, files=[
@@ -110,7 +110,7 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     return report
 
 
-def _write(folder, nights, said, latest):
+def _write(folder, nights, origin, latest):
     """table1.csv, zeros.csv, gps.json, report.json, observations.csv; `Written`."""
     from calibration.report.zero_season_report import judge_season, write_season
     from msg_tools import topics
@@ -122,7 +122,7 @@ def _write(folder, nights, said, latest):
     run = cloud_to_run(latest[topics.OBSERVATIONS.name])
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     report = compare_with_paper(calibrated['nights'], nights)
-    report.update(said)
+    report.update(origin)
     report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
     files, incomplete = {name: folder / name for name in FILES}, []
 

@@ -61,11 +61,11 @@ def write_experiment_page(path, report, run=None, files=()):
 
 def render_experiment(report, run=None, files=()):
     """The page as text; parameters as of `write_experiment_page`."""
-    table1, told, paper = (report['table1'], report['statistics'], report['paper'])
-    words = [f'{name} from {told[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
-             f'{told[f"after_{axis}_arcsec"]["rms"]:.2f}″' for axis, name in AXES]
-    bars = [(f'{name}, {when}', [(one[f'{when}_{axis}_arcsec']['rms'], kind, said)
-                                 for one, kind, said in ((told, when, 'here'),
+    table1, summary, paper = (report['table1'], report['statistics'], report['paper'])
+    words = [f'{name} from {summary[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
+             f'{summary[f"after_{axis}_arcsec"]["rms"]:.2f}″' for axis, name in AXES]
+    bars = [(f'{name}, {when}', [(one[f'{when}_{axis}_arcsec']['rms'], kind, label)
+                                 for one, kind, label in ((summary, when, 'here'),
                                                          (paper['statistics'], 'floor', 'paper'))])
             for axis, name in AXES for when in WHENS]
     what = f'scenario {report["scenario"]}' if 'scenario' in report else \
@@ -83,14 +83,14 @@ def render_experiment(report, run=None, files=()):
         f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
         '</p>', controls_alone() if data is None else controls(data),
         verdict('', 'Mean error of a night, RMS over the nights: ' + ', '.join(words), lines,
-                cards([(f'{told[f"after_{axis}_arcsec"]["rms"]:.2f}″', f'after, {name}')
+                cards([(f'{summary[f"after_{axis}_arcsec"]["rms"]:.2f}″', f'after, {name}')
                        for axis, name in AXES]), 'alarm' if report['alarms'] else '', gains(bars)),
         section('Mean error night by night', legend(
             ('before', 'before the zero is set (dots)'), ('after', 'after (squares)')),
             *(pair(_nights(table1, axis, name, when) for axis, name in AXES) for when in WHENS),
             note='Point at a night, here or in the table.'),
         section('Nights', _table(report)),
-        section('Over all nights', _statistics(told, paper['statistics'])),
+        section('Over all nights', _statistics(summary, paper['statistics'])),
         *([] if data is None else residual_sections(data)),
         _satellite(report), _zeros(report['zeros']),
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
@@ -113,9 +113,9 @@ def residuals_of_nights(report, run):
     """
     parts = []
     for night in report['nights']:
-        told = night['physical']
-        zero = np.array([told['zero'][f'{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
-        then = zero - np.array([told[f'change_{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        summary = night['physical']
+        zero = np.array([summary['zero'][f'{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
+        then = zero - np.array([summary[f'change_{axis}_arcsec'] for axis, _ in AXES]) * ARCSEC
         reference = for_fitting(run.select(run['run'] == night['reference']))
         rows = run.select((run['run'] == night['night']) & (run['star'] >= 0))
         rows = rows.select(~is_for_zero(rows))
@@ -147,8 +147,8 @@ def _nights(rows, axis, name, when):
     panel = Panel((52, 26, 378, 150), (x.min() - 0.7, x.max() + 0.7), (-limit, limit))
     panel.axes('night', 'arcsec', f'{name}, {when}')
     panel.points(x, y, f'{when} big', keys=[_key(row['night']) for row in rows])
-    said = f'{name}, {when}: mean {np.mean(y):+.2f}, RMS {np.sqrt(np.mean(y**2)):.2f} arcsec'
-    return figure(svg(446, 224, panel.parts, said, 'link'), '', when)
+    label = f'{name}, {when}: mean {np.mean(y):+.2f}, RMS {np.sqrt(np.mean(y**2)):.2f} arcsec'
+    return figure(svg(446, 224, panel.parts, label, 'link'), '', when)
 
 
 def _table(report):
@@ -179,8 +179,8 @@ def _statistics(ours, paper):
 
 def _satellite(report):
     """The satellite that was tracked before and after."""
-    tracks, told = report.get('satellite'), report.get('gps')
-    if not tracks or not told:
+    tracks, ours = report.get('satellite'), report.get('gps')
+    if not tracks or not ours:
         return ''
     drawn = []
     for when in WHENS:
@@ -194,51 +194,51 @@ def _satellite(report):
             panel.points(minutes, error, when)
             drawn.append(figure(svg(446, 194, panel.parts, f'Satellite, {name}, {when}'), '', when))
     rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
-                                  for one in (told, told['paper']) for key in ('mean', 'std')))
+                                  for one in (ours, ours['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
     return section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
                    pair(drawn[2:]), table(
         ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
 
 
-def _zeros(judged):
+def _zeros(summary):
     """The zeros of the power-ons against what was measured at the mark."""
-    if not judged['power_ons']:
+    if not summary['power_ons']:
         return ''
-    found, season = judged['causes'], season_from_rows(judged['power_ons'])
+    found, season = summary['causes'], season_from_rows(summary['power_ons'])
     drawn = []
     for name in found['drivers'] or ['temperature']:
         words, (unit, _) = WORDS[name], COVARIATES[name]
-        for k, (_, said) in enumerate(AXES):
+        for k, (_, label) in enumerate(AXES):
             values, zeros = season.covariates[name][:, k], season.zeros[:, k] / ARCSEC
             good = np.isfinite(values) & np.isfinite(zeros)
             if not good.any():
                 continue
-            x, y, room = values[good], zeros[good], 0.05 * max(float(np.ptp(values[good])), 1e-3)
+            x, y, margin = values[good], zeros[good], 0.05 * max(float(np.ptp(values[good])), 1e-3)
             pad = 0.1 * max(float(np.ptp(y)), 1.0)
-            panel = Panel((56, 26, 374, 150), (x.min() - room, x.max() + room),
+            panel = Panel((56, 26, 374, 150), (x.min() - margin, x.max() + margin),
                           (y.min() - pad, y.max() + pad))
-            state = found['axes'][said]['verdict']
-            panel.axes(f'{words} [{unit}]', 'zero ″', ': '.join(filter(None, (said, state))))
+            state = found['axes'][label]['verdict']
+            panel.axes(f'{words} [{unit}]', 'zero ″', ': '.join(filter(None, (label, state))))
             panel.bars(x, y, season.sigmas[good, k] / ARCSEC, 'before')
             panel.points(x, y, 'before')
-            cause = next((c for c in found['axes'][said]['causes']
+            cause = next((c for c in found['axes'][label]['causes']
                           if c['driver'] == name), None)
             if cause:
                 ends = np.array([x.min(), x.max()])
                 level = np.mean(y - cause['slope_arcsec'] * x)
                 panel.line(ends, level + cause['slope_arcsec'] * ends, 'fit')
             drawn.append(figure(svg(446, 224, panel.parts,
-                                    f'Zero of the {said} against {words}'), ''))
-    tonight, rows = judged['tonight'], []
+                                    f'Zero of the {label} against {words}'), ''))
+    tonight, rows = summary['tonight'], []
     for _, name in AXES:
         one = tonight and tonight[name]
         if one:
             rows.append((name, number(one['expected_arcsec'], 1, True),
                          number(one['sigma_arcsec'], 1), number(one['measured_arcsec'], 1, True),
                          number(one['measured_sigma_arcsec'], 1)))
-    foretold = '<h3>The last power-on, foretold before Polaris was seen</h3>' + table(
+    predicted = '<h3>The last power-on, foretold before Polaris was seen</h3>' + table(
         ('axis', 'foretold ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
-    return section('What the zeros of the power-ons follow', listed(season_lines(judged)),
-                   pair(drawn), foretold,
+    return section('What the zeros of the power-ons follow', listed(season_lines(summary)),
+                   pair(drawn), predicted,
                    note='Zero since the first power-on, against what was measured at the mark.')

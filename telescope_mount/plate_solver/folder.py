@@ -61,7 +61,7 @@ def _stamp(image):
     return f'{status.st_size}.{status.st_mtime_ns}'
 
 
-def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text: None,
+def solve_folder(folder, mapping, solver, out, *, again=False, report=lambda text: None,
                  progress=None):
     """Solve the images of a folder into a run.
 
@@ -76,7 +76,7 @@ def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text:
         journal: images that it has, and that have not changed, are not solved again.
     again : bool
         Try those that were not solved once more.
-    told : callable
+    report : callable
         Gets a line for people for each image.
     progress : callable, optional
         Called with (text, done, total) as it goes on.
@@ -105,10 +105,10 @@ def solve_folder(folder, mapping, solver, out, *, again=False, told=lambda text:
             if reason is not None:
                 entry = {'status': FAILED, 'reason': reason}
                 rows[file.name] = (row, reason, entry)
-                told(f'{file.name}: left out, {reason}')
+                report(f'{file.name}: left out, {reason}')
             elif entry is None or (again and entry['status'] != SOLVED):
                 entry = _solve(file, mapping, solver, journal)
-                told(f'{file.name}: {_said(entry)}')
+                report(f'{file.name}: {_outcome(entry)}')
             counts[entry['status']] += 1
             rows[file.name] = (row, reason, entry)
             hangs = hangs + 1 if entry['status'] == HUNG else 0
@@ -171,7 +171,7 @@ def _solve(file, mapping, solver, journal):
     return journal.add(file, status=SOLVED, solver=solver.kind, **place)
 
 
-def _said(entry):
+def _outcome(entry):
     if entry['status'] != SOLVED:
         return f'{entry["status"]}, {entry["reason"]}'
     sigma = f' +- {entry["sigma_arcsec"]:.2f} arcsec' if 'sigma_arcsec' in entry else ''

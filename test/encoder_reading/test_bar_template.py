@@ -35,10 +35,10 @@ def test_what_neither_kind_explains(changes):
     # level, wide and narrow are a least-squares fit: its residual is at right angles to the three
     shapes = np.linalg.pinv(template.columns[:3, template.inner].astype(float))
     rest = inner - seen[:3].T @ shapes.T
-    unlike = template.unexplained(cells, seen[11:])
+    unlike = template.misfit(cells, seen[11:])
     assert unlike == pytest.approx(np.mean(rest**2, axis=1), rel=0.01)
     flat = np.full((1, 2 * template.half + 1), 130.0, np.float32)
-    assert np.abs(template.unexplained(flat, template.columns[11:] @ flat.T)).max() < 1.0
+    assert np.abs(template.misfit(flat, template.columns[11:] @ flat.T)).max() < 1.0
 
 
 def test_a_shifted_bar_answers_with_its_slope():
