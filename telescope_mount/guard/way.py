@@ -76,12 +76,18 @@ def around(check, cubic, state, circles=()):
     list of (float, float) or None
         Angles, rad, without those of the track; None where no way was found.
     """
-    seconds = WINDOW if circles else math.inf
+    seconds, begin = WINDOW if circles else math.inf, tuple(map(float, state.angles))
+
+    def leaves(place, there):
+        """Whether a way begins elsewhere or may be gone, too: from within a circle it is held
+        against staying, and for that the circle is where it is now.
+        """
+        return place != begin or not circles or _ok(check.way(place, there, circles, True))
+
     for _ in range(TRIES):
         # where they are in the middle of it, and so much wider
         then = [circle.later(0.5 * seconds, 0.5 * seconds * TURN_RATE) for circle in circles]
-        vias, clean = _free_of_all(check, cubic, state, then, _Leaving(
-            check, tuple(map(float, state.angles)), circles) if circles else None)
+        vias, clean = _free_of_all(check, cubic, state, then, leaves)
         if not clean:
             return None
         needed = _lead_time(check, state.angles, vias)
@@ -91,33 +97,13 @@ def around(check, cubic, state, circles=()):
     return None
 
 
-class _Leaving:
-    """Whether a point may be reached from the begin: from within a circle the way is held against
-    staying, and for that the circle is where it is now.
-
-    Parameters
-    ----------
-    check, circles
-        As of `around`.
-    here : (float, float)
-        rad.
-    """
-
-    def __init__(self, check, here, circles):
-        self._check, self._here, self._circles = check, here, circles
-
-    def to(self, place, there):
-        """Of a way from `place`, whether it begins elsewhere or may be gone, too."""
-        return place != self._here or _ok(self._check.way(place, there, self._circles, True))
-
-
-def _free_of_all(check, cubic, state, circles, leaving):
+def _free_of_all(check, cubic, state, circles, leaves):
     """The points of `around` for circles that stay; whether the track is clear of them too."""
     own = check.sky.in_axes(circles, state)
     for step in GRIDS:
-        path = _path(check, cubic, state, own, step, circles, leaving)
+        path = _path(check, cubic, state, own, step, circles, leaves)
         vias = path and _shortened(check, tuple(map(float, state.angles)), path, cubic, circles,
-                                   leaving)
+                                   leaves)
         if vias:
             return vias, not check.sky.where_not(cubic.boxes(), own)
     return None, False
@@ -204,7 +190,7 @@ def _grid(check, ends, step):
     return _Grid(check, ends, step)
 
 
-def _path(check, cubic, state, own, step, circles, leaving):
+def _path(check, cubic, state, own, step, circles, leaves):
     """Points of a grid from the begin to one from which the track is reached; None without."""
     from scipy.sparse.csgraph import connected_components, dijkstra
 
@@ -227,7 +213,7 @@ def _path(check, cubic, state, own, step, circles, leaving):
     for start in starts:
         good = [k for k in reached if region[k] == region[start]]
         if not good or not _ok(check.way(here, grid.node(start), circles, True)) or (
-                leaving and not leaving.to(tuple(map(float, here)), grid.node(start))):
+                not leaves(tuple(map(float, here)), grid.node(start))):
             continue
         distance, before = dijkstra(graph, directed=False, indices=start,
                                     return_predecessors=True)
@@ -240,7 +226,7 @@ def _path(check, cubic, state, own, step, circles, leaving):
     return None
 
 
-def _shortened(check, here, path, cubic, circles, leaving):
+def _shortened(check, here, path, cubic, circles, leaves):
     """Fewer points of a path: each time the last that is reached straight."""
     vias, at, place = [], -1, here
     while at < len(path) - 1:
@@ -250,7 +236,7 @@ def _shortened(check, here, path, cubic, circles, leaving):
         last = len(path) - 1
         while near < last:  # by halves: what is reached straight mostly goes on so
             if _ok(check.way(place, path[last], circles, True)) and (
-                    not leaving or leaving.to(place, path[last])):
+                    leaves(place, path[last])):
                 at = near = last
             else:
                 far = last

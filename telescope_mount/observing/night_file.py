@@ -16,8 +16,8 @@ from msg_tools.status import Progress
 FORMAT, VERSION = 'telescope_mount plan state', 1
 
 
-class Kept(NamedTuple):
-    """What a file tells.
+class NightState(NamedTuple):
+    """What a file holds.
 
     Attributes
     ----------
@@ -31,10 +31,10 @@ class Kept(NamedTuple):
         Rows that are of plans before that one.
     """
 
-    rows: list
-    left: Progress | None
-    evening: int
-    before: int
+    rows: list = []
+    left: Progress | None = None
+    evening: int = 0
+    before: int = 0
 
 
 class NightFile:
@@ -43,12 +43,13 @@ class NightFile:
     Parameters
     ----------
     path : str or Path
+        '': nothing is kept.
     mount : str
         Kind of the mount, in words: rows of another one are not taken.
 
     Attributes
     ----------
-    kept : Kept
+    kept : NightState
         What was in the file.
     error : str
         What the disk has against it, '' for nothing. The night goes on, and what waits is written
@@ -62,67 +63,69 @@ class NightFile:
         It cannot be read or written.
     """
 
-    def __init__(self, path, mount):
-        self._path, self._mount, self._file = Path(path), mount, None
+    def __init__(self, path='', mount=''):
+        self._path, self._mount, self._file = path and Path(path), mount, None
         self._last, self._whole, self._waiting, self.error = None, 0, b'', ''
-        self.kept = self._read()
+        self.kept = self._read() if path else NightState()
 
     def _read(self):
         rows, left, evening, before = [], None, 0, 0
         try:
             lines = self._path.read_bytes().split(b'\n')
         except FileNotFoundError:
-            return Kept(rows, left, evening, before)
+            return NightState()
         self._whole = sum(len(line) + 1 for line in lines[:-1])  # what follows was cut short
         for number, line in enumerate(lines[:-1], 1):
             try:
-                told = json.loads(line)
+                entry = json.loads(line)
                 if number == 1:
-                    self._check(told)
-                elif 'row' in told:
-                    rows.append(told['row'])
+                    self._check(entry)
+                elif 'row' in entry:
+                    rows.append(entry['row'])
                 else:
                     left, evening, before = (
-                        Progress(**told['plan']), told['evening'], told['before'])
+                        Progress(**entry['plan']), entry['evening'], entry['before'])
             except (ValueError, TypeError, KeyError) as err:
                 raise ValueError(f'{self._path}, line {number}: {err}; remove the file to begin '
                                  'anew') from None
-        return Kept(rows, left, evening, before)
+        return NightState(rows, left, evening, before)
 
-    def _check(self, told):
-        if (told['format'], told['version']) != (FORMAT, VERSION):
+    def _check(self, head):
+        if (head['format'], head['version']) != (FORMAT, VERSION):
             raise ValueError('not the state of a plan')
-        if told['mount'] != self._mount:
-            raise ValueError(f'the state of a plan of a mount {told["mount"]}, and this one is '
+        if head['mount'] != self._mount:
+            raise ValueError(f'the state of a plan of a mount {head["mount"]}, and this one is '
                              f'{self._mount}')
 
     def forget(self):
         """Begin anew; what was there is kept beside it."""
         self.close()
-        if self._path.exists():
+        if self._path and self._path.exists():
             self._path.replace(self._path.with_name(self._path.name + '.before'))
-        self._whole, self._waiting, self.kept = 0, b'', Kept([], None, 0, 0)
+        self._whole, self._waiting, self.kept = 0, b'', NightState()
 
     def row(self, row):
         """Keep a row, a dict."""
         self._write({'row': row})
 
-    def stands(self, progress, evening, before):
-        """Keep where the plan stands; see `Kept`."""
-        told = {'plan': asdict(progress), 'evening': evening, 'before': before}
-        place = {**told['plan'], 'observations': 0, 'run': 0}
-        if told['plan']['state'] == 'waiting':
+    def plan_state(self, progress, evening, before):
+        """Keep where the plan is; see `NightState`."""
+        entry = {'plan': asdict(progress), 'evening': evening, 'before': before}
+        place = {**entry['plan'], 'observations': 0, 'run': 0}
+        if progress.state == 'waiting':
             place['state'] = 'observing'
         if (place, evening) != self._last:
             self._last = place, evening
-            self._write(told)
+            self._write(entry)
 
-    def _write(self, told):
+    def _write(self, entry):
+        if not self._path:
+            return
         if self._file is None:
             self._file = self._path.open('ab', buffering=0)
         if not self._whole and not self._waiting:
             self._waiting = _line({'format': FORMAT, 'version': VERSION, 'mount': self._mount})
-        self._waiting += _line(told)
+        self._waiting += _line(entry)
         try:
             self._file.truncate(self._whole)  # what was cut short
             rest = memoryview(self._waiting)
@@ -142,20 +145,5 @@ class NightFile:
         self._file = None
 
 
-def _line(told):
-    return json.dumps(told, default=float).encode() + b'\n'
-
-
-class NoFile:
-    """Nothing is kept."""
-
-    kept, error = Kept([], None, 0, 0), ''
-
-    def forget(self):
-        """Nothing to forget."""
-
-    def row(self, row):
-        """Not kept."""
-
-    def stands(self, progress, evening, before):
-        """Not kept."""
+def _line(entry):
+    return json.dumps(entry, default=float).encode() + b'\n'

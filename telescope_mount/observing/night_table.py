@@ -1,5 +1,8 @@
 """The rows of the night, one an observation."""
 
+from array import array
+from itertools import zip_longest
+
 import numpy as np
 
 from msg_tools.units import ARCSEC
@@ -10,8 +13,6 @@ from pointing_model.zero import MARK
 
 #: of each row, to go on with a night
 NEEDED = ('time', 'run', 'block', 'star')
-#: rows for which there is room at first, and by what share it grows
-_FIRST, _MORE = 64, 0.25
 
 
 class NightTable:
@@ -39,7 +40,7 @@ class NightTable:
         self.rows = ()
 
     def __len__(self):
-        return self.forgotten + self._count
+        return self.forgotten + len(self._rows)
 
     @property
     def rows(self):
@@ -48,8 +49,7 @@ class NightTable:
 
     @rows.setter
     def rows(self, rows):
-        self._names, self._count, self.forgotten = [], 0, 0
-        self._stamps, self._values = np.empty(_FIRST, np.int64), np.empty((_FIRST, 0))
+        self._names, self._rows, self.forgotten = [], [], 0
         for row in rows:
             self._take(row)
 
@@ -57,46 +57,28 @@ class NightTable:
         """Rows from number `first` on, as `rows`; below 0 it counts from the end."""
         if first >= 0:
             first = max(0, first - self.forgotten)
-        part = slice(*slice(first, None).indices(self._count))
-        return [{'stamp': stamp, **dict(zip(self._names, values))} for stamp, values in zip(
-            self._stamps[part].tolist(), self._values[part].tolist())]
+        return [{'stamp': stamp, **dict(zip_longest(self._names, values, fillvalue=np.nan))}
+                for stamp, values in self._rows[first:]]
 
     def _take(self, row):
-        new = [name for name in row if name != 'stamp' and name not in self._names]
-        room = len(self._stamps)
-        if new or self._count == room:
-            room = max(room, int((1.0 + _MORE) * self._count) + 1)
-            values, stamps = self._values, self._stamps
-            # what a parameter adds in the night, the rows before have not
-            self._values = np.full((room, len(self._names) + len(new)), np.nan)
-            self._values[:self._count, :len(self._names)] = values[:self._count]
-            self._stamps = np.empty(room, np.int64)
-            self._stamps[:self._count] = stamps[:self._count]
-            self._names += new
-        self._stamps[self._count] = row['stamp']
-        self._values[self._count] = [row.get(name, 0.0 if name == MARK else np.nan)
-                                     for name in self._names]
-        self._count += 1
+        # what a parameter adds in the night, the rows before have not
+        self._names += [name for name in row if name != 'stamp' and name not in self._names]
+        self._rows.append((row['stamp'], array('d', [
+            row.get(name, 0.0 if name == MARK else np.nan) for name in self._names])))
         runs = self._column('run')
-        if self._power_ons and runs[-1] != runs[self._count - 2]:
-            self._forget(first_of_last(runs, self._power_ons))
-
-    def _forget(self, rows):
-        """The first so many of those that are here."""
-        if rows:
-            left = self._count - rows
-            for values in (self._stamps, self._values):
-                values[:left] = values[rows:self._count]
-            self._count, self.forgotten = left, self.forgotten + rows
+        if self._power_ons and len(runs) > 1 and runs[-1] != runs[-2]:
+            old = first_of_last(runs, self._power_ons)
+            del self._rows[:old]
+            self.forgotten += old
 
     def of_last(self, power_ons):
         """How many rows of the last so many power-ons are here; 0: of all."""
-        return self._count - first_of_last(self._column('run'), power_ons)
+        return len(self._rows) - first_of_last(self._column('run'), power_ons)
 
     def _column(self, name):
-        if name not in self._names:
-            return np.full(self._count, np.nan)
-        return self._values[:self._count, self._names.index(name)]
+        place = self._names.index(name) if name in self._names else np.inf
+        return np.array([values[place] if place < len(values) else np.nan
+                         for _, values in self._rows], float)
 
     def restore(self, run, stamp, before=0):
         """Take the rows of the night so far, of another table.
@@ -129,7 +111,7 @@ class NightTable:
     def trailing(self, block):
         """How many of the last rows are of step `block` of the plan."""
         others = np.flatnonzero(self._column('block') != block)
-        return self._count - (int(others[-1]) + 1 if len(others) else 0)
+        return len(self._rows) - (int(others[-1]) + 1 if len(others) else 0)
 
     def add(self, row):
         """Keep a row; as a run of its own, PointingRun."""
@@ -140,12 +122,12 @@ class NightTable:
     @property
     def newest(self):
         """Stamp of the last row, ns; 0 without one."""
-        return int(self._stamps[self._count - 1]) if self._count else 0
+        return self._rows[-1][0] if self._rows else 0
 
     def stars_since(self, stamp):
         """Numbers of the stars that were observed from `stamp` (ns) on, a set."""
-        since = self._stamps[:self._count] >= stamp
-        return set(self._column('star')[since].astype(int).tolist())
+        return {int(star) for (when, _), star in zip(self._rows, self._column('star'))
+                if when >= stamp}
 
     def last_stars(self, count):
         """Numbers of the stars of so many rows, the last ones, a set."""
@@ -158,10 +140,10 @@ class NightTable:
 
     def all(self, again=False):
         """Rows that are kept, a PointingRun; None where they were given before, unless `again`."""
-        if not self._count or (len(self) == self._given and not again):
+        if not self._rows or (len(self) == self._given and not again):
             return None
         self._given = len(self)
-        return PointingRun({name: self._column(name).copy() for name in self._names}, self._meta)
+        return PointingRun({name: self._column(name) for name in self._names}, self._meta)
 
 
 CHECKS_FORMAT = 'telescope_mount/blind_checks'

@@ -16,7 +16,7 @@ from pointing_model.sky.earth import earth_orientation
 
 from .clocks import is_off
 from .fault_watch import FaultWatch
-from .night_file import NoFile
+from .night_file import NightFile
 from .night_steps import NightSteps
 from .night_table import blind_summary
 from .plan import POWER_CYCLES, parse_plan
@@ -68,7 +68,7 @@ class Sequencer:
 
     def __init__(self, outbox, instruments, active, table, memory=None, looks=LOOKS):
         self._out, self._instruments, self._table = outbox, instruments, table
-        self._memory = memory or NoFile()
+        self._memory = memory or NightFile()
         self._night = NightSteps(outbox, instruments, active, table, self.advance,
                                  self._memory.row)
         self._steps = Steps(self._ended)
@@ -140,7 +140,7 @@ class Sequencer:
             self._published = made_of, replace(self._night.progress)
             progress = self.progress
             if self.begun:
-                self._memory.stands(progress, self._night.evening, self._before or 0)
+                self._memory.plan_state(progress, self._night.evening, self._before or 0)
             self._out.send_status(progress, words)
 
     @property
@@ -193,10 +193,7 @@ class Sequencer:
         self._night.set_state('cancelled', reason)
         self._remember()
         self._publish()
-        where = self.stopped_at(self._plan)
-        self._out.get_logger().warning(f'plan cancelled: {reason}' + (
-            f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
-            if where else ''))
+        self._out.get_logger().warning(f'plan cancelled: {reason}{self._how_to_go_on()}')
         return True
 
     def pointing_changed(self):
@@ -298,10 +295,12 @@ class Sequencer:
         else:
             self._night.set_state('failed', str(error))
             self._remember()
-            where = self.stopped_at(self._plan)
-            self._out.get_logger().error(f'{error}' + (
-                f'; stopped at {where}: observe goes on there, star_observer/anew begins anew'
-                if where else ''))
+            self._out.get_logger().error(f'{error}{self._how_to_go_on()}')
+
+    def _how_to_go_on(self):
+        where = self.stopped_at(self._plan)
+        return where and (
+            f'; stopped at {where}: observe goes on there, star_observer/anew begins anew')
 
     def _remember(self):
         """Where the plan has ended before its end; of that step only what has a row is done."""

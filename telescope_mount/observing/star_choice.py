@@ -136,7 +136,7 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
         raise ValueError(f'{n} stars asked for: give at least 1')
     rng = np.random.default_rng(seed)
     moments = [time] if duration == 0.0 else [time, time + duration / 2.0, time + duration]
-    bright, places, up, known, lonely = _observable(
+    bright, places, up, known, lonely = observable(
         stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
     highest = max_el if mount.vertical else np.pi / 2.0
     good = up & ~known & lonely
@@ -161,9 +161,9 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
     return bright[good][chosen[order]]
 
 
-def _observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits):
+def observable(stars, moments, site, weather, min_el, max_el, mag_limit, exclude, mount, limits):
     """Rows that are bright enough, their places at each moment, and which are up at all of them,
-    excluded, and without a neighbour.
+    excluded, and without a neighbour; parameters are those of `choose_stars`.
     """
     bright, there, lonely = bright_stars(stars, float(mag_limit))
     places = [observed_place(there, t, site, weather) for t in moments]
@@ -205,7 +205,7 @@ def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER
     ValueError
         No star can be observed.
     """
-    bright, (places,), up, known, lonely = _observable(
+    bright, (places,), up, known, lonely = observable(
         stars, [time], site, weather, min_el, max_el, mag_limit, exclude, mount, limits)
     good = np.flatnonzero(up & ~known & lonely)
     if not len(good):
@@ -302,9 +302,6 @@ def _fill(chosen, az, el):
 NEIGHBOUR_DISTANCE = 30.0 * 60.0 * ARCSEC  # a field of 30 arcmin to its corner, and a mount 8 off
 NEIGHBOUR_CONTRAST = 2.0  # magnitudes; a fainter neighbour does not disturb
 
-# what a step along x, y, z changes of a cube's number, and steps to itself and those beside
-_CUBES, _BESIDE = np.array([2**20, 2**10, 1]), np.array([-1, 0, 1])
-
 
 @lru_cache(maxsize=8)
 def bright_stars(stars, mag_limit):
@@ -345,25 +342,18 @@ def has_neighbour(stars, rows):
     -------
     ndarray of bool, shape (n,)
     """
-    reach = 2.0 * np.sin(NEIGHBOUR_DISTANCE / 2.0)
     deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
+    deep = deep[np.argsort(stars.dec[deep])]
     mine, others = (xyz(stars.ra[which], stars.dec[which]) for which in (rows, deep))
-    # space in cubes of that size, a number each: who is near is in one beside, or in the same
-    of_mine, of_others = (np.floor(at / reach).astype(int) @ _CUBES for at in (mine, others))
-    order = np.argsort(of_others)
-    deep, others, of_others = deep[order], others[order], of_others[order]
-    centre = np.add.outer([x + y for x in _BESIDE * _CUBES[0] for y in _BESIDE * _CUBES[1]],
-                          of_mine).ravel()
-    first = np.searchsorted(of_others, centre - _CUBES[2], 'left')
-    count = np.searchsorted(of_others, centre + _CUBES[2], 'right') - first
-    one = np.repeat(np.arange(len(centre)) % max(len(rows), 1), count)
-    other = np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
-    keep = deep[other] != rows[one]
-    keep &= stars.mag[deep[other]] - stars.mag[rows[one]] < NEIGHBOUR_CONTRAST
-    one, other = one[keep], other[keep]
-    near = np.zeros(len(rows), bool)
-    near[one[np.linalg.norm(mine[one] - others[other], axis=1) <= reach]] = True
-    return near
+    # of those of nearly the same declination
+    first = np.searchsorted(stars.dec[deep], stars.dec[rows] - NEIGHBOUR_DISTANCE)
+    after = np.searchsorted(stars.dec[deep], stars.dec[rows] + NEIGHBOUR_DISTANCE, 'right')
+    out = np.zeros(len(rows), bool)
+    for i, row in enumerate(rows):
+        near = others[first[i]:after[i]] @ mine[i] >= np.cos(NEIGHBOUR_DISTANCE)
+        near = deep[first[i] + np.flatnonzero(near)]
+        out[i] = np.any((stars.mag[near] < stars.mag[row] + NEIGHBOUR_CONTRAST) & (near != row))
+    return out
 
 
 def xyz(az, el):

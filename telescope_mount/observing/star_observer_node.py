@@ -26,7 +26,7 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
 from .guard_link import NO_GUARD, GuardLink
 from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from .night_file import NightFile, NoFile
+from .night_file import NightFile
 from .night_table import NightTable
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
@@ -79,8 +79,7 @@ class StarObserver(MountNode):
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._active = in_force_of(self, self._active_changed, self._mount)
-        self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name)) \
-            if self.value('state_file') else NoFile()
+        self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name))
         self._sequencer = Sequencer(self, self._instruments, self._active, self._table,
                                     self._memory)
         over = self._sequencer.take_up_file(self.value('plan'))

@@ -15,10 +15,10 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.mounts import ALTAZ
-from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 
-from .star_choice import ANYWHERE, axes_at, bright_stars
+from .star_choice import ANYWHERE, axes_at, observable
 
 #: noise of an exposure on the sky an axis, rad. The choice depends on its ratio to the errors of
 #: what is held alone, and little on that
@@ -335,12 +335,10 @@ def zero_stars(stars, time, n, *, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     ValueError
         No star within the limits.
     """
-    bright, there, lonely = bright_stars(stars, float(mag_limit))
-    moments = [time, time + 0.5 * duration, time + duration]
-    places = [observed_place(there, t, site, weather) for t in moments]
-    up = np.all([(el >= min_el) & limits.reached(mount, az, el, max_el, t, there.hip)
-                 for t, (az, el) in zip(moments, places)], axis=0)
-    up &= lonely & ~np.isin(there.hip, [POLARIS_HIP, *exclude])
+    bright, places, up, known, lonely = observable(
+        stars, [time, time + 0.5 * duration, time + duration], site, weather, min_el, max_el,
+        mag_limit, [POLARIS_HIP, *exclude], mount, limits)
+    up &= lonely & ~known
     if not up.any():
         raise ValueError(
             f'no star visible to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} '

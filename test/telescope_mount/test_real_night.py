@@ -44,7 +44,7 @@ def interrupted(tmp_path):
     file = NightFile(tmp_path / STATE, 'altaz')
     for stamp in (1, 2):
         file.row({'stamp': stamp, 'block': 1.0})
-    file.stands(Progress(state='observing', plan=PLAN, step='stars 4', block=1, done=2), 1, 0)
+    file.plan_state(Progress(state='observing', plan=PLAN, step='stars 4', block=1, done=2), 1, 0)
     file.close()
     return tmp_path
 
@@ -71,7 +71,7 @@ def test_another_plan_is_no_interrupted_one(interrupted):
 
 def test_a_night_that_is_over_is_not_touched(interrupted):
     file = NightFile(interrupted / STATE, 'altaz')
-    file.stands(Progress(state='done', plan=PLAN), 1, 0)
+    file.plan_state(Progress(state='done', plan=PLAN), 1, 0)
     file.close()
     with pytest.raises(ValueError, match='is not empty; choose another folder'):
         _folder(interrupted, PLAN, 'altaz', False, print)

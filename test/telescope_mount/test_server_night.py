@@ -126,7 +126,8 @@ def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatc
         state = run()
         file = NightFile(state, 'german')
         file.row({'a': 1.0})
-        file.stands(Progress(state='observing', block=1, step='stars', plan=server_plan(8)), 0, 0)
+        file.plan_state(Progress(state='observing', block=1, step='stars', plan=server_plan(8)),
+                        0, 0)
         file.close()
         (out / 'bag').mkdir()
         run()

@@ -113,8 +113,8 @@ def test_numbers_are_kept_to_the_bit(tmp_path):
              'az_rate': np.float64(1e-9) / 3.0}]
     file = NightFile(tmp_path / 'f', 'altaz')
     file.row(rows[0])
-    file.stands(Progress(state='waiting', plan='stars 1', done=1), 5, 0)
-    file.stands(Progress(state='observing', plan='stars 1', done=1), 5, 0)  # the same place
+    file.plan_state(Progress(state='waiting', plan='stars 1', done=1), 5, 0)
+    file.plan_state(Progress(state='observing', plan='stars 1', done=1), 5, 0)  # the same place
     file.close()
     kept = NightFile(tmp_path / 'f', 'altaz').kept
     np.testing.assert_equal(kept.rows, rows)
