@@ -122,23 +122,14 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         return result
 
     def on_deactivate(self, state):
-        """As rclpy's."""
-        return self._rest()
+        """As rclpy's; so at a shutdown, and at an error, after which it is back at the start."""
+        if not self.active:
+            return SUCCESS
+        result = self._made(self.deactivated)
+        self.active = False  # whatever was in the way
+        return result
 
-    def on_shutdown(self, state):
-        """As rclpy's."""
-        return self._rest()
-
-    def on_error(self, state):
-        """As rclpy's; back to the start."""
-        return self._rest()
-
-    def _rest(self):
-        if self.active:
-            result = self._made(self.deactivated)
-            self.active = False  # whatever was in the way
-            return result
-        return SUCCESS
+    on_shutdown = on_error = on_deactivate
 
     def _made(self, call):
         try:

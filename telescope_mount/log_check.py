@@ -16,7 +16,7 @@ from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
-from msg_tools.bag.parameters import parameters_of
+from msg_tools.bag.recorder import parameters_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG

@@ -8,7 +8,7 @@ from pathlib import Path
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
-from msg_tools.bag.parameters import parameters_of
+from msg_tools.bag.recorder import parameters_of
 from msg_tools.output import write_text
 from msg_tools.status import Taken
 

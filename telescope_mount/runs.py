@@ -8,7 +8,7 @@ from calibration.report.wording import wording
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
-from msg_tools.bag.parameters import parameters_of
+from msg_tools.bag.recorder import parameters_of
 from msg_tools.output import log_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation

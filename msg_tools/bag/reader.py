@@ -8,13 +8,16 @@ recover`). This one can go when one of them reads those.
 import bisect
 import heapq
 import re
+import struct
+from array import array
 from collections import Counter
 from contextlib import ExitStack
 
-from .chunk_rows import ChunkRows
+from mcap.opcode import Opcode
+
 from .file import MIN_RECORDS, BagFile, attachment_data
 from .log import BagMessage, LogTopic, Reader
-from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short
+from .mcap_records import MAX_CHUNK, PARSE_ERRORS, short, walk
 from .metadata import Listed
 
 #: bytes of chunks that overlap in time and are held at once
@@ -298,6 +301,48 @@ class BagReader(Reader):
                 return attachment_data(info)
         known = ', '.join(a.name for a in self.attachments) or 'none'
         raise ValueError(f'{self.path} has no attachment {name!r} (it has: {known})')
+
+
+class ChunkRows:
+    """The chosen messages of a chunk, in log time order; bytes are cut out when asked for."""
+
+    __slots__ = ('times', '_begins', '_ends', '_buffer', '_chosen', 'size')
+
+    def __init__(self, buffer, chosen, low, high, most):
+        self._buffer, self._chosen, self.size = buffer, chosen, len(buffer)
+        times, begins, ends = array('Q'), array('Q'), array('Q')
+        unpack = struct.Struct('<HIQ').unpack_from
+        ordered, last = True, 0
+        for opcode, begin, end in walk(buffer, most):
+            if opcode != Opcode.MESSAGE or end - begin < 22:
+                continue
+            channel, _, log_time = unpack(buffer, begin)
+            if channel in chosen and low <= log_time < high:
+                times.append(log_time)
+                begins.append(begin)
+                ends.append(end)
+                ordered = ordered and log_time >= last
+                last = log_time
+        if not ordered:
+            order = sorted(range(len(times)), key=times.__getitem__)
+            times = array('Q', [times[i] for i in order])
+            begins = array('Q', [begins[i] for i in order])
+            ends = array('Q', [ends[i] for i in order])
+        self.times, self._begins, self._ends = times, begins, ends
+
+    def __len__(self):
+        return len(self.times)
+
+    def __lt__(self, other):
+        return False  # ties in the heap end with the order of the file
+
+    def between(self, number, stop):
+        """(what `chosen` holds, (log time, publish time, data, sequence)) of rows."""
+        buffer, chosen = self._buffer, self._chosen
+        unpack = struct.Struct('<HIQQ').unpack_from
+        for begin, end in zip(self._begins[number:stop], self._ends[number:stop]):
+            channel, sequence, log_time, publish_time = unpack(buffer, begin)
+            yield chosen[channel], (log_time, publish_time, buffer[begin + 22:end], sequence)
 
 
 def _may_hold(segment, file, topic):

@@ -1,5 +1,6 @@
 """Where the messages that a logger receives go: two bags, by way of clock, pause and snapshot."""
 
+import json
 from collections import deque
 
 from ..output import reason
@@ -239,3 +240,26 @@ class Recorder:
         if not self._guard(lambda bag: bag.refresh()):
             return False, self.error
         return True, f'{len(rows)} messages written'
+
+
+def parameters_of(metadata, suffix):
+    """Parameters of the node whose full name ends with `suffix`, from a log's metadata.
+
+    Parameters
+    ----------
+    metadata : dict of str to dict
+        As `BagReader.metadata`.
+    suffix : str
+        As ``/calibration``.
+
+    Returns
+    -------
+    dict or None
+    """
+    for name, record in metadata.items():
+        if name.startswith(RECORD) and name.endswith(suffix):
+            try:
+                return {key: json.loads(text) for key, text in record.items()}
+            except (ValueError, RecursionError):
+                return None
+    return None

@@ -94,23 +94,22 @@ def solve_folder(folder, mapping, solver, out, *, again=False, report=lambda tex
     """
     files = mapping.images(folder)
     journal = Journal(f'{out}.jsonl')
-    rows = _rows(mapping, files)
-    counts, hangs = Counter(), 0
+    rows, site = _rows(mapping, files)
+    entries, counts, hangs = {}, Counter(), 0
     try:
         for done, file in enumerate(files):
             if progress:
                 progress('solving', done, len(files))
-            row, reason = rows[file.name][:2]
+            _, reason = rows[file.name]
             entry = journal.of(file)
             if reason is not None:
                 entry = {'status': FAILED, 'reason': reason}
-                rows[file.name] = (row, reason, entry)
                 report(f'{file.name}: left out, {reason}')
             elif entry is None or (again and entry['status'] != SOLVED):
                 entry = _solve(file, mapping, solver, journal)
                 report(f'{file.name}: {_outcome(entry)}')
             counts[entry['status']] += 1
-            rows[file.name] = (row, reason, entry)
+            entries[file.name] = entry
             hangs = hangs + 1 if entry['status'] == HUNG else 0
             if hangs >= HANGS and not counts[SOLVED]:
                 raise ValueError(
@@ -118,46 +117,35 @@ def solve_folder(folder, mapping, solver, out, *, again=False, report=lambda tex
                     f'{solver.timeout:g} s; give its scale (--scale), more time (--timeout), or '
                     'another solver')
     finally:
-        done = [(row, entry) for row, _, entry in rows.values() if entry is not None]
-        if any(entry['status'] == SOLVED for _, entry in done):
-            _write(out, done, mapping, common_site(mapping.path, mapping, _headers(files)),
+        if counts[SOLVED]:
+            _write(out, [(rows[name][0], entry) for name, entry in entries.items()], mapping, site,
                    len(files))
     if not counts[SOLVED]:
-        reason = next(entry.get('reason') for _, entry in done)
+        reason = entries[files[0].name].get('reason')
         raise ValueError(f'{folder}: none of {len(files)} images is solved ({files[0].name}: '
                          f'{reason})')
     return counts
 
 
 def _rows(mapping, files):
-    """Row by the keywords, why it is none, and no entry yet, by the name of the image."""
+    """Row by the keywords and why it is none, by the name of the image; the site of all."""
     rows, absent, headers = {}, Counter(), []
     for file in files:
         try:
             header = read_header(file)
         except NotThere as error:
-            rows[file.name] = ({}, str(error), None)
+            rows[file.name] = {}, str(error)
             continue
         headers.append((file, header))
         row, reason, missing = one_image(header, mapping, solve=False)
         absent.update(missing)
-        rows[file.name] = (row, reason, None)
+        rows[file.name] = row, reason
     refuse_absent(mapping.path, absent, headers)
-    common_site(mapping.path, mapping, headers)
+    site = common_site(mapping.path, mapping, headers)
     one_mount_of(mapping.path, files, [rows[file.name][0] for file in files])
     for file in files:
         rows[file.name][0].setdefault('star', file.name)
-    return rows
-
-
-def _headers(files):
-    out = []
-    for file in files:
-        try:
-            out.append((file, read_header(file)))
-        except NotThere:
-            continue
-    return out
+    return rows, site
 
 
 def _solve(file, mapping, solver, journal):

@@ -48,10 +48,7 @@ class AlpacaDriver(GotoMount):
     def find(self):
         """The telescope, ready to be pointed."""
         telescope = AlpacaTelescope(self._host, self._port, self._number)
-        elsewhere = self.check(telescope)
-        if elsewhere and not self._set_site:
-            raise AlpacaError(f'{telescope.device} stands elsewhere than the parameters of the '
-                              'site say')
+        elsewhere = self.check(telescope, self._set_site)
         telescope.prepare(self.site if elsewhere else None)
         if self.mount.two_sided and telescope.beyond is None:
             raise AlpacaError(f'{telescope.device} does not tell its side of the pier: a German '

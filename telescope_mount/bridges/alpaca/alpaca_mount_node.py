@@ -5,14 +5,12 @@ from msg_tools.node_lifecycle import AUTOSTART
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, sky_of
 
-from ..indi.indi_mount_node import IndiMount
+from ..indi.indi_mount_node import TOLERANCE, IndiMount
 from .alpaca_driver import AlpacaDriver
 from .alpaca_sources import SERVER_PARAMS
 
 PARAMS = (
-    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
-    Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
-          '[arcsec]', 0.1, 3600.0, fixed=True),
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, TOLERANCE,
     Param('set_site', True, 'tell the driver the site where it has another', fixed=True),
     Param('period_ms', 100, 'time between two readings [ms]', 20, 10000, fixed=True),
 )

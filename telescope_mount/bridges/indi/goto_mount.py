@@ -148,14 +148,21 @@ class GotoMount:
             self._wake.wait(self._retry)
             self._wake.clear()
 
-    def check(self, telescope):
-        """BridgeError where it is of another kind; whether it stands elsewhere than it should."""
+    def check(self, telescope, may_move):
+        """BridgeError where it is of another kind; whether it stands elsewhere than it should.
+
+        That is one as well, unless it may be told the site (`may_move`).
+        """
         if telescope.kind not in ('', self.mount.kind):
             raise BridgeError(f'{telescope.device} is a mount of the kind {telescope.kind}, and '
                               f'the parameter mount says {self.mount.kind}')
         there = telescope.site
-        return there is None or bool(np.abs(wrap(np.array(there[:2]) - (
+        elsewhere = there is None or bool(np.abs(wrap(np.array(there[:2]) - (
             self.site.latitude, self.site.longitude))).max() > 1e-6)
+        if elsewhere and not may_move:
+            raise BridgeError(f'{telescope.device} stands elsewhere than the parameters of the '
+                              'site say')
+        return elsewhere
 
     # --- readings -----------------------------------------------------------------------------
 

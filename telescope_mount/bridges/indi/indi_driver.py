@@ -62,9 +62,7 @@ class MountDriver(GotoMount):
         telescope = IndiTelescope(self.client, device, self._axes, self.mount.vertical)
         telescope.connect()
         check_kind(telescope, self.mount.kind)
-        elsewhere = self.check(telescope)
-        if elsewhere and not self._set_site:
-            raise IndiError(f'{device} stands elsewhere than the parameters of the site say')
+        self.check(telescope, self._set_site)
         if self._period_ms and telescope.get('POLLING_PERIOD') is not None:
             self.client.send(device, 'POLLING_PERIOD', PERIOD_MS=float(self._period_ms))
         # told again where it is the same: drivers that have it from a file may not act on it

@@ -16,10 +16,10 @@ from .indi_driver import MountDriver
 from .indi_sources import SERVER_PARAMS
 from .pointing import check_kind
 
+TOLERANCE = Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
+                  '[arcsec]', 0.1, 3600.0, fixed=True)
 PARAMS = (
-    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
-    Param('tolerance_arcsec', 1.0, 'axes that are farther from their demand are sent again '
-          '[arcsec]', 0.1, 3600.0, fixed=True),
+    AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, TOLERANCE,
     Param('set_site', True, 'tell the driver the site, and the time with it',
           fixed=True),
     Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '

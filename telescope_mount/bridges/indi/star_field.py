@@ -3,7 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.mounts import is_beyond
+from pointing_model.mounts import ALTAZ, is_beyond
 from pointing_model.sky.places import icrs_to_observed, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
 
@@ -71,7 +71,7 @@ class StarField:
         """As `miss`, of a mount whose perfect axes are `axes` (rad) at a time (s since 1970)."""
         forward = self.mount.direction(*map(np.asarray, axes))
         stars = self._around(time, forward)
-        directions = _directions(*observed_place(stars, time, self.site, self.weather))
+        directions = ALTAZ.direction(*observed_place(stars, time, self.site, self.weather))
         inside = np.flatnonzero(forward @ directions > np.cos(self._field))
         if not len(inside):
             return np.full(2, np.nan)
@@ -82,12 +82,7 @@ class StarField:
 
     def _around(self, time, forward):
         if self._about is None or forward @ self._about < np.cos(MOVED):
-            places = _directions(*observed_place(self._all, time, self.site, self.weather))
+            places = ALTAZ.direction(*observed_place(self._all, time, self.site, self.weather))
             self._near = self._all.select(np.flatnonzero(forward @ places > np.cos(AROUND)))
             self._about = forward
         return self._near
-
-
-def _directions(az, el):
-    """East, north, up; shape (3, n)."""
-    return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
