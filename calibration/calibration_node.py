@@ -58,7 +58,7 @@ class Calibration(MountNode):
         self._finding = self._refused = ''  # for the diagnostics
         self._observer = None  # how far its plan is
         self._taken_up = []  # from others, after a start in the middle of a night
-        self._marks = None  # what the incremental encoder says of them
+        self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
         self._expected_of = None  # the power-on whose expected zero is published
         self._pubs = {
             topics.ZERO.name: self.publisher(topics.ZERO),
@@ -165,6 +165,7 @@ class Calibration(MountNode):
 
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
+        self._marks_stamp = convert.from_stamp(message.header.stamp)
         if self.value('reference_age'):
             self._state.season.update_marks(axis_homings(self._marks, 0))
 
@@ -246,6 +247,7 @@ class Calibration(MountNode):
     def _work_fit(self):
         self._say('fitting')
         model, report = self._state.fit(self._homings())
+        report['homing_stamp_ns'] = self._marks_stamp
         self._publish(topics.CALIBRATION_REPORT, report)
         self._publish_model(model)
         give_back()

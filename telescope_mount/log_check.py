@@ -30,7 +30,7 @@ from .log_check_rows import RAW, Pairing, at_time, began_anew
 from .log_comparison import LogComparison, same_document
 from .runs import declared_by
 
-#: what the encoders said of their marks around a fit, so many are tried for its report
+#: states of the encoders' marks around a fit that are tried for a report without its own
 _STATES = 3
 
 
@@ -104,21 +104,22 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
 
 
 class _Rows:
-    """What of a log the calibration heard and said."""
+    """What of a log the calibration took and published."""
 
     def __init__(self):
         self.observations = {}  # stamp -> PointingRun
         self.tables = {}  # stamp -> PointingRun
-        self.said = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
-                                           'apart')}
+        self.published = {name: [] for name in ('zero', 'model', 'calibration/report', 'diagnosis',
+                                                'apart')}
         #: (log time, callable that gives the homings of a run); of old logs from diagnostics
         self.homings, self.diagnosed = [], []
+        self.homings_at = {}  # stamp -> such a callable
 
 
 def _read(log, prefix, check):
     """One pass; observations are compared with their readings on the way."""
     rows, pairing = _Rows(), Pairing(log, prefix, check)
-    names = (*rows.said, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
+    names = (*rows.published, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
              'incremental/homing', 'observer/checks')
     clocks = {}
     for message in log.messages([*(prefix + name for name in names), '/diagnostics']):
@@ -129,8 +130,8 @@ def _read(log, prefix, check):
         data = log.decode(message)
         if data is None:
             continue
-        if name in rows.said:
-            rows.said[name].append((message.log_time, data))
+        if name in rows.published:
+            rows.published[name].append((message.log_time, data))
         elif name == 'observation':
             stamp = from_stamp(data.header.stamp)
             rows.observations[stamp] = cloud_to_run(data)
@@ -147,7 +148,9 @@ def _read(log, prefix, check):
             if found:
                 clocks[str(found['exposures'])] = found
         elif name == 'incremental/homing':
-            rows.homings.append((message.log_time, partial(axis_homings, cloud_to_homing(data))))
+            homings = partial(axis_homings, cloud_to_homing(data))
+            rows.homings.append((message.log_time, homings))
+            rows.homings_at[from_stamp(data.header.stamp)] = homings
         else:
             rows.diagnosed += [(message.log_time, partial(diagnostic_homings, values))
                                for values in encoder_diagnostics(data, prefix)]
@@ -174,7 +177,7 @@ def _state(log, parameters, reference, seed, rows):
         else:
             raise ValueError(f'the night had the reference model {parameters["model_file"]}, '
                              'which is not there: give it with --reference')
-    reports = rows.said['calibration/report']
+    reports = rows.published['calibration/report']
     if not parameters and reports:
         parameters = choice_of_report(_document(reports[-1][1].data)).parameters()
     if seed is not None:
@@ -185,9 +188,9 @@ def _state(log, parameters, reference, seed, rows):
 def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
     """Feed the observations one by one, and repeat what was asked for after each."""
     zeros, models = {}, {}
-    for _, data in rows.said['zero']:
+    for _, data in rows.published['zero']:
         zeros.setdefault(from_stamp(data.header.stamp), []).append(data)
-    for log_time, data in rows.said['model']:
+    for log_time, data in rows.published['model']:
         try:
             stamp = json.loads(data.data)['provenance'].get('last_stamp_ns', 0)
         except (ValueError, KeyError, AttributeError, TypeError):
@@ -212,13 +215,13 @@ class _Replay:
 
     def __init__(self, state, rows, parameters, check):
         self.state, self._rows, self._check = state, rows, check
-        self._parameters, self._asked = parameters, {}
-        for _, data in rows.said['apart']:
-            told = _document(data.data)
-            self._asked.setdefault((told.get('diagnosed_ns'), told.get('last_stamp_ns')),
-                                   []).append(data.data)
+        self._parameters, self._requests = parameters, {}
+        for _, data in rows.published['apart']:
+            request = _document(data.data)
+            self._requests.setdefault((request.get('diagnosed_ns'), request.get('last_stamp_ns')),
+                                      []).append(data.data)
         self._reports, self._diagnoses = (
-            deque(data.data for _, data in rows.said[name])
+            deque(data.data for _, data in rows.published[name])
             for name in ('calibration/report', 'diagnosis'))
 
     def compare_request(self):
@@ -228,7 +231,7 @@ class _Replay:
             return
         made = json.loads(text)
         key = made['diagnosed_ns'], made['last_stamp_ns']
-        for logged in self._asked.pop(key, ()):
+        for logged in self._requests.pop(key, ()):
             self._check.compare('stars asked for', logged, text, at_time(key[1]))
 
     def at(self, stamp, zeros, models):
@@ -248,17 +251,17 @@ class _Replay:
                 return
             computed += [(zero, True)] * calibrated
         for log_time, text in made:
-            told = json.loads(text)['provenance']
-            if KEY in told and self.state.tracked is not None:
+            provenance = json.loads(text)['provenance']
+            if KEY in provenance and self.state.tracked is not None:
                 model, zero = self.state.tracked.pair(stamp)
                 self._check.compare('tracked model', text, model.to_json(), at_time(stamp))
                 computed.append((zero, False))
                 continue
-            if 'refit' in told:
+            if 'refit' in provenance:
                 model = self._fit(stamp, log_time)
-            elif 'judged' in told:
+            elif 'judged' in provenance:
                 model = self._diagnose(stamp, again=True)
-            elif 'verdict' in told:
+            elif 'verdict' in provenance:
                 model = self._diagnose(stamp)
             else:
                 model = self._fit(stamp, log_time)
@@ -283,10 +286,12 @@ class _Replay:
 
     def _fit(self, stamp, log_time):
         logged = self._report(stamp)
-        before, first = self.state, None
-        for homings in self._homings(log_time):
-            state = copy.deepcopy(before)  # a fit is judged against the one before it
+        before, first, of = self.state, None, _document(logged or '').get('homing_stamp_ns')
+        for homings in self._homings(log_time, of):
+            state = copy.deepcopy(before)  # a fit is compared with the one before it
             model, report = state.fit(homings)
+            if of is not None:
+                report['homing_stamp_ns'] = of
             tried = state, model, json.dumps(report)
             first = first or tried
             if logged is None or same_document(logged, tried[-1]):
@@ -300,13 +305,16 @@ class _Replay:
             self._check.compare('report', logged, report, at_time(stamp))
         return model
 
-    def _homings(self, log_time):
-        """What the encoders said of their marks as of `log_time`, then beside it, then nothing."""
+    def _homings(self, log_time, stamp):
+        """The encoders' state of their marks at `stamp`, where the report has it; else that as of
+        `log_time`, then beside it, then nothing.
+        """
         states = self._rows.homings or self._rows.diagnosed
         newest = sum(when <= log_time for when, _ in states) - 1
         near = sorted(range(len(states)), key=lambda i: (abs(i - newest), i))
-        for i in near[:_STATES]:
-            yield [h for h in states[i][1](self.state.rows.newest) if h.homed]
+        known = self._rows.homings_at.get(stamp)
+        for homings in [known] if known else [states[i][1] for i in near[:_STATES]]:
+            yield [h for h in homings(self.state.rows.newest) if h.homed]
         if not states:
             yield []
         yield None

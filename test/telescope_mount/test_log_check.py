@@ -260,16 +260,16 @@ def more(session, rows, run, upto):
 
 def said(session, rows, model, document=None):
     """What a calibration publishes, into the rows of a log."""
-    rows.said['model'].append((session.last_stamp, SimpleNamespace(data=model.to_json())))
-    rows.said['zero'].append((session.last_stamp, zero_to_joints(
+    rows.published['model'].append((session.last_stamp, SimpleNamespace(data=model.to_json())))
+    rows.published['zero'].append((session.last_stamp, zero_to_joints(
         session.active_zeros.newest, session.last_stamp)))
     reported(rows, session.report)
     if document is not None:
-        rows.said['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
+        rows.published['diagnosis'].append((0, SimpleNamespace(data=json.dumps(document))))
 
 
 def reported(rows, report):
-    rows.said['calibration/report'].append((0, SimpleNamespace(data=json.dumps(report))))
+    rows.published['calibration/report'].append((0, SimpleNamespace(data=json.dumps(report))))
 
 
 def differences(rows):
@@ -333,7 +333,7 @@ def test_stars_that_were_asked_for_are_asked_for_again():
     assert [one['last_stamp_ns'] for one in asked] == [24 + k for k in range(len(asked))]
     assert session.requests.document == asked[-1]
     logged = [texts[0], texts[1].replace('az_deg', 'ra_deg'), *texts[2:]]
-    rows.said['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
+    rows.published['apart'] = [(0, SimpleNamespace(data=text)) for text in logged]
     check = LogComparison()
     _calibrate(rows, CalibrationState(), {}, check)
     assert check.checked['stars asked for'] == len(texts)
@@ -351,6 +351,22 @@ def test_the_marks_heard_beside_a_fit_are_tried_on_the_session_before_it():
     said(session, rows, session.fit(None)[0])
     assert 'judgement' in session.report
     assert differences(rows) == []
+
+
+def test_a_report_is_computed_from_the_marks_whose_stamp_it_has():
+    run = stars(60)
+    session, rows = session_of(run, 60)
+    marks = [lambda run, i=i: [Homing(1, 'az', True, 'above', mark_error=3.0 * i)]
+             for i in range(9)]
+    rows.homings, rows.homings_at = [(10**19, one) for one in marks], dict(enumerate(marks))
+    model, report = session.fit(marks[7](0))
+    report['homing_stamp_ns'] = 7
+    said(session, rows, model)
+    assert differences(rows) == []
+    del report['homing_stamp_ns']  # an old log: no more than a few are tried
+    session, rows.published['calibration/report'] = session_of(run, 60)[0], []
+    reported(rows, report)
+    assert differences(rows)
 
 
 @pytest.mark.usefixtures('nothing_expected')
