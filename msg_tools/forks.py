@@ -1,8 +1,8 @@
 """Calls that need nothing of each other, each in a child of this process: one a core."""
 
 import ctypes
+import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import time
@@ -60,7 +60,7 @@ def forked(calls, jobs, done=None):
     try:
         for number, call in enumerate(calls):
             if worth:
-                child = _Child(call, list(running))
+                child = _Child(call)
                 running[child.source] = number, child
                 while len(running) >= jobs:
                     one_ends()
@@ -84,62 +84,54 @@ class _Child:
     Parameters
     ----------
     call : callable
-    others : iterable of int
-        Ends of pipes that are not its own.
 
     Attributes
     ----------
-    source : int
-        End of a pipe from which it can be read that the call has returned.
+    source : multiprocessing.connection.Connection
+        It can be read from when the call has returned.
     """
 
-    def __init__(self, call, others):
+    def __init__(self, call):
         self._call = call
-        self.source, target = os.pipe()
-        parent = os.getpid()
-        with warnings.catch_warnings():
+        context = multiprocessing.get_context('fork')
+        self.source, target = context.Pipe(duplex=False)
+        self._process = context.Process(target=_work, args=(call, target, os.getpid()))
+        with warnings.catch_warnings(), target:
             # of threads that may hold a lock: the child takes none of theirs
             warnings.simplefilter('ignore', DeprecationWarning)
-            self._pid = os.fork()
-        if self._pid == 0:
-            code = 1
-            try:
-                self._work(target, parent, others)
-                code = 0
-            finally:
-                os._exit(code)
-        os.close(target)
-
-    def _work(self, target, parent, others):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the whole group: the parent ends it
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
-        if os.getppid() != parent:  # it died before that
-            return
-        for other in (self.source, *others):
-            os.close(other)
-        try:
-            outcome = True, self._call()
-        except Exception as error:
-            outcome = False, error
-        with open(target, 'wb') as file:
-            pickle.dump(outcome, file, pickle.HIGHEST_PROTOCOL)
+            self._process.start()
 
     def result(self):
         """What the call returned; made once more here, where the child did not get to say it."""
-        with open(self.source, 'rb') as file:
-            outcome = file.read()
-        _, status = os.waitpid(self._pid, 0)
-        if status or not outcome:
-            return self._call()
-        returned, value = pickle.loads(outcome)
+        try:
+            returned, value = self.source.recv()
+        except (EOFError, OSError):  # it was killed, perhaps while it said it
+            returned, value = True, self._call()
+        finally:
+            self.source.close()
+            self._process.join()
         if not returned:
             raise value
         return value
 
     def end(self):
         """Kill it."""
-        os.kill(self._pid, signal.SIGKILL)
-        os.waitpid(self._pid, 0)
-        os.close(self.source)
+        self._process.kill()
+        self._process.join()
+        self.source.close()
+
+
+def _work(call, target, parent):
+    """In the child."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the whole group: the parent ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:  # it died before that
+        return
+    try:
+        outcome = True, call()
+    except Exception as error:
+        outcome = False, error
+    with suppress(Exception):  # what cannot be sent is made once more by the parent
+        target.send(outcome)
