@@ -31,7 +31,7 @@ from encoder_sim.scenario_file import load_scenario
 from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.active_calibration import InForce
+from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.calibration_messages import joints_to_zero
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
@@ -330,9 +330,9 @@ class Heard:
             out.words += json.loads(report.data)['witnesses']['alarms']
         if topics.MODEL.name not in latest or self._zero is None:
             return
-        pair = InForce()
-        pair.take_model(latest[topics.MODEL.name].data)
-        pair.take_zero(*joints_to_zero(latest[topics.ZERO.name]))
+        pair = ActiveCalibration()
+        pair.update_model(latest[topics.MODEL.name].data)
+        pair.update_zero(*joints_to_zero(latest[topics.ZERO.name]))
         if not pair.bound:
             out.words.append('zero and model do not go together')
             return

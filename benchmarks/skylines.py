@@ -19,7 +19,7 @@ from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon, parse_horizon
 from telescope_mount.guard.limits import Allowed, Axis, Limits
 from telescope_mount.guard.motion import AxisState
-from telescope_mount.guard.track_check import Judge
+from telescope_mount.guard.track_check import TrackCheck
 from telescope_mount.observing.allowed_sky import NEAR, AllowedSky, rows_of
 
 #: what the guard may refuse beside a limit, and what the observer keeps away, deg
@@ -106,7 +106,7 @@ def judged(rng, corners, text, count):
     axis = Axis(-400.0 * DEG, 400.0 * DEG, 4.0 * DEG, 2.0 * DEG)
     limits = Limits(axes=(axis, axis), horizon=Horizon(-90.0 * DEG, parse_horizon(text)),
                     keep_out=())
-    judge, az_el = Judge(limits), targets(rng, corners, count)
+    track_check, az_el = TrackCheck(limits), targets(rng, corners, count)
     az, el = az_el
     building = inside(corners, az, el)
     wrong = dict.fromkeys(('let into it', 'refused beside it', 'let into it on a track',
@@ -118,7 +118,7 @@ def judged(rng, corners, text, count):
         for name, times in (('', np.zeros(1)), (' on a track', np.array([-1.0, 1.0]))):
             moving = rate if name else 0.0 * rate
             track = times, place + times[:, None] * moving, np.tile(moving, (len(times), 1))
-            passes = isinstance(judge.judge(*track, state), Allowed)
+            passes = isinstance(track_check.check(*track, state), Allowed)
             wrong['let into it' + name] += passes and hit
             wrong['refused' + (name or ' beside it')] += not passes and not hit and (
                 off > OWN + np.abs(moving).max() / DEG)

@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.model_document import KEY as TRACKED
 from pointing_model.runs.run import kept_words
-from pointing_model.zero import Zeros, zeros_in_force
+from pointing_model.zero import Zeros, active_zeros
 from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 
@@ -279,7 +279,7 @@ class CalibrationState:
             self.tracked = TrackedNight.of_model(model)
             self._track_rows()
             return
-        zeros, follows = zeros_in_force(model), Following.of(model)
+        zeros, follows = active_zeros(model), Following.of(model)
         self.model, self._errors = model, model.mount.errors
         if zeros:
             self.active, self.since = ModelWithZeros(model, zeros, follows), len(self.rows)

@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 from pointing_model.runs.run import kept_words
 from pointing_model.terms import mean_columns
-from pointing_model.zero import NO_ZERO, is_for_zero, is_marked, zero_in_force
+from pointing_model.zero import NO_ZERO, active_zero, is_for_zero, is_marked
 
 from .analysis.external_check import tracking_errors
 from .analysis.fit import fit_harmonics
@@ -122,7 +122,7 @@ class NightSeries(CalibrationState):
         old = self._nights.get(number - self._age)
         if old is not None and old.models:
             return old.models.get(kind, (None, None))
-        return (self._first if kind == self._own else None), zero_in_force(self._first)
+        return (self._first if kind == self._own else None), active_zero(self._first)
 
     def add_table(self, run, stamp):
         """Take the table of all rows so far, if there is more in it than here.

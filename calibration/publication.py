@@ -54,7 +54,7 @@ class ModelWithZeros(NamedTuple):
         series = self.model.harmonics
         return (self.model.terms == other.model.terms
                 and self.zeros_document == other.zeros_document
-                and (series.says_as(other.model.harmonics) if series is not None
+                and (series.same_as(other.model.harmonics) if series is not None
                      else other.model.harmonics is None)
                 and self.follows.document() == other.follows.document()
                 and [e.document() for e in self.model.effects]

@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, all_finite, wrap
 from pointing_model.context import Context
-from pointing_model.mounts import told
+from pointing_model.mounts import mount_wording
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
 
@@ -282,5 +282,5 @@ def check_mount(mount, others):
     """
     for what, other in others.items():
         if other is not None and not mount.agrees(other):
-            raise ValueError(f'an observation of another mount ({told(mount)}) than {what} '
-                             f'({told(other)})')
+            raise ValueError(f'an observation of another mount ({mount_wording(mount)}) than '
+                             f'{what} ({mount_wording(other)})')

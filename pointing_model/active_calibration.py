@@ -15,9 +15,9 @@ from .fitted_effects import as_context
 from .model import PointingModel
 from .model_application import turned
 from .model_document import identity, walks_of
-from .mounts import ALTAZ, told
+from .mounts import ALTAZ, mount_wording
 from .terms import design
-from .zero import NO_ZERO, zeros_in_force
+from .zero import NO_ZERO, active_zeros
 from .zero_drift import AXES, Following
 
 #: an effect that follows the time holds for so long after the last row it was fitted to, ns
@@ -30,7 +30,7 @@ class Gauge:
     def __init__(self):
         self._readings = deque(maxlen=1000)
 
-    def take(self, stamp, value):
+    def update(self, stamp, value):
         """Keep a reading; one that is older than the last begins anew.
 
         Parameters
@@ -49,7 +49,7 @@ class Gauge:
         return next((value for at, value in reversed(self._readings) if at < stamp), default)
 
 
-def wander_sigma(model, stamp, el):
+def correlated_sigma(model, stamp, el):
     """How far the zero may have wandered since the rows of a model, on the sky.
 
     Parameters
@@ -76,13 +76,13 @@ def wander_sigma(model, stamp, el):
     """
     out = np.zeros(2)
     provenance = {} if model is None else model.provenance
-    told, last = provenance.get('wander'), provenance.get('last_stamp_ns')
-    if not isinstance(told, dict) or not isinstance(last, int):
+    known, last = provenance.get('wander'), provenance.get('last_stamp_ns')
+    if not isinstance(known, dict) or not isinstance(last, int):
         return out
     hours = max(stamp - last, 0) / 3600e9
     try:
         for k, axis in enumerate(AXES):
-            one = told['axes'].get(axis)
+            one = known['axes'].get(axis)
             if one is None or one['unit'] != 'hours':
                 continue
             share = -2.0 * np.expm1(-hours / one['memory']) - np.expm1(
@@ -90,7 +90,7 @@ def wander_sigma(model, stamp, el):
             out[k] = one['sigma_arcsec'] * ARCSEC * np.sqrt(share) * (
                 np.cos(el) if one['angle'] else 1.0)
     except (KeyError, TypeError, AttributeError):
-        raise ValueError(f'wander of the model is damaged: {told!r:.60}') from None
+        raise ValueError(f'wander of the model is damaged: {known!r:.60}') from None
     return out
 
 
@@ -210,7 +210,7 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
         mount)
 
 
-class InForce:
+class ActiveCalibration:
     """Model, zero and thermometer, as they came last and as they go together.
 
     A zero that says which model it goes with is taken with that model alone: whichever of the two
@@ -251,11 +251,11 @@ class InForce:
         self.zero, self.zero_stamp = NO_ZERO, 0
         self.refused = self.refused_stamp = 0
         self.power_on = None
-        self._follows, self._apart, self._stopped = Following.of(model), None, False
+        self._follows, self._difference, self._stopped = Following.of(model), None, False
         self.thermometer, self.inclinometer = Gauge(), Gauge()
         self._next_model = self._next_zero = None  # each waits for the other
 
-    def take_model(self, text):
+    def update_model(self, text):
         """Take a model as its JSON text; ValueError where it is none, or of another mount.
 
         Or where no mount has it: see `calibration_messages.check_model`.
@@ -263,8 +263,8 @@ class InForce:
         model, name = PointingModel.from_json(text), identity(text)
         check_model(model)
         if self._mount is not None and not self._mount.agrees(model.mount):
-            raise ValueError(f'a model of another mount ({told(model.mount)}) than this one '
-                             f'({told(self._mount)})')
+            raise ValueError(f'a model of another mount ({mount_wording(model.mount)}) than this '
+                             f'one ({mount_wording(self._mount)})')
         waiting = self._next_zero
         if waiting is not None and waiting[1].model == name:
             self._put_in_force(model, name, text)
@@ -282,7 +282,7 @@ class InForce:
         self.model_stamp = stamp if isinstance(stamp, int) else 0
         self._next_model = self._next_zero = None
 
-    def take_zero(self, stamp, zero):
+    def update_zero(self, stamp, zero):
         """Take a RunZero, unless it is of another power-on than the encoder is in.
 
         Raises
@@ -307,7 +307,7 @@ class InForce:
             self._put_in_force(*self._next_model)
         self.zero, self.zero_stamp, self._next_zero = zero, stamp, None
 
-    def take_power_on(self, power_on):
+    def update_power_on(self, power_on):
         """Take what the encoder says of its power-on, a `PowerOn` or None."""
         self.power_on = power_on
 
@@ -354,9 +354,9 @@ class InForce:
 
         They come on two topics, and one without the other points elsewhere.
         """
-        told = zeros_in_force(self.model)
-        return not told or bool(np.all(
-            np.abs(self.zero.angles - told.newest.angles) < 1e-6 * ARCSEC))
+        known = active_zeros(self.model)
+        return not known or bool(np.all(
+            np.abs(self.zero.angles - known.newest.angles) < 1e-6 * ARCSEC))
 
     # --- a zero that follows the absolute encoder -------------------------------------------------
 
@@ -365,7 +365,7 @@ class InForce:
         """Whether the zero follows the absolute encoder: the model says so, and it is its zero."""
         return bool(self._follows) and self.zero_is_of_model()
 
-    def take_readings(self, run, incremental, absolute, start=np.nan):
+    def update_readings(self, run, incremental, absolute, start=np.nan):
         """Take what both encoders read at one moment, shape (2,) each, rad.
 
         `start` is when the absolute encoder's power-on began (UTC s; NaN where it does not tell).
@@ -374,14 +374,14 @@ class InForce:
         """
         self._stopped = bool(self._follows.stopped(run, start)) if run is not None else False
         if np.isfinite([incremental, absolute]).all() and not self._stopped:
-            self._apart = run, incremental, absolute
+            self._difference = run, incremental, absolute
 
     @property
     def zero_now(self):
         """Azimuth and elevation, shape (2,), rad: the zero with what the counts have wandered."""
-        if not self.follows or self._apart is None:
+        if not self.follows or self._difference is None:
             return self.zero.angles
-        return self.zero.angles + self._follows.moved(*self._apart)
+        return self.zero.angles + self._follows.moved(*self._difference)
 
     @property
     def zero_sigma(self):
@@ -394,7 +394,7 @@ class InForce:
         if not self.follows:
             return ''
         stopped = 'stopped, it was switched off and on: ' if self._stopped else ''
-        if self._apart is None:
+        if self._difference is None:
             return (f'{stopped}the zero stands still' if stopped else
                     'no reading of both encoders yet: the zero stands still')
         moved = dict(zip(AXES, self.zero_now - self.zero.angles))

@@ -4,7 +4,7 @@ from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
 
-from .active_calibration import InForce
+from .active_calibration import ActiveCalibration
 from .calibration_messages import joints_to_zero
 from .model import PointingModel
 
@@ -12,7 +12,7 @@ MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON
                    fixed=True)
 
 
-def in_force_of(node, changed=lambda topic: None, mount=None):
+def active_calibration_of(node, changed=lambda topic: None, mount=None):
     """What is in force for `node`, kept up to date.
 
     Parameters
@@ -26,26 +26,26 @@ def in_force_of(node, changed=lambda topic: None, mount=None):
 
     Returns
     -------
-    InForce
+    ActiveCalibration
     """
     file = node.value(MODEL_FILE.name)
     model = PointingModel.load(file, mount) if file else None
-    now = InForce(model, mount)
+    now = ActiveCalibration(model, mount)
 
     def on_temperature(message):
-        now.thermometer.take(*convert.read_temperature(message))
+        now.thermometer.update(*convert.read_temperature(message))
 
     def on_model(message):
-        now.take_model(message.data)
+        now.update_model(message.data)
         changed(topics.MODEL)
 
     def on_homing(message):
         azimuth = cloud_to_homing(message).get('azimuth')
-        now.take_power_on(azimuth and azimuth.identity)
+        now.update_power_on(azimuth and azimuth.identity)
         changed(topics.HOMING)
 
     def on_zero(message):
-        now.take_zero(*joints_to_zero(message))
+        now.update_zero(*joints_to_zero(message))
         changed(topics.ZERO)
 
     # of what waits to be taken, the thermometer comes first, and the model before its zero

@@ -167,9 +167,9 @@ def _check_covariance(what, covariance, names):
         sigma = np.sqrt(np.abs(variance[bad[0]])) / ARCSEC
         raise ValueError(f'{what} with a sigma of {sigma:.4g} arcsec of {names[bad[0]]}: more '
                          'than a turn')
-    room = _ROUNDING * variance.max()
+    slack = _ROUNDING * variance.max()
     most = np.sqrt(np.outer(np.maximum(variance, 0.0), np.maximum(variance, 0.0)))
-    if variance.min() < -room or not (np.abs(covariance) <= most + room).all():
+    if variance.min() < -slack or not (np.abs(covariance) <= most + slack).all():
         raise ValueError(f'{what} with a covariance that is none: it is larger than its own '
                          'variances allow')
 
@@ -271,7 +271,7 @@ ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be told from here'
 
 
 @dataclass(frozen=True)
-class Asked:
+class StarRequest:
     """How causes stand, and the star that is wanted.
 
     Attributes

@@ -221,18 +221,18 @@ class Context:
         values : ndarray or None
         reason : str or None
         """
-        value, said = self.get(name), self.said(name)
+        value, wording = self.get(name), self.wording(name)
         if value is None:
-            return None, UNKNOWN.get(name, f'{said} is not known')
+            return None, UNKNOWN.get(name, f'{wording} is not known')
         finite = value[np.isfinite(value)]
         if len(finite) < 0.5 * len(value):
-            return None, f'{said} is known in only {len(finite)} of {len(value)} rows'
+            return None, f'{wording} is known in only {len(finite)} of {len(value)} rows'
         low, high = float(finite.min()), float(finite.max())
         if high - low <= 1e-9 * max(abs(low), abs(high)):
-            return None, f'{said} does not vary'
+            return None, f'{wording} does not vary'
         return finite, None
 
-    def said(self, name):
+    def wording(self, name):
         """A driver for people: ``approach_az`` is "direction of approach in hour angle"."""
         if name in self.columns and name not in _KNOWN:
             words = _UNIT.sub('', name).replace('_', ' ')

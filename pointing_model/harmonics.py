@@ -212,7 +212,7 @@ class Harmonics:
         p = np.concatenate((self.coef_x, self.coef_y))[at] + change
         return Harmonics.of_degree(self.degree, self.interpretation, p, covariance)
 
-    def says_as(self, other):
+    def same_as(self, other):
         """Whether both predict the same."""
         return (other is not None and self.interpretation == other.interpretation
                 and np.array_equal(self.coef_x, other.coef_x)

@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC, DEG
 
 from .context import Context
 from .runs.run import COLUMNS
-from .zero import NO_ZERO, zeros_in_force
+from .zero import NO_ZERO, active_zeros
 
 #: name in a file -> (name in memory, its unit in SI)
 _DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.items()}
@@ -127,7 +127,7 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     ValueError
         The model has no zero of that run.
     """
-    known = zeros_in_force(model)
+    known = active_zeros(model)
     if wanted == NO_ZEROS:
         return (0.0, 0.0), []
     if wanted != NEWEST:

@@ -12,7 +12,7 @@ from msg_tools.units import ARCSEC
 from .fitted_effects import FittedEffect
 from .harmonics import Harmonics
 from .model import PointingModel
-from .mounts import ALTAZ, OF_MOUNT, Mount, told
+from .mounts import ALTAZ, OF_MOUNT, Mount, mount_wording
 from .zero_drift import KEY as FOLLOWS
 
 FORMAT = 'telescope_mount/pointing_model'
@@ -185,9 +185,9 @@ def from_document(document):
         if not isinstance(provenance, dict):
             raise ValueError('provenance is not an object')
         geometry = document['geometry']
-        told = document.get('mount')
-        mount = ALTAZ if told is None else Mount(told['kind'], told['frame'],
-                                                  told.get('errors', OF_MOUNT))
+        entry = document.get('mount')
+        mount = ALTAZ if entry is None else Mount(entry['kind'], entry['frame'],
+                                                  entry.get('errors', OF_MOUNT))
         effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
         undetermined = [row['name'] for row in rows if row.get('undetermined')]
         directions = [{name: float(value) for name, value in one.items()}
@@ -260,8 +260,8 @@ def load(path, mount=None):
         text = path.read_text(encoding='utf-8')
         model = from_document(_parsed_yaml(text)) if is_yaml else from_json(text)
         if mount is not None and not mount.agrees(model.mount):
-            raise ValueError(f'a model of another mount ({told(model.mount)}) than this one '
-                             f'({told(mount)})')
+            raise ValueError(f'a model of another mount ({mount_wording(model.mount)}) than this '
+                             f'one ({mount_wording(mount)})')
         return model
     except ValueError as error:
         raise ValueError(f'{path}: {error}') from None
@@ -304,11 +304,11 @@ def walks_of(model):
     ValueError
         That part of the model is damaged.
     """
-    told = None if model is None else model.provenance.get(KEY)
-    if not isinstance(told, dict):
+    entry = None if model is None else model.provenance.get(KEY)
+    if not isinstance(entry, dict):
         return None
     try:
-        walks = told['walk_arcsec_per_root_hour']
+        walks = entry['walk_arcsec_per_root_hour']
         return np.array([float(walks[name]) for name in model.terms]) * ARCSEC
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f'what wanders in the model is damaged: {told!r:.60}') from None
+        raise ValueError(f'what wanders in the model is damaged: {entry!r:.60}') from None

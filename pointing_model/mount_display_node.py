@@ -10,7 +10,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 
-from .mount_shape import ROOT, STANDS, frames_of, parts_of, placed, urdf
+from .mount_shape import PIER, ROOT, frames_of, parts_of, placed, urdf
 from .sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of
 
 PARAMS = (
@@ -76,7 +76,7 @@ class MountDisplay(MountNode):
 
     def _solid(self, stamp, frames):
         for number, part in enumerate(self._parts):
-            if part.link != STANDS and self._reading is None:
+            if part.link != PIER and self._reading is None:
                 continue
             place, turned = placed(part, frames)
             cylinder = len(part.size) == 2

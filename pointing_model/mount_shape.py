@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 #: links: what stands, what the first axis turns, what the second turns
-STANDS, TURNS, TUBE = 'pier', 'first_axis', 'tube'
+PIER, TURNS, TUBE = 'pier', 'first_axis', 'tube'
 #: root of the tree, the frame of observations
 ROOT = 'mount_enu'
 GREY, DARK, WHITE = (0.45, 0.47, 0.5), (0.2, 0.22, 0.25), (0.88, 0.88, 0.9)
@@ -48,18 +48,18 @@ def parts_of(mount):
 
     The pier is upright, in `ROOT`; the others are in the frames of their axes at rest.
     """
-    pier = MountPart(STANDS, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
+    pier = MountPart(PIER, (0.08, 0.5), (0.0, 0.0, -0.6), colour=DARK)
     if mount.two_sided:  # the tube on the left of one who looks to the meridian
         tube = 0.22
         return [
-            pier, MountPart(STANDS, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
+            pier, MountPart(PIER, (0.06, 0.35), (0.0, 0.0, -0.2), colour=DARK),
             MountPart(TURNS, (0.05, 0.3), (0.0, 0.0, 0.0), colour=DARK),
             MountPart(TURNS, (0.03, 0.5), (0.0, -0.05, 0.0), _ALONG_Y),
             MountPart(TURNS, (0.09, 0.08), (0.0, -0.3, 0.0), _ALONG_Y, DARK),
             MountPart(TUBE, (0.07, 0.8), (0.05, tube, 0.0), _ALONG_X, WHITE),
             MountPart(TUBE, (0.075, 0.06), (0.4, tube, 0.0), _ALONG_X, DARK)]
     return [
-        pier, MountPart(STANDS, (0.12, 0.06), (0.0, 0.0, -0.36), colour=DARK),
+        pier, MountPart(PIER, (0.12, 0.06), (0.0, 0.0, -0.36), colour=DARK),
         MountPart(TURNS, (0.2, 0.04), (0.0, 0.0, -0.28)),
         MountPart(TURNS, (0.12, 0.03, 0.36), (0.0, 0.15, -0.1)),
         MountPart(TURNS, (0.12, 0.03, 0.36), (0.0, -0.15, -0.1)),
@@ -94,7 +94,7 @@ def frames_of(mount, angles):
     dict of str to ndarray, shape (3, 3)
     """
     turned = base_of(mount) @ Rotation.from_euler('z', -angles[0]).as_matrix()
-    return {STANDS: np.eye(3), TURNS: turned,
+    return {PIER: np.eye(3), TURNS: turned,
             TUBE: turned @ Rotation.from_euler('y', -angles[1]).as_matrix()}
 
 
@@ -117,13 +117,13 @@ def urdf(mount, name='mount'):
         Of the robot.
     """
     robot = ElementTree.Element('robot', name=name)
-    for link in (ROOT, STANDS, 'axes', TURNS, TUBE, 'boresight'):
+    for link in (ROOT, PIER, 'axes', TURNS, TUBE, 'boresight'):
         element = ElementTree.SubElement(robot, 'link', name=link)
         for part in parts_of(mount):
             if part.link == link:
                 _visual(element, part)
-    _joint(robot, 'pier_stands', ROOT, STANDS)
-    _joint(robot, 'axes_stand', STANDS, 'axes', rpy=_roll_pitch_yaw(base_of(mount)))
+    _joint(robot, 'pier_stands', ROOT, PIER)
+    _joint(robot, 'axes_stand', PIER, 'axes', rpy=_roll_pitch_yaw(base_of(mount)))
     travel = [np.radians(ends) for ends in mount.names.travel_deg]
     for key, axis, parent, child, ends in zip(
             mount.names.keys, ('0 0 -1', '0 -1 0'), ('axes', TURNS), (TURNS, TUBE), travel):

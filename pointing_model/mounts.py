@@ -408,7 +408,7 @@ def mount_text(mount):
     return f'{mount.kind}:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
 
 
-def told(mount):
+def mount_wording(mount):
     """A `Mount` in words that tell it from another of its kind."""
     if mount.vertical:
         return mount.kind

@@ -9,8 +9,8 @@ from msg_tools.node import MountNode
 from msg_tools.power_on import start_of
 from msg_tools.units import ARCSEC, wrap
 
-from .active_calibration import time_driver, tracked_sigma, wander_sigma
-from .active_topics import MODEL_FILE, in_force_of
+from .active_calibration import correlated_sigma, time_driver, tracked_sigma
+from .active_topics import MODEL_FILE, active_calibration_of
 from .calibration_messages import pair_to_text
 from .context import Context
 from .zero_drift import Difference, Following
@@ -25,60 +25,60 @@ class PointingCorrector(MountNode):
 
     def __init__(self, **kwargs):
         super().__init__('pointing_corrector', PARAMS, hardware_id='pointing model', **kwargs)
-        self._lacking, self._apart, self._open = (), None, False
+        self._lacking, self._difference, self._open = (), None, False
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
-        self._in_force_pub, self._pair_told = self.publisher(topics.IN_FORCE), ''
-        self._in_force = in_force_of(self, self._changed)
+        self._pair_pub, self._pair_published = self.publisher(topics.IN_FORCE), ''
+        self._active = active_calibration_of(self, self._changed)
         self.subscribe(topics.TARGET, self._on_target)
 
     def _changed(self, topic):
         if topic is topics.MODEL:
             self._lacking, self._open = (), False
             self._follow()
-        if self._in_force.bound:
-            text = pair_to_text(self._in_force.model_text, self._in_force.zero_stamp,
-                                self._in_force.zero)
-            if text != self._pair_told:
-                self._pair_told = text
-                self._in_force_pub.publish(String(data=text))
+        if self._active.bound:
+            text = pair_to_text(self._active.model_text, self._active.zero_stamp,
+                                self._active.zero)
+            if text != self._pair_published:
+                self._pair_published = text
+                self._pair_pub.publish(String(data=text))
 
     def _follow(self):
         """Hear both encoders from the first model on whose zero follows one of them."""
-        if not Following.of(self._in_force.model) or self._apart is not None:
+        if not Following.of(self._active.model) or self._difference is not None:
             return
-        self._apart = Difference()
+        self._difference = Difference()
         self.subscribe(topics.INCREMENTAL, lambda message: self._on_reading(
-            self._apart.take_incremental, message))
+            self._difference.update_incremental, message))
         self.subscribe(topics.ABSOLUTE, lambda message: self._on_reading(
-            self._apart.take_absolute, message, start_of(message.header.frame_id)))
+            self._difference.update_absolute, message, start_of(message.header.frame_id)))
 
-    def _on_reading(self, take, message, *start):
+    def _on_reading(self, update, message, *start):
         stamp, angles = convert.read_joints(message)[:2]
-        take(stamp, self._in_force.model.mount.on_travel(*angles), *start)
-        if self._apart.incremental is not None:
-            self._in_force.take_readings(self._in_force.zero.run, self._apart.incremental,
-                                         self._apart.absolute, self._apart.start)
+        update(stamp, self._active.model.mount.on_travel(*angles), *start)
+        if self._difference.incremental is not None:
+            self._active.update_readings(self._active.zero.run, self._difference.incremental,
+                                         self._difference.absolute, self._difference.start)
 
     def _drivers(self, stamps, sky):
         """Time and temperature; how the axes will come, and the star, only the observer knows."""
-        model = self._in_force.model
+        model = self._active.model
         if model is None or not model.effects:
             return None
         return Context(sky[:, 0], sky[:, 1], {
             'time': time_driver(model, stamps),
-            'temperature': self._in_force.thermometer.before(int(stamps[0]), np.nan)},
+            'temperature': self._active.thermometer.before(int(stamps[0]), np.nan)},
             mount=model.mount)
 
     def _encoder(self, sky, context):
-        return self._in_force.encoder(sky[:, 0], sky[:, 1], context)
+        return self._active.encoder(sky[:, 0], sky[:, 1], context)
 
     def _on_target(self, message):
         names = self._names(message)
         stamp, times, sky, rates = convert.read_trajectory(message)
         context = self._drivers(stamp + np.rint(times * 1e9).astype(np.int64), sky)
         if context is not None:
-            self._lacking = tuple(self._in_force.model.unknown(sky[:, 0], sky[:, 1], context))
+            self._lacking = tuple(self._active.model.unknown(sky[:, 0], sky[:, 1], context))
         demand = self._encoder(sky, context)
         if not np.isfinite(demand).all():
             pole = 'zenith' if names == convert.AXES else 'pole of its first axis'
@@ -92,14 +92,14 @@ class PointingCorrector(MountNode):
         demand[:, 0] = np.unwrap(demand[:, 0])
         self._demand_pub.publish(
             convert.trajectory(stamp, times, demand, turn / (2.0 * STEP), names))
-        model = self._in_force.model
+        model = self._active.model
         self._open = model is not None and bool(model.is_open(sky[:, 0], sky[:, 1]).any())
         self._sigma_pub.publish(convert.vector(
             stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
 
     def _names(self, message):
         """Of the joints of a target; ValueError where the model is of another mount."""
-        found, model = convert.joints_of(message.joint_names), self._in_force.model
+        found, model = convert.joints_of(message.joint_names), self._active.model
         if model is not None and found != model.mount.names.keys:
             raise ValueError(f'a target by {" and ".join(found)}, and the model is of a mount '
                              f'with {" and ".join(model.mount.names.keys)}')
@@ -113,26 +113,26 @@ class PointingCorrector(MountNode):
         NaN where the zero is of another power-on, by how much it has moved nobody knows; and where
         the model rests on terms that the stars of its fit did not determine.
         """
-        if self._in_force.zero_is_unknown:
+        if self._active.zero_is_unknown:
             return np.full(2, np.nan)
         out = np.zeros(2)
-        model = self._in_force.model
+        model = self._active.model
         if model is not None:
             out = np.array([float(np.ravel(s)[0])
                             for s in model.sigma(sky[:, 0], sky[:, 1], context)])
-        out = np.hypot(out, wander_sigma(model, stamp, float(sky[0, 1])))
+        out = np.hypot(out, correlated_sigma(model, stamp, float(sky[0, 1])))
         out = np.hypot(out, tracked_sigma(model, stamp, *map(float, sky[0])))
-        return np.hypot(out, self._in_force.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
+        return np.hypot(out, self._active.zero_sigma * [float(np.cos(sky[0, 1])), 1.0])
 
     def problems(self):
         """Nothing to correct with yet, or what must not be corrected with."""
-        found = [(DiagnosticStatus.WARN, text) for text in self._in_force.complaints()]
-        if self._in_force.model is None:
+        found = [(DiagnosticStatus.WARN, text) for text in self._active.complaints()]
+        if self._active.model is None:
             return [*found, (DiagnosticStatus.WARN, 'no model yet: demands are the wanted '
-                             'directions' + (' plus the zero' if self._in_force.zero.angles.any()
+                             'directions' + (' plus the zero' if self._active.zero.angles.any()
                                              else ''))]
         if self._open:
-            model = self._in_force.model
+            model = self._active.model
             names = (*model.undetermined, *model.undetermined_harmonics)
             found.append((DiagnosticStatus.WARN, 'the last demand rests on what the stars of the '
                           'fit did not determine'
@@ -146,17 +146,17 @@ class PointingCorrector(MountNode):
 
     def details(self):
         """What is in force."""
-        terms, (model, zero) = 'none', (self._in_force.model, self._in_force.zero)
+        terms, (model, zero) = 'none', (self._active.model, self._active.zero)
         if model is not None:
             series = [] if model.harmonics is None else [
                 f'harmonics({model.harmonics.interpretation},{model.harmonics.degree})']
             terms = ' '.join([*model.terms, *series, *(e.effect.name for e in model.effects)])
-        told = self._in_force.power_on
-        return [('model', terms), ('model name', self._in_force.model_name),
+        power_on = self._active.power_on
+        return [('model', terms), ('model name', self._active.model_name),
                 ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
                 ('zero goes with model', zero.model or 'not told'),
-                ('zeros of another power-on refused', str(self._in_force.refused)),
-                ('encoder', told.frame if told else 'does not tell its power-on'),
+                ('zeros of another power-on refused', str(self._active.refused)),
+                ('encoder', power_on.frame if power_on else 'does not tell its power-on'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),
-                ('zero follows', self._in_force.following() or 'nothing')]
+                ('zero follows', self._active.following() or 'nothing')]

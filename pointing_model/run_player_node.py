@@ -120,9 +120,9 @@ class RunPlayer(MountNode):
         self._sent, self._calibrated = 0, Taken()
         self._state = ('waiting', 'the graph')
         self._step = ''
-        self._told_last = None
+        self._last_report = None
         # discovery comes in this order: who is matched with what follows can answer these
-        self._asked = {name: self.create_client(Trigger, name)
+        self._trigger_clients = {name: self.create_client(Trigger, name)
                        for name in self.value('services') if name}
         self._clock_pub = self.publisher(topics.CLOCK)
         self._observation_pub = self.publisher(topics.OBSERVATION)
@@ -159,14 +159,14 @@ class RunPlayer(MountNode):
             for row in range(first, min(first + BATCH, len(self._run))):
                 self._publish(row)
             # no more on the way than a subscriber's queue holds
-            yield self._taken
+            yield self._all_received
         self._observations_pub.publish(run_to_cloud(self._run, int(self._stamps[-1])))
-        for name, client in self._asked.items():
+        for name, client in self._trigger_clients.items():
             self._step = name
             answer = yield from call(name, client, self._advance)
             self.get_logger().info(answer)
 
-    def _taken(self):
+    def _all_received(self):
         """Whether the calibration has all that was sent, of the power-ons that it keeps."""
         sent = self._run['run'][:self._sent]
         return self._calibrated.has(
@@ -182,9 +182,9 @@ class RunPlayer(MountNode):
     def _report(self):
         state, text = self._state
         now = (state, text, self._step, self._sent, time.monotonic() // 1.0)
-        if now == self._told_last:
+        if now == self._last_report:
             return
-        self._told_last = now
+        self._last_report = now
         level = {'failed': DiagnosticStatus.ERROR, 'waiting': DiagnosticStatus.WARN}.get(
             state, DiagnosticStatus.OK)
         self._status_pub.publish(convert.status(

@@ -185,7 +185,7 @@ class Zeros(dict):
         return cls(map(RunZero.from_dict, documents))
 
 
-def zeros_in_force(model):
+def active_zeros(model):
     """The zeros that a model went with, as its provenance tells.
 
     Parameters
@@ -197,13 +197,13 @@ def zeros_in_force(model):
     Zeros
         Of the power-ons that the model was fitted to; empty where nothing is known.
     """
-    told = None if model is None else model.provenance.get('zeros_in_force')
-    return Zeros.from_list(told if isinstance(told, list) else ())
+    documents = None if model is None else model.provenance.get('zeros_in_force')
+    return Zeros.from_list(documents if isinstance(documents, list) else ())
 
 
-def zero_in_force(model):
-    """The newest of `zeros_in_force`, or `NO_ZERO` where nothing is known."""
-    zeros = zeros_in_force(model)
+def active_zero(model):
+    """The newest of `active_zeros`, or `NO_ZERO` where nothing is known."""
+    zeros = active_zeros(model)
     return zeros.newest if zeros else NO_ZERO
 
 

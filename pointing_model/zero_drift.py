@@ -89,9 +89,9 @@ class AxisFollowing:
         """
         run, incremental = np.asarray(run, float), np.asarray(incremental, float)
         out = np.zeros(np.shape(incremental))
-        apart = wrap(incremental - absolute) - harmonic_columns(incremental) @ self.discs
+        difference = wrap(incremental - absolute) - harmonic_columns(incremental) @ self.discs
         for number, reference in self.references.items():
-            out = np.where(run == number, wrap(apart - reference), out)
+            out = np.where(run == number, wrap(difference - reference), out)
         return out
 
 
@@ -179,18 +179,18 @@ class Following:
     @classmethod
     def of(cls, model):
         """That a model goes with, as its provenance tells; ValueError where that is damaged."""
-        told = {} if model is None else model.provenance.get(KEY) or {}
+        entries = {} if model is None else model.provenance.get(KEY) or {}
         try:
             return cls({name: AxisFollowing(
-                np.array([told[word]['discs_arcsec'][n] for n in _DISC_NAMES], float) * ARCSEC,
+                np.array([entries[word]['discs_arcsec'][n] for n in _DISC_NAMES], float) * ARCSEC,
                 {int(row['run']): row['difference_arcsec'] * ARCSEC
-                 for row in told[word]['reference']},
-                told[word]['noise_arcsec'] * ARCSEC, told[word]['step_arcsec'] * ARCSEC,
-                {int(row['run']): float(row['absolute_start']) for row in told[word]['reference']
+                 for row in entries[word]['reference']},
+                entries[word]['noise_arcsec'] * ARCSEC, entries[word]['step_arcsec'] * ARCSEC,
+                {int(row['run']): float(row['absolute_start']) for row in entries[word]['reference']
                  if row.get('absolute_start') is not None})
-                for name, word in WORDS.items() if word in told})
+                for name, word in WORDS.items() if word in entries})
         except (KeyError, TypeError, AttributeError):
-            raise ValueError(f'{KEY} of the model is damaged: {told!r:.60}') from None
+            raise ValueError(f'{KEY} of the model is damaged: {entries!r:.60}') from None
 
 
 _DISC_NAMES = tuple(f'{f}_{k}' for k in ORDERS for f in ('cos', 'sin'))
@@ -214,14 +214,14 @@ class Difference:
         self.incremental = self.absolute = None
         self.start = np.nan
 
-    def take_incremental(self, stamp, angles):
+    def update_incremental(self, stamp, angles):
         """Take a reading (ns, rad)."""
         if self._readings and stamp <= self._readings[-1][0]:
             self._readings.clear()
         self._readings.append((stamp, angles))
         self._pair()
 
-    def take_absolute(self, stamp, angles, start=np.nan):
+    def update_absolute(self, stamp, angles, start=np.nan):
         """Take a reading (ns, rad), and when its power-on began (UTC s)."""
         self._second = stamp, angles, start
         self._pair()

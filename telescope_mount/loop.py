@@ -275,9 +275,9 @@ def drive_error(run, model, site_deg=None, taken_back=False):
     from msg_tools.units import ARCSEC, DEG
     from pointing_model.rms import rms
     from pointing_model.runs.run import PointingRun
-    from pointing_model.zero import zeros_in_force
+    from pointing_model.zero import active_zeros
 
-    zeros = zeros_in_force(model)
+    zeros = active_zeros(model)
     known = all(name in run for name in ('check', 'block', 'miss_x', 'miss_y'))
     if not known or not zeros or model.provenance.get('zero_follows'):
         return None

@@ -123,9 +123,9 @@ def _with_zero(model, wanted):
 
     from msg_tools.units import ARCSEC
     from pointing_model.model_application import zeros_of_rows
-    from pointing_model.zero import zeros_in_force
+    from pointing_model.zero import active_zeros
     (az, el), applied = zeros_of_rows(model, wanted)
-    known = zeros_in_force(model)
+    known = active_zeros(model)
     if not applied:
         if not known:
             return model, []

@@ -41,12 +41,13 @@ class BaseModel:
         ValueError
             It is no such file, declares no term, or is of another mount.
         """
-        from pointing_model.mounts import told
+        from pointing_model.mounts import mount_wording
         from pointing_model.runs.model_files import read_model
         loaded = read_model(path, mount)
         if not loaded.model.mount.agrees(mount):
-            raise ValueError(f'{path} is a model of another mount ({told(loaded.model.mount)}) '
-                             f'than the run ({told(mount)})')
+            raise ValueError(f'{path} is a model of another mount '
+                             f'({mount_wording(loaded.model.mount)}) than the run '
+                             f'({mount_wording(mount)})')
         if not loaded.model.terms:
             raise ValueError(f'{path} has no term to fit anew')
         out = cls(Path(path), loaded.model, list(loaded.notes))

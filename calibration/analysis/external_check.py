@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO, is_for_zero, zero_in_force
+from pointing_model.zero import NO_ZERO, active_zero, is_for_zero
 
 from ..rows import by_run
 from .fit import fit_terms
@@ -149,7 +149,7 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     if reference is not None:
         return [{'of': 'model', 'fitted': None, 'tried': None, 'by': ways(measured.values()),
                  'renewed': renewed, **rms_of(reference, stars, zero)}
-                for renewed, zero in ((False, zero_in_force(reference)), (True, first))]
+                for renewed, zero in ((False, active_zero(reference)), (True, first))]
     kinds = [('model', lambda part, zero: fit_terms(part, zero=zero).model)]
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](

@@ -6,7 +6,7 @@ import numpy as np
 
 from pointing_model.harmonics import INTERPRETATIONS
 from pointing_model.model import PointingModel
-from pointing_model.zero import is_for_zero, zero_in_force
+from pointing_model.zero import active_zero, is_for_zero
 
 from .external_check import rms_of
 from .fit import fit_harmonics
@@ -56,7 +56,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
         steps.append({'kind': kind, 'of': of, **{
             name: rms_of(model, half, zero) for name, half in halves.items()}})
 
-    compare(RAW if reference is None else REFERENCE, base, zero_in_force(reference))
+    compare(RAW if reference is None else REFERENCE, base, active_zero(reference))
     if way:
         compare(ZEROED, base, first, way)
     # functions of azimuth and elevation, to compare with: nobody has asked for them, and where

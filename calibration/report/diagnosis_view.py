@@ -249,7 +249,7 @@ def _size_of(cause, context):
     fitted = cause.get('fitted')
     if fitted is None:
         return ''
-    sizes = [f'{context.said(one["word"])} {_with_error(one)} {one["unit"]}'
+    sizes = [f'{context.wording(one["word"])} {_with_error(one)} {one["unit"]}'
             for one in fitted['coefficients']]
     if 'TF' in fitted['terms']:
         sizes.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
@@ -274,7 +274,7 @@ def _facts(found, context, several):
               for one in still_open(vars(found))]
     values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
                  found.fitted.sigma / ARCSEC)
-    facts += [(f'Coefficient, {context.said(coefficient_word(e, name))}',
+    facts += [(f'Coefficient, {context.wording(coefficient_word(e, name))}',
                f'{" ± ".join(value_and_error(value, sigma))} {e.unit}')
               for name, value, sigma in values]
     if e.tpoint:
@@ -309,7 +309,7 @@ def _effect_driver(context, e):
 
 def _terms(diagnosis):
     model = diagnosis.model
-    own, said = set(diagnosis.base.own), diagnosis.observations.context.said
+    own, label = set(diagnosis.base.own), diagnosis.observations.context.wording
     out = [{'name': name + (' (median of the runs)' if name in own else ''),
             'value': value / ARCSEC, 'sigma': None if name in own else float(s) / ARCSEC,
             'unit': 'arcsec', 'undetermined': name in model.undetermined,
@@ -318,7 +318,7 @@ def _terms(diagnosis):
            for (name, value), s in zip(model.terms.items(), model.sigmas)]
     for found in diagnosis.effects:
         e, f = found.fitted.effect, found.fitted
-        out += [{'name': f'{readable(e.name)}: {said(coefficient_word(e, name))}',
+        out += [{'name': f'{readable(e.name)}: {label(coefficient_word(e, name))}',
                  'value': value / ARCSEC,
                  'sigma': float(s) / ARCSEC, 'unit': e.unit}
                 for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]

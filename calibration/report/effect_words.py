@@ -59,7 +59,7 @@ def effect_summary(diagnosis, found):
             found.fitted.coefficients / ARCSEC, rms,
             (known.min(), known.max()) if known.size else None,
             utc_text if utc and e.driver == 'time' else None))
-    more.append(contenders_sentence(vars(found), e.cause_told))
+    more.append(contenders_sentence(vars(found), e.cause_summary))
     used = diagnosis.weights > 0.0
     seen, observed = _as_observed(seen, context, e, used)
     own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)

@@ -19,7 +19,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
-from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, zeros_in_force
+from pointing_model.zero import NO_ZERO, Zeros, active_zeros, is_for_zero
 from pointing_model.zero_drift import Following
 
 from .drawing import clean
@@ -254,7 +254,7 @@ def residuals_of(run, model, report, split_seed=None):
     stars = ~is_for_zero(run) if 'star' in run else np.ones(len(run), bool)
     rows = Following.of(model).corrected(run).select(stars) if len(run) else run
     measured = Zeros.from_list(report.get('zeros') or [])
-    in_force = zeros_in_force(model) or Zeros.from_list(report.get('zeros_in_force') or [])
+    in_force = active_zeros(model) or Zeros.from_list(report.get('zeros_in_force') or [])
     plain = PointingModel({}, mount=rows.mount)
     before, after = (_offsets(one, rows, zeros) for one, zeros in (
         (plain, measured), (model, in_force)))

@@ -46,7 +46,7 @@ def _encoder(axis, order, mount=USUAL):
         return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
 
     ring = names.ring and (axis, k) == ('az', 2)
-    cause, short, told, look_at = _RING if ring else (
+    cause, short, summary, look_at = _RING if ring else (
         _OF_GEARS if names.geared else {}).get(k) or {
         1: ('encoder disc off its centre', 'the disc of its encoder off centre',
             'disc off its centre',
@@ -70,7 +70,7 @@ def _encoder(axis, order, mount=USUAL):
                   f'{short}',
                   look_at,
                   f'a wave of the {names.word(axis)}, {times(order)}',
-                  f'{names.word(axis)} encoder {told} ({times(order)})'.replace(' ,', ','),
+                  f'{names.word(axis)} encoder {summary} ({times(order)})'.replace(' ,', ','),
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
                   _of_order(names, f'H{number}C{number}# H{number}S{number}#', k),
                   only_shape=True)
@@ -157,7 +157,7 @@ def _elevation_axis_wobble(order, mount=USUAL):
                              (c.trig.sin_el * np.sin(k * c.el), 0.0)],
                   look_at=f'run-out of both {names.word("el")} bearings',
                   shape=f'a wave of the {names.word("el")}, {times(order)}, larger high up',
-                  told=f'{shaft} wobbles ({times(order)})')
+                  summary=f'{shaft} wobbles ({times(order)})')
 
 
 def propose(context, lacking, own):

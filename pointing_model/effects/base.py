@@ -130,7 +130,7 @@ class Effect:
     say: Callable | None = field(default=None, compare=False, repr=False)
     look_at: str = ''
     shape: str = ''
-    told: str = ''
+    summary: str = ''
     unit: str = 'arcsec'
     tpoint: str | None = None
     requires: tuple = ()
@@ -176,9 +176,9 @@ class Effect:
         return self.say(amount) if self.say else self.cause[:1].upper() + self.cause[1:]
 
     @property
-    def cause_told(self):
-        """`told`, or the cause."""
-        return self.told or self.cause
+    def cause_summary(self):
+        """`summary`, or the cause."""
+        return self.summary or self.cause
 
     @property
     def line(self):
@@ -334,7 +334,7 @@ def single_rows(context, driver, low, high):
     for side in (low, high):
         count = int(np.sum(values == side))
         if count < FEWEST_ON_A_SIDE:
-            return f'{context.said(driver)} is {side:+g} in only {count} of {len(values)} rows'
+            return f'{context.wording(driver)} is {side:+g} in only {count} of {len(values)} rows'
     return None
 
 

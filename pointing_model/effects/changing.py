@@ -29,7 +29,7 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
                   whole.coefficient_names, columns, say,
                   f'{whole.look_at}; and what of it warms up, loosens or settles',
                   f'{whole.shape}, which changes with {with_}' if whole.shape else '',
-                  f'{whole.cause_told}; it changes with {with_}',
+                  f'{whole.cause_summary}; it changes with {with_}',
                   f'{whole.unit}{UNITS.get(driver, "")}', requires=(*whole.requires, driver),
                   effort=whole.effort)
 

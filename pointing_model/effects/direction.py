@@ -31,7 +31,7 @@ _SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
            'fork_flexure': 'a curve of the hour angle, as cos h',
            'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
 #: which causes they are told as, where the other that is named has an effect of its own
-_TOLD = {'second_flexure': 'second flexure of the tube (as sin E)'}
+_SUMMARIES = {'second_flexure': 'second flexure of the tube (as sin E)'}
 #: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
 _ELSEWHERE = {
     **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
@@ -65,7 +65,7 @@ def _terms(name, mount=USUAL):
     return Effect(name, cause, formula if plain else known.formula,
                   'hour_angle' if name == 'fork_flexure' else 'elevation', axes, (term,),
                   lambda c: [known.of(c.trig)], lambda _: sentence, look_at,
-                  _SHAPES[name], _TOLD.get(name, ''),
+                  _SHAPES[name], _SUMMARIES.get(name, ''),
                   tpoint=term if known.tpoint_sign else None,
                   effort=0 if name.startswith('refraction') else 1)
 
@@ -102,7 +102,7 @@ def _fork_cross_term(mount=USUAL):
                              (0.0, c.trig.sin_el * c.trig.sin_az)],
                   look_at=f'stiffness of the {carried} and its joint with the {names.shaft("az")}',
                   shape=f'a wave of the {names.word("az")}, once per turn, larger high up',
-                  told=f'{carried} bends as the {names.word("az")} turns')
+                  summary=f'{carried} bends as the {names.word("az")} turns')
 
 
 def propose(context, lacking, own):

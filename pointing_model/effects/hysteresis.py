@@ -42,7 +42,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
                 f'motion was {more} than when it was {less}: backlash or hysteresis')
 
     shaft = names.shaft(axis)
-    told = {('az', 'cosE'): f'backlash or hysteresis of the {shaft} or of its encoder',
+    summary = {('az', 'cosE'): f'backlash or hysteresis of the {shaft} or of its encoder',
             ('el', '1'): f'backlash or hysteresis of the {shaft} or of its encoder',
             ('az', '1'): f'something that tips to the side when the {shaft} reverses: a mirror, '
             'the camera, the tube',
@@ -65,7 +65,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
                   f'approach_{axis}', axis, ('half_difference',), of, say,
                   f'preload of the {names.word(axis)} drive, its gear, and the coupling of the '
                   'encoder' + ', play of mirror cell and focuser' * ((axis, shape) == ('az', '1'))
-                  + '; until then approach stars from one side', seen, told,
+                  + '; until then approach stars from one side', seen, summary,
                   requires=requires,
                   # how many degrees it takes to be complete makes no other cause
                   mechanism=f'hysteresis of {axis}, {shape}',

@@ -48,7 +48,7 @@ def _by_side(of):
                   f'{whole.look_at}; and what shifts when the tube goes over: mirror cell, '
                   'focuser, counterweight',
                   f'{whole.shape}, another on each side of the pier' if whole.shape else '',
-                  f'{whole.cause_told}; another amount on each side of the pier',
+                  f'{whole.cause_summary}; another amount on each side of the pier',
                   whole.unit, tpoint=tpoint and ' '.join(f'{name} by side'
                                                          for name in tpoint.split()),
                   requires=(*whole.requires, 'pier_side'), effort=whole.effort)

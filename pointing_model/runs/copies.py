@@ -50,15 +50,15 @@ def copies(columns, source=None):
     for i, j in _beside(reading, place, units[0]):
         of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)
         timed = np.isfinite(time[i]) & np.isfinite(time[j])
-        same = (_apart(reading, i, j) < of_reading) & np.where(
-            timed, (np.abs(time[i] - time[j]) < of_time) & (_apart(place, i, j) < _SAME_FIELD),
-            _apart(place, i, j) < of_place)
+        same = (_distance(reading, i, j) < of_reading) & np.where(
+            timed, (np.abs(time[i] - time[j]) < of_time) & (_distance(place, i, j) < _SAME_FIELD),
+            _distance(place, i, j) < of_place)
         np.minimum.at(out, j[same], i[same])
     if not of_one:
         utc = np.where(np.abs(time) > _CLOCK, time, np.nan)
         for i, j in _beside(place, reading, units[1]):
             same = (source[i] != source[j]) & (np.abs(utc[i] - utc[j]) < _within(units[2], i, j)) \
-                & (_apart(place, i, j) < _within(units[1], i, j))
+                & (_distance(place, i, j) < _within(units[1], i, j))
             np.minimum.at(out, j[same], i[same])
     while (out[out] != out).any():  # a copy of a copy is one of the first
         out = out[out]
@@ -85,7 +85,7 @@ def _within(unit, i, j):
     return np.where(unit[i] == unit[j], 0.5, 1.0 + 1e-3) * np.maximum(unit[i], unit[j])
 
 
-def _apart(angles, i, j):
+def _distance(angles, i, j):
     first = wrap((angles[0, i] - angles[0, j]) * DEG) / DEG
     return np.maximum(np.abs(first), np.abs(angles[1, i] - angles[1, j]))
 

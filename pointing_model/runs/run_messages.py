@@ -27,10 +27,10 @@ def mount_of(frame):
     ValueError
         It names no mount.
     """
-    head, _, told = frame.partition('/')
-    if head != MOUNT_FRAME or not told:
+    head, _, text = frame.partition('/')
+    if head != MOUNT_FRAME or not text:
         return ALTAZ
-    kind, _, latitude = told.rpartition('@')
+    kind, _, latitude = text.rpartition('@')
     try:
         return parse_mount(kind, float(latitude) * DEG)
     except ValueError as err:

@@ -212,12 +212,12 @@ def _drivers(table, cells, pair, places, args):
 def _said_of_zeros(model, applied, run, wanted):
     """What was done with the zeros that the model carries."""
     from msg_tools.units import ARCSEC
-    from pointing_model.zero import zeros_in_force
+    from pointing_model.zero import active_zeros
     from pointing_model.zero_drift import KEY
-    if not zeros_in_force(model):
+    if not active_zeros(model):
         return []
     if not applied:
-        return [f'the {len(zeros_in_force(model))} zeros that the model carries are not applied '
+        return [f'the {len(active_zeros(model))} zeros that the model carries are not applied '
                 '(--zero none)']
     said = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
                      f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])

@@ -41,7 +41,7 @@ class Pointing:
     Parameters
     ----------
     target : StarTarget or SatelliteTarget
-    active : InForce
+    active : ActiveCalibration
     aim : ndarray, shape (2,)
         By how much to point beside what model and zero say, rad.
     mount : Mount, optional

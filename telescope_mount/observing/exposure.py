@@ -44,7 +44,7 @@ class Exposer:
     outbox
         As of a `Sequencer`.
     instruments : Instruments
-    active : InForce
+    active : ActiveCalibration
     table : Table
     ready : callable
         Gives the steps after which the mount can be commanded.
@@ -138,7 +138,7 @@ class Exposer:
             enc = np.array(centred(*reading, *miss, pointing.beyond))
             second = self._second(stamp, miss, reading, pointing.beyond)
             second_on = self._instruments.absolute_power_on
-            self._active.take_readings(self._instruments.run, enc, second,
+            self._active.update_readings(self._instruments.run, enc, second,
                                          second_on.started if second_on else np.nan)
             if blind:
                 break

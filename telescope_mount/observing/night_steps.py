@@ -70,7 +70,7 @@ class NightSteps:
         Rows of this step that an observer before has taken.
     refusal : str
         The last target that the guard has refused, and why.
-    wanted : Asked or None
+    wanted : StarRequest or None
         The star that the calibration wants.
     outcome : str
         What the last step that reports it has come to.

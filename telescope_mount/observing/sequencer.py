@@ -1,7 +1,7 @@
 """The observing plan as work that waits: what is done step by step, and what each step awaits.
 
-The sequencer knows no ROS. It reads `Instruments` and `InForce`, and gets from whoever runs it, its
-outbox, all else; each new thing to know is followed by `Sequencer.advance`.
+The sequencer knows no ROS. It reads `Instruments` and `ActiveCalibration`, and gets from whoever
+runs it, its outbox, all else; each new thing to know is followed by `Sequencer.advance`.
 """
 
 import math
@@ -51,7 +51,7 @@ class Sequencer:
         - ``refuse_frame(reason)``: count an exposure that cannot be used
         - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
     instruments : Instruments
-    active : InForce
+    active : ActiveCalibration
     table : Table
     memory : NightFile, optional
         Keeps the night beyond the end of the process.
@@ -216,7 +216,7 @@ class Sequencer:
         self.advance()
 
     def take_request(self, wanted):
-        """The star that the calibration wants to distinguish causes, an `Asked`."""
+        """The star that the calibration wants to distinguish causes, an `StarRequest`."""
         self._night.wanted = wanted
         self.advance()
 

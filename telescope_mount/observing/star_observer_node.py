@@ -17,8 +17,8 @@ from msg_tools.node import MountNode
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status import Taken, handover
 from msg_tools.units import DEG
-from pointing_model.active_topics import in_force_of
-from pointing_model.calibration_messages import Asked
+from pointing_model.active_topics import active_calibration_of
+from pointing_model.calibration_messages import StarRequest
 from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, mount_of, sky_of
@@ -78,7 +78,7 @@ class StarObserver(MountNode):
         self._table = NightTable(self._mount, self.value(KEPT_POWER_ONS.name))
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
-        self._active = in_force_of(self, self._active_changed, self._mount)
+        self._active = active_calibration_of(self, self._active_changed, self._mount)
         self._memory = NightFile(self.value('state_file'), self.value(KIND_OF_MOUNT.name))
         self._sequencer = Sequencer(self, self._instruments, self._active, self._table,
                                     self._memory)
@@ -180,7 +180,7 @@ class StarObserver(MountNode):
         self._sequencer.advance()
 
     def _on_lean(self, message):
-        self._active.inclinometer.take(convert.from_stamp(message.header.stamp),
+        self._active.inclinometer.update(convert.from_stamp(message.header.stamp),
                                          (message.vector.x, message.vector.y))
 
     def _look(self):
@@ -227,7 +227,7 @@ class StarObserver(MountNode):
         self._sequencer.calibration_has(taken)
 
     def _on_apart(self, message):
-        self._sequencer.take_request(Asked.read(message.data))
+        self._sequencer.take_request(StarRequest.read(message.data))
 
     def _on_given_back(self, message):
         self._given = message

@@ -397,7 +397,7 @@ def test_an_effect_is_found_on_top_of_terms_and_harmonics(reading):
     assert found.diagnosis.base.names()[-1] == ('sh2' if reading == 'zenith' else 'sh2p')
     series = found.model.harmonics
     assert (series.interpretation, series.degree) == (reading, 2)
-    assert not series.says_as(fitted.harmonics)
+    assert not series.same_as(fitted.harmonics)
     assert found.model.effects and list(found.model.terms) == list(fitted.terms)
     before, after = (found.document[k]['holdout_rms_arcsec'] for k in ('before', 'after'))
     assert before > 1.2 * after and after < 1.5  # the noise is 0.99
@@ -420,11 +420,11 @@ def test_nothing_found_leaves_terms_and_harmonics_as_they_were():
                     harmonics=HarmonicChoice('zenith', False, 1))
     found = night.diagnose(site=SITE)
     assert found.model.effects == () and not found.document['published']
-    assert found.model.harmonics.says_as(night.model.harmonics)
+    assert found.model.harmonics.same_as(night.model.harmonics)
     assert found.model.terms == night.model.terms
     # a fit again is the same model: nothing is there that could be taken back
     night.fit()
-    assert night.diagnose(site=SITE).model.harmonics.says_as(found.model.harmonics)
+    assert night.diagnose(site=SITE).model.harmonics.same_as(found.model.harmonics)
 
 
 def test_to_harmonics_alone_the_tilt_of_the_axis_lacks():
@@ -439,4 +439,4 @@ def test_to_harmonics_alone_the_tilt_of_the_axis_lacks():
     night.add(blind, 10**11)
     judged = night.check_on_blind_stars(SITE)
     assert not judged.document['judged']['taken_back']
-    assert judged.model.harmonics.says_as(found.model.harmonics)
+    assert judged.model.harmonics.same_as(found.model.harmonics)

@@ -23,12 +23,12 @@ NOW = 1_768_482_000_000_000_000
 def test_the_thermometer_is_read_before_the_command():
     thermometer = Gauge()
     assert thermometer.before(NOW, 7.5) == 7.5
-    thermometer.take(NOW, 10.0)
-    thermometer.take(NOW + 100, 11.0)
+    thermometer.update(NOW, 10.0)
+    thermometer.update(NOW + 100, 11.0)
     assert thermometer.before(NOW, 7.5) == 7.5
     assert thermometer.before(NOW + 1, 7.5) == thermometer.before(NOW + 100, 7.5) == 10.0
     assert thermometer.before(NOW + 101, 7.5) == 11.0
-    thermometer.take(NOW + 50, 9.0)  # the simulation started anew
+    thermometer.update(NOW + 50, 9.0)  # the simulation started anew
     assert thermometer.before(NOW + 101, 7.5) == 9.0
 
 

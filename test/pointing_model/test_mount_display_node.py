@@ -7,7 +7,7 @@ from visualization_msgs.msg import Marker
 
 from msg_tools import convert, topics
 from pointing_model.mount_display_node import LOOKS, SENT, MountDisplay
-from pointing_model.mount_shape import STANDS, parts_of, urdf
+from pointing_model.mount_shape import PIER, parts_of, urdf
 from pointing_model.mounts import parse_mount
 
 MOUNT = parse_mount('german', np.radians(34.3))
@@ -29,7 +29,7 @@ def test_the_mount_its_boresight_and_its_star_are_drawn(graph):
     readings.publish(convert.joint_state(10**9, [np.nan] * 2, names=NAMES))
     requests.publish(convert.trajectory(10**9, [0.0], [[1.0, 0.5]], [[0.0, 0.0]], NAMES))
     graph.wait_for(lambda: SENT in last() and last()[SENT].action == Marker.ADD)
-    standing = [part for part in parts_of(MOUNT) if part.link == STANDS]
+    standing = [part for part in parts_of(MOUNT) if part.link == PIER]
     assert not joints and len(last()) == len(standing) + 2
     assert last()[LOOKS].action == Marker.DELETE
     star = last()[SENT].pose.position

@@ -7,7 +7,7 @@ import pytest
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import NO_ZERO, RunZero, Zeros, zero_in_force, zeros_in_force
+from pointing_model.zero import NO_ZERO, RunZero, Zeros, active_zero, active_zeros
 
 ZEROS = Zeros([RunZero(1.0, 2.0, run=1), RunZero(3.0, 4.0, run=2)])
 
@@ -73,8 +73,8 @@ def test_the_documents_are_those_of_ever():
 
 def test_the_zero_that_a_model_went_with():
     model = PointingModel({}, provenance={'zeros_in_force': ZEROS.to_list()})
-    assert list(zeros_in_force(model)) == [1, 2] and zero_in_force(model).run == 2
-    np.testing.assert_allclose(zero_in_force(model).angles, [3.0, 4.0], rtol=1e-15)
+    assert list(active_zeros(model)) == [1, 2] and active_zero(model).run == 2
+    np.testing.assert_allclose(active_zero(model).angles, [3.0, 4.0], rtol=1e-15)
     for unknown in (None, PointingModel({}), PointingModel({}, provenance={
             'zeros_in_force': 'none'})):
-        assert zeros_in_force(unknown) == {} and zero_in_force(unknown) is NO_ZERO
+        assert active_zeros(unknown) == {} and active_zero(unknown) is NO_ZERO

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC
-from pointing_model.active_calibration import InForce
+from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import RunZero
@@ -91,8 +91,8 @@ def in_force(zero=(5.0, 6.0)):
     model = PointingModel({'IE': 40.0 * ARCSEC}, provenance={
         KEY: ELEVATION.document(),
         'zeros_in_force': [{'run': 1, 'az_arcsec': 5.0, 'el_arcsec': 6.0}]})
-    out = InForce(model)
-    out.take_zero(1, RunZero(*np.array(zero) * ARCSEC, np.eye(2) * ARCSEC**2, 1))
+    out = ActiveCalibration(model)
+    out.update_zero(1, RunZero(*np.array(zero) * ARCSEC, np.eye(2) * ARCSEC**2, 1))
     return out
 
 
@@ -103,7 +103,7 @@ def test_the_zero_in_force_follows_between_stars():
     standing = now.encoder(az, el)
     incremental, absolute, moved = readings()
     for k in range(3):
-        now.take_readings(1, incremental[:, k], absolute[:, k])
+        now.update_readings(1, incremental[:, k], absolute[:, k])
         np.testing.assert_allclose(
             (now.zero_now - now.zero.angles) / ARCSEC, [0.0, moved[k] / ARCSEC], atol=1e-6)
         np.testing.assert_allclose(
@@ -111,14 +111,14 @@ def test_the_zero_in_force_follows_between_stars():
     assert f'elevation by {moved[2] / ARCSEC:+.2f} arcsec' in now.following()
     np.testing.assert_allclose(now.zero_sigma / ARCSEC, [1.0, np.hypot(1.0, 0.5)])
     # a reading that is none changes nothing
-    now.take_readings(1, incremental[:, 0], absolute[:, 0] * np.nan)
+    now.update_readings(1, incremental[:, 0], absolute[:, 0] * np.nan)
     assert f'elevation by {moved[2] / ARCSEC:+.2f} arcsec' in now.following()
 
 
 def test_a_zero_of_another_model_does_not_follow():
     now = in_force(zero=(350.0, 6.0))
     incremental, absolute, _ = readings()
-    now.take_readings(1, incremental[:, 0], absolute[:, 0])
+    now.update_readings(1, incremental[:, 0], absolute[:, 0])
     assert not now.follows and now.following() == ''
     np.testing.assert_array_equal(now.zero_now, now.zero.angles)
     np.testing.assert_allclose(now.zero_sigma / ARCSEC, 1.0)
@@ -141,12 +141,12 @@ def test_a_power_on_of_the_absolute_encoder_stops_it():
         KEY: json.loads(json.dumps(follows.document()))}))
     assert again.axes['el'].starts == {1: 1000.5}
 
-    now = InForce(PointingModel({}, provenance={KEY: follows.document()}))
-    now.take_zero(1, RunZero(0.0, 0.0, np.eye(2) * ARCSEC**2, 1))
+    now = ActiveCalibration(PointingModel({}, provenance={KEY: follows.document()}))
+    now.update_zero(1, RunZero(0.0, 0.0, np.eye(2) * ARCSEC**2, 1))
     incremental, absolute, moved = readings()
-    now.take_readings(1, incremental[:, 0], absolute[:, 0], 1000.5)
+    now.update_readings(1, incremental[:, 0], absolute[:, 0], 1000.5)
     assert now.complaints() == []
-    now.take_readings(1, incremental[:, 1], absolute[:, 1] + 60.0 * ARCSEC, 2000.0)
+    now.update_readings(1, incremental[:, 1], absolute[:, 1] + 60.0 * ARCSEC, 2000.0)
     np.testing.assert_allclose(now.zero_now[1] / ARCSEC, moved[0] / ARCSEC, atol=1e-6)
     assert now.following().startswith('absolute encoder: stopped, it was switched off and on')
     (complaint,) = now.complaints()
@@ -157,21 +157,21 @@ def test_streams_of_both_encoders_are_paired_where_the_mount_is_slow():
     both = Difference()
     tick = 10**8
     for k in range(5):
-        both.take_incremental(k * tick, np.array([1.0 + 1e-6 * k, 0.5]))
+        both.update_incremental(k * tick, np.array([1.0 + 1e-6 * k, 0.5]))
     assert both.incremental is None
-    both.take_absolute(2 * tick + tick // 2, np.array([0.9, 0.4]))  # between two of the other
+    both.update_absolute(2 * tick + tick // 2, np.array([0.9, 0.4]))  # between two of the other
     np.testing.assert_allclose(both.incremental, [1.0 + 2.5e-6, 0.5])
     np.testing.assert_array_equal(both.absolute, [0.9, 0.4])
-    both.take_absolute(6 * tick, np.array([0.7, 0.4]))  # not there yet
+    both.update_absolute(6 * tick, np.array([0.7, 0.4]))  # not there yet
     assert both.absolute[0] == 0.9
-    both.take_incremental(6 * tick, np.array([1.5, 0.5]))  # and then in a slew
+    both.update_incremental(6 * tick, np.array([1.5, 0.5]))  # and then in a slew
     assert both.absolute[0] == 0.9
-    both.take_incremental(7 * tick, np.array([1.5, 0.5]))
-    both.take_absolute(7 * tick, np.array([1.4, np.nan]))
+    both.update_incremental(7 * tick, np.array([1.5, 0.5]))
+    both.update_absolute(7 * tick, np.array([1.4, np.nan]))
     assert both.absolute[0] == 0.9
-    both.take_absolute(7 * tick, np.array([1.4, 0.4]))
+    both.update_absolute(7 * tick, np.array([1.4, 0.4]))
     assert both.absolute[0] == 1.4
-    both.take_incremental(tick, np.array([1.0, 0.5]))  # the clock began anew
-    both.take_incremental(2 * tick, np.array([1.0, 0.5]))
-    both.take_absolute(2 * tick, np.array([0.8, 0.4]))
+    both.update_incremental(tick, np.array([1.0, 0.5]))  # the clock began anew
+    both.update_incremental(2 * tick, np.array([1.0, 0.5]))
+    both.update_absolute(2 * tick, np.array([0.8, 0.4]))
     assert both.absolute[0] == 0.8

@@ -8,7 +8,7 @@ import numpy as np
 
 from msg_tools.status import Taken
 from msg_tools.units import ARCSEC
-from pointing_model.active_calibration import InForce
+from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
@@ -72,7 +72,7 @@ class Bench:
         self.statuses, self.refused, self.pending = [], [], None
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
-        self.in_force, self.table = InForce(mount=kind), NightTable(kind, power_ons)
+        self.in_force, self.table = ActiveCalibration(mount=kind), NightTable(kind, power_ons)
         self.plan = Sequencer(
             self, self.instruments, self.in_force, self.table, memory, looks=0.0)
         if homed:
@@ -190,12 +190,12 @@ class Bench:
         self.plan.calibration_has(Taken(len(self.rows)))
 
     def takes_model(self, stamp, zeros=()):
-        self.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
+        self.in_force.update_model(PointingModel({'IA': 0.0}, provenance={
             'last_stamp_ns': stamp, 'zeros_in_force': list(zeros)}).to_json())
         self.plan.pointing_changed()
 
     def takes_zero(self, stamp, *angles):
-        self.in_force.take_zero(stamp, RunZero(*angles))
+        self.in_force.update_zero(stamp, RunZero(*angles))
         self.plan.pointing_changed()
 
 

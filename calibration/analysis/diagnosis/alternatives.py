@@ -127,14 +127,14 @@ def near_alternatives(problem, choice, i):
             or own.delta_bic < LARGE * max(s.delta_bic for s in choice.significances)):
         return []
     bank = problem.dictionary
-    taken = {bank.effects[k].cause_told for k in (one.group, *own.equals)}
-    taken |= {c.effect(problem).cause_told for c in choice.chosen}
+    taken = {bank.effects[k].cause_summary for k in (one.group, *own.equals)}
+    taken |= {c.effect(problem).cause_summary for c in choice.chosen}
     shares = signal_shares(problem, choice, i)
     out = {}
     for g in np.argsort(-shares, kind='stable'):
         if shares[g] < NEAR:
             break
-        cause = bank.effects[g].cause_told
+        cause = bank.effects[g].cause_summary
         if cause not in taken and np.isfinite(own.every[g]):
             out.setdefault(cause, int(g))
     return list(out.values())
@@ -158,8 +158,8 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions):
     """`AlternativeModel` to a found effect; None where it does not hold so."""
     bank, own, other = problem.dictionary, choice.chosen[i], CandidateGroup(g)
     # the found one and its other alternatives would only share the lead
-    causes = {bank.effects[k].cause_told for k in (own.group, *near) if k != g}
-    out = [*(CandidateGroup(k) for k, e in enumerate(bank.effects) if e.cause_told in causes),
+    causes = {bank.effects[k].cause_summary for k in (own.group, *near) if k != g}
+    out = [*(CandidateGroup(k) for k, e in enumerate(bank.effects) if e.cause_summary in causes),
            *choice.dropped_by_cv]
     if other in out:
         return None
@@ -283,7 +283,7 @@ def alternatives(problem, choice, choices):
         return [[] for _ in choice.chosen]
     alone = problem.dictionary.score(problem.plain.fit([]), gains_only=True).delta_bic
     lines = [{e.line for e in some} for some in choices]
-    taken = {c.effect(problem).cause_told for c in choice.chosen}
+    taken = {c.effect(problem).cause_summary for c in choice.chosen}
     return [_to_one(problem, choice, i, alone, lines, taken) if c.plain else []
             for i, c in enumerate(choice.chosen)]
 
@@ -291,19 +291,19 @@ def alternatives(problem, choice, choices):
 def _to_one(problem, choice, i, alone, lines, taken):
     one, stand, bank = choice.chosen[i], choice.significances[i], problem.dictionary
     own = bank.effects[one.group]
-    taken = taken | {bank.effects[k].cause_told for k in stand.equals}
+    taken = taken | {bank.effects[k].cause_summary for k in stand.equals}
     limit, out = alone.max(initial=0.0) - SET_WIDTH, {}
     for g in np.flatnonzero(signal_shares(problem, choice, i) >= _MOST):
         e = bank.effects[g]
-        if e.kind != 'effect' or e.cause_told in taken or not np.isfinite(stand.every[g]):
+        if e.kind != 'effect' or e.cause_summary in taken or not np.isfinite(stand.every[g]):
             continue
         if not min(alone[g], alone[one.group]) > max(limit, 0.0):
             continue
         instead = sum(e.line in some and own.line not in some for some in lines)
         behind = min(stand.delta_bic - stand.every[g], stand.behind.get(int(g), np.inf))
-        known = out.get(e.cause_told)
+        known = out.get(e.cause_summary)
         if known is None or stand.every[g] > stand.every[known.group]:
-            out[e.cause_told] = Alternative(int(g), {
+            out[e.cause_summary] = Alternative(int(g), {
                 **cause_entry(e, float(stand.every[g])), 'behind': float(behind),
                 'alone': float(alone[g]), 'found_alone': float(alone[one.group]),
                 'instead': instead, 'folds': len(lines),

@@ -144,7 +144,7 @@ def not_taken(context):
     """Finding on the columns of a Context that are not taken as causes."""
     names = context.left_out()
     return Finding('columns not taken', evidence={
-        'columns': [*map(context.said, names)],
+        'columns': [*map(context.wording, names)],
         # of TPOINT, which does not name them
         'unnamed': any(name.startswith('auxiliary_') for name in names)})
 
@@ -329,7 +329,7 @@ def _assemble(run, choice, fits, models, chance, fit):
         for e, gain in gradual:
             one.alternatives.append(e.name)
             one.other_causes.append(e.name)
-            if e.cause_told not in [cause['cause'] for cause in one.causes]:
+            if e.cause_summary not in [cause['cause'] for cause in one.causes]:
                 one.causes.append(cause_entry(e, gain))
         one.causes.sort(key=lambda cause: (cause['more_effects'] > 0, -cause['delta_bic']))
         beside += [_beside(f.effect, other, others, *larger.get(other, ()))

@@ -269,7 +269,7 @@ def diagnosed_effect(fitted, significance, columns, effects, group):
 
 def cause_entry(e, delta_bic, names=None):
     """Entry of `DiagnosedEffect.causes` for an effect, with its own name unless others are told."""
-    return {'cause': e.cause_told, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
+    return {'cause': e.cause_summary, 'shape': e.shape, 'driver': e.driver, 'axes': e.axes,
             'look_at': e.look_at, 'effort': e.effort,
             'only_shape': e.only_shape, 'effects': [e.name] if names is None else list(names),
             'delta_bic': delta_bic, 'more_effects': 0}
@@ -280,7 +280,7 @@ def _causes(effects, delta_bic, groups):
     out = {}
     for k in sorted(groups, key=lambda k: -delta_bic[k]):
         e = effects[k]
-        one = out.setdefault(e.cause_told, cause_entry(e, float(delta_bic[k]), ()))
+        one = out.setdefault(e.cause_summary, cause_entry(e, float(delta_bic[k]), ()))
         if e.name not in one['effects']:
             one['effects'].append(e.name)
     return list(out.values())

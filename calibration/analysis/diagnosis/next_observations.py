@@ -66,14 +66,15 @@ def propose(problem, obs, base, choice, alternatives=None):
     for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
         others = [c.effect(problem) for j, c in enumerate(choice.chosen) if j != i]
         bank, group = one.family(problem, choice.chosen)
-        own = bank.effects[group].cause_told
+        own = bank.effects[group].cause_summary
         look_at = bank.effects[group].look_at
         # what people are told as another cause, and look for elsewhere, comes first, what takes
         # more effects last
         rivals = [] if one.curve else sorted(
             [*stand.equals, *(alternatives[i] if alternatives else ())],
             key=lambda k, bank=bank, own=own, look_at=look_at, more=stand.larger: (
-                bank.effects[k].cause_told == own, bank.effects[k].look_at == look_at, k in more))
+                bank.effects[k].cause_summary == own, bank.effects[k].look_at == look_at,
+                k in more))
         for rival in rivals[:_MOST_EQUALS]:
             *pair, shared = _members(problem, one.effect(problem), others, bank.effects[rival],
                                      stand.others.get(rival))
@@ -85,9 +86,9 @@ def propose(problem, obs, base, choice, alternatives=None):
                 break
         else:
             tried = [bank.effects[k] for k in rivals[:_MOST_EQUALS]]
-            if tried and tried[0].cause_told != own:
+            if tried and tried[0].cause_summary != own:
                 none.append([one.effect(problem).name, *dict.fromkeys(
-                    e.name for e in tried if e.cause_told != own)])
+                    e.name for e in tried if e.cause_summary != own)])
     return out, none
 
 

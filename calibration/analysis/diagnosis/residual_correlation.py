@@ -142,7 +142,7 @@ def correlation_entry(found, problem, context, chosen, residual):
             'removes_rms_arcsec': beyond_terms(
                 problem, slow_noise(problem, chosen, found.axes), chosen),
             'like': list(dict.fromkeys(e.name for e in effects)),
-            'explained_by': [{'cause': e.cause_told, 'driver': e.driver,
+            'explained_by': [{'cause': e.cause_summary, 'driver': e.driver,
                               'curve': e.kind == 'smooth'} for e in effects],
             'slow': bool(slow), 'along_the_sky': along_the_sky(context, sequence),
             'within_deg': seen.within, 'pairs': seen.pairs()}

@@ -17,7 +17,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
-from pointing_model.mounts import told
+from pointing_model.mounts import mount_wording
 from pointing_model.terms import design
 
 from ...estimation.gaussian_sum import GaussianSum
@@ -89,8 +89,8 @@ class Tracker:
                  rate_weights=None):
         settings = settings or TrackingSettings()
         if mount is not None and not mount.agrees(model.mount):
-            raise ValueError(f'a model of another mount ({told(model.mount)}) than the one that '
-                             f'is observed ({told(mount)}); fit this mount')
+            raise ValueError(f'a model of another mount ({mount_wording(model.mount)}) than the '
+                             f'one that is observed ({mount_wording(mount)}); fit this mount')
         unknown = [name for name in sensors if name not in SENSORS]
         if unknown:
             raise ValueError(f'unknown sensor {unknown[0]!r}; choose from {", ".join(SENSORS)}')

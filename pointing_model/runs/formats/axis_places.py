@@ -69,8 +69,8 @@ def observe_places(path, table, weather, origin, mount):
                 az[ok], el[ok] = equinox.which_fits(
                     table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)
         except ValueError as error:
-            said = str(error)
-            raise ValueError(said if said.startswith(str(path)) else f'{path}: {said}') from None
+            text = str(error)
+            raise ValueError(text if text.startswith(str(path)) else f'{path}: {text}') from None
     meta.pop('equinox', None)
     columns['az'], columns['el'] = (np.pi - az if origin == 'S' else az), el
     meta['from_horizon'] = True
@@ -101,7 +101,7 @@ def mount_ascension(path, table):
         meta['notes'].append(f'ra_enc_deg left out: {table.label("az_enc")} is taken')
         return
     if 'lst_h' in columns:
-        lst, said = columns['lst_h'] * (np.pi / 12.0), 'lst_h'
+        lst, text = columns['lst_h'] * (np.pi / 12.0), 'lst_h'
     else:
         if not meta.get('time_is_utc', True):
             raise ValueError(f'{path}: ra_enc_deg needs time in UTC, or a column lst_h')
@@ -110,19 +110,19 @@ def mount_ascension(path, table):
         known = np.isfinite(time)
         lst = np.full(len(time), np.nan)
         lst[known] = sidereal_time(time[known], site)
-        said = f'the time at longitude {site.longitude / DEG:.6g} deg'
+        text = f'the time at longitude {site.longitude / DEG:.6g} deg'
         meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
     columns['az_enc'] = wrap(lst - ascension)
     meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as of date, and '
-                         f'the sidereal time by {said}')
+                         f'the sidereal time by {text}')
 
 
 def _note_clock(meta, site):
     """A note of how a sidereal clock became moments; `site` None: its longitude is not told."""
-    told = meta.pop('time_note', None)
-    if told is None:
+    given = meta.pop('time_note', None)
+    if given is None:
         return
-    meta['notes'].append(told + (
+    meta['notes'].append(given + (
         f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
         ', at longitude 0, for none is given: the order of the rows and the time between them are '
         'right, the hour of UTC is not, and places of the sky are off by up to 1 arcsec '
@@ -137,9 +137,9 @@ def _whole_site(path, meta, clock_tells):
     ValueError
         It is not told.
     """
-    told = known_site(meta)
+    given = known_site(meta)
     needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
-    missing = [name for name in needed if name not in told]
+    missing = [name for name in needed if name not in given]
     if missing:
         raise ValueError(f'{path}: right ascensions need the site, and its '
                          f'{" and ".join(missing)} is not told: comments '
@@ -147,7 +147,7 @@ def _whole_site(path, meta, clock_tells):
                          + f', or {" ".join(f"--{name} DEG" for name in missing)}')
     from pointing_model.sky.places import Site
     # with a sidereal clock the longitude only says which moment of the day it is
-    return Site(told['latitude'], told.get('longitude', 0.0), told.get('height', 0.0))
+    return Site(given['latitude'], given.get('longitude', 0.0), given.get('height', 0.0))
 
 
 def to_axes(path, table, mount):
@@ -314,24 +314,24 @@ def _keep_written(path, table, pairs, side, mount):
 def _air(columns, rows, site, weather, meta):
     """Weather of each row: its own columns, else what was given, else a standard atmosphere."""
     from pointing_model.sky.places import Weather
-    told = meta.get('weather')
-    if weather is None and told:
-        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **told})
-        said = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
+    given = meta.get('weather')
+    if weather is None and given:
+        weather = Weather(**{'pressure_hpa': standard_pressure(site.height), **given})
+        text = (f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C, as the '
                 'file says')
     elif weather is None:
         pressure = standard_pressure(site.height)
         weather = Weather(pressure_hpa=pressure, temperature_c=10.0)
-        said = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
+        text = f'refraction for {pressure:.0f} hPa, 10 C (standard atmosphere at the site)'
     else:
-        said = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
+        text = f'refraction for {weather.pressure_hpa:g} hPa, {weather.temperature_c:g} C'
     own = {}
     for name, column in (('pressure_hpa', 'pressure'), ('temperature_c', 'temperature')):
         values = columns.get(column, np.full(len(rows), np.nan))[rows]
         own[name] = np.where(np.isfinite(values), values, getattr(weather, name))
         if np.isfinite(values).any():
-            said += f', in its place {column_name(column)} where the file has it'
-    meta['notes'].append(said)
+            text += f', in its place {column_name(column)} where the file has it'
+    meta['notes'].append(text)
     return Weather(humidity=weather.humidity, wavelength_um=weather.wavelength_um, **own)
 
 

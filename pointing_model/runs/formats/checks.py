@@ -164,13 +164,13 @@ def blank_absurd(table):
         absurd = (table.reasons == 0) & np.isfinite(values) & ((values < low) | (values > high))
         if not absurd.any():
             continue
-        said = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
+        text = f'{table.label(name)} is outside {low:g} to {high:g} {unit}'.strip()
         if name in SPECIAL or name in ('sigma_x', 'sigma_y'):
-            table.exclude(absurd, said)
+            table.exclude(absurd, text)
             continue
         table.columns[name] = np.where(absurd, np.nan, values)
         i = int(np.argmax(absurd))
-        table.meta['notes'].append(f'{said} in {absurd.sum()} of {len(values)} rows, first in row '
+        table.meta['notes'].append(f'{text} in {absurd.sum()} of {len(values)} rows, first in row '
                                    f'{table.lines[i]} ({values[i]:g}): taken as not measured')
 
 

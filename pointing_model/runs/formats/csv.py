@@ -146,9 +146,9 @@ def _take_own(table, header_name, cells, columns, meta):
     """A column of the user's own; its rows stand without it, so a bad cell is unknown."""
     bad = [i for i, cell in enumerate(decimal_points(cells))
            if cell.lower() not in UNKNOWN and not is_number(cell)]
-    said = bad and f'(row {table.lines[bad[0]]}: {cells[bad[0]][:40]!r})'
+    text = bad and f'(row {table.lines[bad[0]]}: {cells[bad[0]][:40]!r})'
     if 2 * len(bad) > sum(map(bool, cells)):
-        meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {said}')
+        meta['notes'].append(f'column {header_name[:40]!r} left out: it is not numeric {text}')
         return
     known = np.array(cells, dtype=object)
     known[bad] = ''
@@ -158,7 +158,7 @@ def _take_own(table, header_name, cells, columns, meta):
     columns[own] = values
     if bad:
         meta['notes'].append(f'column {header_name[:40]!r} is not a number in {len(bad)} of '
-                             f'{len(cells)} rows: unknown there {said}')
+                             f'{len(cells)} rows: unknown there {text}')
 
 
 def _one_source(columns, meta, names):
@@ -192,16 +192,16 @@ def _require(path, header, encoder, names):
     missing = [name for name in required if name not in header]
     if not missing:
         return
-    said = []
+    absent = []
     for name in missing:
         near = hints.closest(name, [h for h in header if h not in required])
-        said.append(f'{name} (closest: {near[:40]})' if near else name)
+        absent.append(f'{name} (closest: {near[:40]})' if near else name)
     hint = hints.offsets(header) if set(readings) & set(missing) else ''
     second = [column_name(f'{axis}_abs', names) for axis in ('az', 'el')]
     if pair != 'abs' and set(second) <= set(header):
         hint += f"; encoder 'abs' reads {', '.join(second)} in their place"
     there = ', '.join(h[:40] for h in header[:40])
-    raise ValueError(f'{path}: no column {", ".join(said)}; the file has {there}{hint}')
+    raise ValueError(f'{path}: no column {", ".join(absent)}; the file has {there}{hint}')
 
 
 def _numbers_or_text(cells):
@@ -243,12 +243,12 @@ def _refuse_other_units(table, values, meta):
     gap = (known[-1] - known[0]) / (len(known) - 1)
     unit = 'Julian days' if known[0] > 2.4e6 else 'days (MJD)' if known[0] > 3e4 \
         else 'hours' if known[-1] <= 48.0 else 'days'
-    said = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
+    text = f'rows are {gap:.2g} s apart on average; seconds are expected: is this {unit}?'
     if gap < _TOO_CLOSE:
         raise ValueError(f'{table.path}, column time, rows {table.lines[finite][0]} to '
-                         f'{table.lines[finite][-1]}: {said} Give seconds or ISO 8601')
+                         f'{table.lines[finite][-1]}: {text} Give seconds or ISO 8601')
     if gap < _CLOSE or np.median(np.diff(known)) < _TOO_CLOSE:
-        meta['notes'].append(f'time: {said}')
+        meta['notes'].append(f'time: {text}')
 
 
 # ------------------------------------------------------------------------------------- writing
@@ -341,11 +341,11 @@ def write_csv(run, path, *, plain=False):
     # a row that begins with the comment sign would be lost
     quoting = csv.QUOTE_NONNUMERIC if any(t.startswith('#') for t in texts) else csv.QUOTE_MINIMAL
     with beside(path) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
-        stream.writelines(f'# {line}\n' for line in _told_of(run))
+        stream.writelines(f'# {line}\n' for line in _declarations(run))
         write_rows(stream, [header, *zip(*columns)], quoting=quoting)
 
 
-def _told_of(run):
+def _declarations(run):
     """Comments by which `read_csv` knows mount and site."""
     mount = run.mount
     if mount.vertical:

@@ -20,7 +20,7 @@ from pointing_model.terms import stacked_design, terms_of
 #: the equinoxes that are tried; the first is taken where the rows do not tell
 J2000, OF_DATE = 'J2000', 'of date'
 #: log-likelihood by which one must be likelier than the other
-TOLD = 10.0
+DECISIVE = 10.0
 _ROWS = 1000  # that are judged, evenly, of many
 _MODES = 6  # of the random walk of each axis
 _LEAST_NOISE = 0.5  # arcsec
@@ -37,7 +37,7 @@ def which_fits(table, rows, icrs, of_date, mount):
     ----------
     table : Table
         With the readings, radians. A note says what was decided, and by how much;
-        ``meta['equinox_taken']`` holds it, see `judged`.
+        ``meta['equinox_taken']`` holds it, see `comparison`.
     rows : ndarray of bool, shape (n,)
         Those that the places are of.
     icrs : tuple of ndarray
@@ -58,13 +58,13 @@ def which_fits(table, rows, icrs, of_date, mount):
     time = np.broadcast_to(time, np.shape(ra))
     ways = {J2000: icrs,
             OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
-    found = judged(ways, reading, time, mount)
+    found = comparison(ways, reading, time, mount)
     table.meta['equinox_taken'] = found
     table.meta['notes'].append(sentence(found))
     return ways[found['taken']]
 
 
-def judged(ways, reading, time, mount):
+def comparison(ways, reading, time, mount):
     """Which equinox the rows tell.
 
     Parameters
@@ -93,11 +93,11 @@ def judged(ways, reading, time, mount):
     numbers = np.flatnonzero(good)
     numbers = numbers[np.linspace(0, len(numbers) - 1, min(len(numbers), _ROWS)).astype(int)] \
         if len(numbers) else numbers
-    told = {'taken': default, 'other': other, 'told': False, 'likelier': default,
+    found = {'taken': default, 'other': other, 'told': False, 'likelier': default,
             'log_likelihood': 0.0, 'left_arcsec': {}, 'polar_axis_arcsec': {}}
     names = mount.names.physical
     if len(numbers) <= len(names):
-        return told
+        return found
     ways = {name: _Way(place[:, numbers], reading[:, numbers], time[numbers], mount)
             for name, place in places.items()}
     weights = np.ones(len(numbers))
@@ -107,18 +107,18 @@ def judged(ways, reading, time, mount):
         # a row that stands apart with one equinox alone may be what tells them apart
         weights = np.max([way.weights() for way in ways.values()], axis=0)
     gain = float(ways[other].misfit - ways[default].misfit)
-    told['likelier'], told['log_likelihood'] = (default if gain >= 0.0 else other), abs(gain)
-    told['told'] = abs(gain) >= TOLD
-    if told['told'] and gain < 0.0:
-        told['taken'], told['other'] = other, default
+    found['likelier'], found['log_likelihood'] = (default if gain >= 0.0 else other), abs(gain)
+    found['told'] = abs(gain) >= DECISIVE
+    if found['told'] and gain < 0.0:
+        found['taken'], found['other'] = other, default
     for name, way in ways.items():
         alone, left = way.terms_alone()
-        told['left_arcsec'][name] = left
+        found['left_arcsec'][name] = left
         polar = {term: alone[term] / ARCSEC for term in names
                  if mount.names.terms[term][0] in ('AN', 'AW')}
         if max(map(abs, alone.values())) < _FAR:
-            told['polar_axis_arcsec'][name] = polar
-    return told
+            found['polar_axis_arcsec'][name] = polar
+    return found
 
 
 def sentence(found):
@@ -127,22 +127,22 @@ def sentence(found):
     Parameters
     ----------
     found : dict
-        As `judged` gives it.
+        As `comparison` gives it.
 
     Returns
     -------
     str
     """
-    said = 'the file does not say the equinox of its catalogue: '
+    text = 'the file does not say the equinox of its catalogue: '
     left = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in found['left_arcsec'].items())
     left = f'the physical terms alone leave (median) {left}' if left else 'they are too few'
     by = (f'{found["likelier"]} is likelier by a log-likelihood of '
           f'{found["log_likelihood"]:.1f} with wandering zeros and other terms in the model')
     if found['told']:
-        return f'{said}taken as {found["taken"]}; {by}, and {left}'
-    out = (f'{said}the rows do not tell it, taken as {found["taken"]}, which is a guess; {left}')
+        return f'{text}taken as {found["taken"]}; {by}, and {left}'
+    out = (f'{text}the rows do not tell it, taken as {found["taken"]}, which is a guess; {left}')
     if found['left_arcsec']:
-        out += f'; {by} ({TOLD:g} would tell)'
+        out += f'; {by} ({DECISIVE:g} would tell)'
     return f'{out}{_moved(found)}. Say it with --equinox j2000 or --equinox date'
 
 

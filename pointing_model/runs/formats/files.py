@@ -107,9 +107,9 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     except ValueError as error:
         # names and cells of a foreign file may hold anything
         text = ''.join(c if c.isprintable() else '?' for c in str(error))
-        said = type(error)(text)
-        said.__dict__.update(error.__dict__)
-        raise said from None
+        renewed = type(error)(text)
+        renewed.__dict__.update(error.__dict__)
+        raise renewed from None
 
 
 def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
@@ -152,8 +152,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
 def _settle_mount(path, table, given):
     """The mount, of what is given, of what the file tells, or by the names of its columns."""
     meta = table.meta
-    told = meta.pop('mount_told', None)
-    mount = given or told
+    declared = meta.pop('mount_told', None)
+    mount = given or declared
     if mount is None and table.names is ALTAZ.names:
         return ALTAZ
     if not isinstance(mount, Mount):
@@ -226,19 +226,20 @@ def swap_encoders(path, columns, meta):
 
 
 def _settle_origin(given, meta, of_azimuths):
-    told = meta.pop('told_origin', None)
-    meta['azimuth_origin'] = given or told or 'N'
+    declared = meta.pop('told_origin', None)
+    meta['azimuth_origin'] = given or declared or 'N'
     if not of_azimuths:
         meta['azimuth_origin'] = 'N'
         return
-    if told and given and told != given:
-        meta['notes'].append(f'the file says that azimuth 0 is {told}, it was read with {given}')
-    elif meta['format'] == 'tpoint' and not (told or given):
+    if declared and given and declared != given:
+        meta['notes'].append(f'the file says that azimuth 0 is {declared}, it was read with '
+                             f'{given}')
+    elif meta['format'] == 'tpoint' and not (declared or given):
         meta['notes'].append('azimuth taken from north through east: the file does not say')
     elif meta['format'] == 'tpoint':
         meta['notes'].append(
             'azimuth taken from ' + {'N': 'north', 'S': 'south'}[meta['azimuth_origin']]
-            + ' through east, as ' + ('the file says' if told else 'it was asked for'))
+            + ' through east, as ' + ('the file says' if declared else 'it was asked for'))
 
 
 def _settle_equinox(path, table, given):
@@ -252,10 +253,10 @@ def _settle_equinox(path, table, given):
     if 'ra_deg' not in table.columns:
         raise ValueError(f'{path}: an equinox is of right ascensions and declinations of a '
                          'catalogue, and this file has none; leave out --equinox')
-    frame, told = EQUINOXES[given], table.meta.get('sky_frame')
-    if told is not None and told != frame:
-        table.meta['notes'].append(f'the file says that its places are {told.text}, they were read '
-                                   f'as {frame.text}')
+    frame, declared = EQUINOXES[given], table.meta.get('sky_frame')
+    if declared is not None and declared != frame:
+        table.meta['notes'].append(f'the file says that its places are {declared.text}, they were '
+                                   f'read as {frame.text}')
     table.meta['sky_frame'] = frame
 
 

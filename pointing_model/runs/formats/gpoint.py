@@ -73,8 +73,8 @@ def read(path, lines):
             and -500.0 <= height <= 10000.0):
         raise ValueError(f'{path}, row {heads[0][0]}: longitude, latitude (degrees), height (m) '
                          f'{" ".join(place)[:60]!r} are out of range')
-    told = declarations(path, lines)
-    meta = {'format': 'gpoint', **told, 'site': {
+    declared = declarations(path, lines)
+    meta = {'format': 'gpoint', **declared, 'site': {
         'latitude': latitude * DEG, 'longitude': longitude * DEG, 'height': height}}
     altaz = kind == 'altaz'
     names = _NAMES_ALTAZ if altaz else _NAMES

@@ -93,7 +93,7 @@ def _guess(columns):
         if at < len(columns) and holds(columns[at]):
             names, at = [*names, name], at + 1
     numeric = [np.array(c, float) if all(map(is_number, c)) else None for c in columns[at:at + 4]]
-    pair, said, mount = ('az', 'el'), '', []
+    pair, text, mount = ('az', 'el'), '', []
     if len(numeric) == 4 and not any(c is None for c in numeric):
         first, second, third, fourth = numeric
         with np.errstate(invalid='ignore'):
@@ -105,17 +105,17 @@ def _guess(columns):
                 mount = ['# mount: german', '# latitude_deg: ...']
             if not any(near) and max(np.nanmax(np.abs(third)), np.nanmax(np.abs(fourth))) < max(
                     np.nanmax(np.abs(first)), 1.0) * 60.0 and np.nanmedian(away) > _SMALL:
-                said = ('assumed from their ranges: places in degrees, then offsets in arcsec')
+                text = ('assumed from their ranges: places in degrees, then offsets in arcsec')
                 names += [f'{axis}_deg' for axis in pair] + ['x_arcsec', 'y_arcsec']
-        if not said:
+        if not text:
             names += [f'{axis}{part}_deg' for part in ('', '_enc') for axis in pair]
-            said = ('assumed from their ranges: places, then what the encoders read, in degrees')
+            text = ('assumed from their ranges: places, then what the encoders read, in degrees')
     else:
         names += ['az_deg', 'el_deg', 'az_enc_deg', 'el_enc_deg']
     for i, column in enumerate(columns[len(names):], len(names)):
         side = {cell.lower().removeprefix('pier') for cell in column} <= {'east', 'west', 'e', 'w'}
         names.append('pier_side' if side else f'column_{i + 1}')
-    return names, said, mount
+    return names, text, mount
 
 
 def _is_name(column):

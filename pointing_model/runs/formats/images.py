@@ -18,7 +18,7 @@ from pointing_model.runs.run import COLUMNS, column_name
 from .declared import declare
 from .run_table import Table, own_name
 
-_SITE_APART = 0.01  # deg: sites of two images
+_SAME_SITE = 0.01  # deg: sites of two images
 _TEXT = ('star', 'block', 'run', 'pier_side')
 
 
@@ -109,8 +109,8 @@ def refuse_absent(path, absent, headers):
         if headers and count == len(headers):
             there = [k for k in headers[0][1] if k and k not in ('COMMENT', 'HISTORY')]
             near = difflib.get_close_matches(name, there, 1, 0.5)
-            said = f'closest: {near[0]}' if near else f'they have {", ".join(there[:40])}'
-            raise ValueError(f'{path}: keyword {name} is in none of {count} images ({said})')
+            text = f'closest: {near[0]}' if near else f'they have {", ".join(there[:40])}'
+            raise ValueError(f'{path}: keyword {name} is in none of {count} images ({text})')
 
 
 def common_site(path, mapping, headers):
@@ -129,7 +129,7 @@ def common_site(path, mapping, headers):
             continue
         if first is None:
             first, where = site, file
-        elif any(abs(site[name] - first[name]) > (30.0 if name == 'height_m' else _SITE_APART)
+        elif any(abs(site[name] - first[name]) > (30.0 if name == 'height_m' else _SAME_SITE)
                  for name in site):
             raise ValueError(f'{path}: {file.name} is of another site than {where.name}: a run is '
                              'of one mount')

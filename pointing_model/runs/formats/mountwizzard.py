@@ -15,7 +15,7 @@ from .run_table import NoObservations, Table
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
 _PRECESSED = 1.0  # deg, that a declination moves between J2000 and now, at most
-_SITES_APART = 0.1  # deg: the first point of a run may carry a rounded latitude
+_SAME_SITE = 0.1  # deg: the first point of a run may carry a rounded latitude
 
 
 def looks_like(lines):
@@ -115,7 +115,7 @@ def _latitude(path, values):
     known = values[np.isfinite(values) & (np.abs(values) <= 90.0)]
     if not known.size:
         raise ValueError(f'{path}: no point has the latitude of the site')
-    if np.ptp(known) > _SITES_APART:
+    if np.ptp(known) > _SAME_SITE:
         raise ValueError(f'{path}: points of several sites, at latitudes {known.min():.2f} to '
                          f'{known.max():.2f}: a run is of one mount')
     return float(np.median(known)) * DEG

@@ -67,9 +67,9 @@ def flag_twice(table):
     moved = 0
     for row in order[1:]:
         near = [k for k in kept[-8:] if time[row] - time[k] <= _SAME_TIME]
-        apart = [max(abs((columns['az_enc'][row] - columns['az_enc'][k] + 180.0) % 360.0 - 180.0),
+        moves = [max(abs((columns['az_enc'][row] - columns['az_enc'][k] + 180.0) % 360.0 - 180.0),
                      abs(columns['el_enc'][row] - columns['el_enc'][k])) for k in near]
-        twin = next((k for k, far in zip(near, apart) if far <= _SAME_READING), None)
+        twin = next((k for k, far in zip(near, moves) if far <= _SAME_READING), None)
         moved += bool(near) and twin is None
         if twin is None:
             kept = np.append(kept[-8:], row)
@@ -99,18 +99,18 @@ def flag_scales(table):
         usual = np.median(values[sound])
         if name == PARITY:
             odd = sound & (np.sign(values) != np.sign(usual))
-            said = 'its solution is mirrored, the others are not: a false solve, or a flipped image'
+            text = 'its solution is mirrored, the others are not: a false solve, or a flipped image'
         else:
             odd = sound & ~(np.abs(values - usual) <= _SCALE * abs(usual))
-            said = ''
+            text = ''
         if not odd.any():
             continue
         if odd.sum() > sound.sum() / 3:
             notes.append(f'{name} differs in {odd.sum()} of {sound.sum()} solutions: several '
                          'cameras or binnings? Nothing left out for it')
             continue
-        if said:
-            table.exclude(odd, said)
+        if text:
+            table.exclude(odd, text)
             continue
         other = np.median(values[odd])
         if odd.sum() >= 3 and np.all(np.abs(values[odd] - other) <= _LIKE * abs(other)):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pointing_model.model import PointingModel
-from pointing_model.mounts import ALTAZ, told
+from pointing_model.mounts import ALTAZ, mount_wording
 
 from . import coefficient_table
 from .indi import INDI
@@ -72,8 +72,8 @@ def read_model(path, mount=ALTAZ):
     if path.suffix.lower() in _OURS:
         model = PointingModel.load(path)
         if not mount.vertical and not model.mount.agrees(mount):
-            raise ValueError(f'{path} is a model of another mount ({told(model.mount)}) than the '
-                             f'one that is meant ({told(mount)})')
+            raise ValueError(f'{path} is a model of another mount ({mount_wording(model.mount)}) '
+                             f'than the one that is meant ({mount_wording(mount)})')
         return ImportedModel(model, 'telescope_mount')
     data = path.read_bytes()
     if not data.strip():

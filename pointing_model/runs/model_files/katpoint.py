@@ -110,8 +110,8 @@ def _ini(path, text):
     try:
         reader.read_string(text)
     except configparser.Error as error:
-        said = ' '.join(str(error).split()).replace("'<string>'", 'it')
-        raise ValueError(f'{path} is no model file of katpoint: {said}') from None
+        wording = ' '.join(str(error).split()).replace("'<string>'", 'it')
+        raise ValueError(f'{path} is no model file of katpoint: {wording}') from None
     lines = {m[1].upper(): i for i, line in enumerate(text.splitlines(), 1)
              if (m := re.match(r'\s*(\w+)\s*[=:]', line))}
     return {name.upper(): (lines.get(name.upper(), 0), value)

@@ -23,7 +23,7 @@ _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA',
 #: of an equatorial mount, whose roll is the hour angle backwards
 _EQUATORIAL = {'pia': ('IH', 1), 'pib': ('ID', -1), 'pvd': ('TF', 1), 'pca': ('CH', 1),
                'pnp': ('NP', 1), 'paw': ('MA', 1), 'pan': ('ME', -1)}
-_SAID = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
+_MEANINGS = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
          'paw': 'AW', 'pan': 'AN'}
 _OWN = {OF_TERM[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
 _PASSES = 4  # each shrinks the error of where the droop is taken by the terms' size
@@ -108,9 +108,9 @@ def _encoder(values, az, el, mount=ALTAZ, own=_OWN):
 
 def _write(sheet):
     rows = [f'/* {sheet.caption.replace("*/", "* /")} */', '/* spkPM pm; arcseconds by AS2R */']
-    for name, said in _SAID.items():
+    for name, meaning in _MEANINGS.items():
         rows.append(f'   pm.{name} = {sheet.terms.get(name, 0.0) / ARCSEC:14.7f} * AS2R;'
-                    f'  /* {said} */')
+                    f'  /* {meaning} */')
     return '\n'.join([*rows, '   pm.ga = 0.0;', '   pm.gb = 0.0;']) + '\n'
 
 

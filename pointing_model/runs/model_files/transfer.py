@@ -54,7 +54,7 @@ def uniform_sky(count=600, mount=ALTAZ):
     return Context(*through_pole(ha, dec, (ha < 0.0) & (mount.two_sided)), mount=mount)
 
 
-def apart(one, other, el):
+def difference(one, other, el):
     """On-sky difference of two pairs of encoder angles, shape (2, n)."""
     return np.stack([wrap(one[0] - other[0]) * np.cos(el), wrap(one[1] - other[1])])
 
@@ -76,7 +76,7 @@ def loss_of(target, program, values, sky):
     ExportLoss
     """
     encoder = program.encoder if isinstance(program, Program) else program
-    left = apart(target, encoder(values, sky.az, sky.el), sky.el) / ARCSEC
+    left = difference(target, encoder(values, sky.az, sky.el), sky.el) / ARCSEC
     good = np.isfinite(left).all(axis=0)
     size = np.hypot(*left[:, good])
     if not good.any():
@@ -144,7 +144,7 @@ class Exported:
                 'notes': self.notes}
 
 
-def export(model, program, sky=None, told='', facts=None):
+def export(model, program, sky=None, sky_name='', facts=None):
     """A model in the terms of a program, refitted where it has to be.
 
     Parameters
@@ -176,7 +176,7 @@ def export(model, program, sky=None, told='', facts=None):
                          'ours (--to model, or --to table)')
     program, given = of_mount(program, model.mount), sky is not None
     if not given:
-        sky, told = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
+        sky, sky_name = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
     good = np.isfinite(target).all(axis=0)
     sky, target = sky.select(good), target[:, good]
@@ -230,7 +230,7 @@ def export(model, program, sky=None, told='', facts=None):
         if other.largest > HELD:
             notes.append(f'{who}: off by {other.rms:.3f} arcsec RMS, at most {other.largest:.3f}')
     return Exported(program, text, found.terms, direct, loss, elsewhere, refitted,
-                    [n for key in added for n, _ in program.own(key)], left, notes, told)
+                    [n for key in added for n, _ in program.own(key)], left, notes, sky_name)
 
 
 def of_mount(program, mount):
@@ -272,7 +272,7 @@ def _refit(program, target, start, sky, more):
     pool = {key: np.ravel(on_sky(key, sky.az, sky.el, program.mount)) for key in program.candidates
             if more and key not in keys}
     while pool:
-        left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
+        left = np.ravel(difference(target, program.encoder(values, sky.az, sky.el), sky.el))
         rms = np.sqrt(2.0 * np.mean(left**2)) / ARCSEC
         if not rms > _ENOUGH:
             break
@@ -304,7 +304,7 @@ def _solved(program, target, start, sky):
                        axis=1)
     size = np.linalg.norm(columns, axis=0)
     for _ in range(_STEPS):
-        left = np.ravel(apart(target, program.encoder(values, sky.az, sky.el), sky.el))
+        left = np.ravel(difference(target, program.encoder(values, sky.az, sky.el), sky.el))
         good = np.isfinite(left)
         step = np.linalg.lstsq((columns / size)[good], left[good], rcond=1e-6)[0] / size
         values = {key: value + d for (key, value), d in zip(values.items(), step)}

@@ -123,7 +123,7 @@ def solution_of(header, boresight=None):
         raise NotThere('no size of the image')
     pixel = boresight or (0.5 * (width + 1), 0.5 * (height + 1))
     frame = frame_of(header)
-    headers, said = readings(header)
+    headers, ambiguity = readings(header)
     place, matrix = _solved(headers[0], pixel)
     area = np.linalg.det(matrix) if np.isfinite(matrix).all() else 0.0
     if not np.isfinite(place).all() or area == 0.0:
@@ -133,7 +133,7 @@ def solution_of(header, boresight=None):
         away[0] = (away[0] + 180.0) % 360.0 - 180.0
         away[0] *= np.cos(np.radians(place[1]))
         if not np.hypot(*away) <= _SAME_PIXEL * np.sqrt(abs(area)):
-            raise NotThere(f'its WCS has {said}: which counts is not known')
+            raise NotThere(f'its WCS has {ambiguity}: which counts is not known')
     return PlateSolution(float(place[0]) % 360.0, float(place[1]),
                          3600.0 * float(np.sqrt(abs(area))),
                     int(np.sign(area)), frame)

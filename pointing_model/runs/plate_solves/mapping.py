@@ -119,16 +119,16 @@ def load_mapping(path):
     """
     path = Path(path)
     try:
-        told = yaml.safe_load(path.read_text(encoding='utf-8'))
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         line = getattr(getattr(error, 'problem_mark', None), 'line', None)
         raise ValueError(f'{path}{"" if line is None else f", line {line + 1}"}: not a YAML '
                          'file') from None
-    if not isinstance(told, dict) or not isinstance(told.get('keywords'), dict):
+    if not isinstance(document, dict) or not isinstance(document.get('keywords'), dict):
         raise ValueError(f'{path}: no section "keywords:" with the keywords of a mount\'s images')
-    _known(path, told, _KEYS, '')
+    _known(path, document, _KEYS, '')
     columns = {name: _keyword(path, f'keywords: {name}', value)
-               for name, value in told['keywords'].items()}
+               for name, value in document['keywords'].items()}
     names = next((kind for kind in KINDS.values() if _readings(kind)[0] in columns), ALTAZ.names)
     known = (*(column_name(name, names) for name in COLUMNS), *OTHERS)
     for name in columns:
@@ -147,15 +147,15 @@ def load_mapping(path):
             str(name) for name in columns if name not in needed], 1)
         raise ValueError(f'{path}, keywords: no keyword for {", ".join(missing)}'
                          + (f' (closest: {near[0]})' if near else ''))
-    patterns = told.get('images', PATTERNS)
+    patterns = document.get('images', PATTERNS)
     patterns = (patterns,) if isinstance(patterns, str) else tuple(patterns or ())
     if not patterns or not all(isinstance(p, str) and p and not Path(p).is_absolute()
                                for p in patterns):
         raise ValueError(f'{path}, images: not a pattern of file names beside it')
-    return Mapping(path, patterns, columns, _site(path, told.get('site')),
-                   _shift(path, told, columns), names, _mount(path, told.get('mount')),
-                   _frame(path, told.get('frame')),
-                   _boresight(path, told.get('boresight')))
+    return Mapping(path, patterns, columns, _site(path, document.get('site')),
+                   _shift(path, document, columns), names, _mount(path, document.get('mount')),
+                   _frame(path, document.get('frame')),
+                   _boresight(path, document.get('boresight')))
 
 
 def _known(path, given, names, where):
@@ -196,20 +196,20 @@ def _site(path, given):
     return {name: _keyword(path, f'site: {name}', value) for name, value in given.items()}
 
 
-def _shift(path, told, columns):
+def _shift(path, document, columns):
     """From the time's moment to the encoders', as a part of the exposure."""
     moments = []
     for key in ('time_is', 'encoders_at'):
-        value = told.get(key)
+        value = document.get(key)
         if value not in MOMENTS:
-            said = 'is not said' if value is None else f'{str(value)[:40]!r} is unknown'
-            raise ValueError(f'{path}: {key} {said}: start, middle or end of the exposure')
+            text = 'is not said' if value is None else f'{str(value)[:40]!r} is unknown'
+            raise ValueError(f'{path}: {key} {text}: start, middle or end of the exposure')
         moments.append(MOMENTS[value])
     shift = moments[1] - moments[0]
     if shift and 'exposure_s' not in columns:
         raise ValueError(f'{path}, keywords: no keyword for exposure_s, and the time is of the '
-                         f'{told["time_is"]} while the encoders are read at the '
-                         f'{told["encoders_at"]}')
+                         f'{document["time_is"]} while the encoders are read at the '
+                         f'{document["encoders_at"]}')
     return shift
 
 

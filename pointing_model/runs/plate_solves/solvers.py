@@ -90,9 +90,9 @@ class PlateSolver:
         """
         with tempfile.TemporaryDirectory(prefix='solve_') as folder:
             folder = Path(folder)
-            said = self._run(image, folder)
+            output = self._run(image, folder)
             read = _read_solve_field if self.kind == 'solve-field' else _read_astap
-            header, sigma = read(folder, image, said)
+            header, sigma = read(folder, image, output)
             try:
                 return solution_of(header, boresight), sigma
             except NotThere as error:
@@ -123,11 +123,11 @@ class PlateSolver:
 
     def _run(self, image, folder):
         """What the solver says; it and all that it started are ended when its time is over."""
-        with open(folder / 'said.txt', 'w+', encoding='utf-8', errors='replace') as said:
+        with open(folder / 'said.txt', 'w+', encoding='utf-8', errors='replace') as output:
             try:
                 # a group of its own: solve-field leaves its engine behind when it is killed alone
                 process = subprocess.Popen(
-                    self.command(image.absolute(), folder), stdin=subprocess.DEVNULL, stdout=said,
+                    self.command(image.absolute(), folder), stdin=subprocess.DEVNULL, stdout=output,
                     stderr=subprocess.STDOUT, cwd=folder, start_new_session=True)
             except OSError as error:
                 raise NoSolver(f'{self.program} cannot be started: {error.strerror}') from None
@@ -137,8 +137,8 @@ class PlateSolver:
                 raise NotSolved(f'no end after {self.timeout + _GRACE:.0f} s', hung=True) from None
             finally:
                 _end(process)
-            said.seek(0)
-            lines = [line.strip() for line in said.read().splitlines() if line.strip()]
+            output.seek(0)
+            lines = [line.strip() for line in output.read().splitlines() if line.strip()]
         last = lines[-1][-_TAIL:] if lines else 'nothing'
         if process.returncode < 0:
             raise NotSolved(f'{self.kind} died of signal {-process.returncode} (it said: {last})')
@@ -198,9 +198,9 @@ def find_solver(name=None, timeout=120.0, scale=None):
 
 # ------------------------------------------------------------------------------------- results
 
-def _read_solve_field(folder, image, said):
+def _read_solve_field(folder, image, output):
     if not (folder / 'solved.wcs').is_file():
-        why = '' if 'did not solve' in said.lower() else f' (it said: {said})'
+        why = '' if 'did not solve' in output.lower() else f' (it said: {output})'
         raise NotSolved(f'no solution{why}')
     try:
         header = read_header(folder / 'solved.wcs')
@@ -241,15 +241,15 @@ def _sigma_of(path, size):
     return float(np.sqrt(unit * np.sum(np.square(away[:, good])) / free))
 
 
-def _read_astap(folder, image, said):
+def _read_astap(folder, image, output):
     path = folder / 'solved.ini'
-    told = {}
+    entries = {}
     if path.is_file():
         for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
             name, _, value = line.partition('=')
-            told[name.strip().upper()] = value.strip()
-    if told.get('PLTSOLVD', 'F') != 'T':
-        why = told.get('ERROR') or told.get('WARNING') or said
+            entries[name.strip().upper()] = value.strip()
+    if entries.get('PLTSOLVD', 'F') != 'T':
+        why = entries.get('ERROR') or entries.get('WARNING') or output
         raise NotSolved(f'no solution ({why[:_TAIL]})')
     fits, _ = astropy_fits()
     try:
@@ -257,7 +257,7 @@ def _read_astap(folder, image, said):
         header = fits.Header({'CTYPE1': 'RA---TAN', 'CTYPE2': 'DEC--TAN', 'RADESYS': 'ICRS',
                               'NAXIS1': first['NAXIS1'], 'NAXIS2': first['NAXIS2']})
         for name in ('CRPIX1', 'CRPIX2', 'CRVAL1', 'CRVAL2', 'CD1_1', 'CD1_2', 'CD2_1', 'CD2_2'):
-            header[name] = float(told[name])
+            header[name] = float(entries[name])
     except (NotThere, KeyError, ValueError) as error:
         raise NotSolved(f'its solution cannot be read: {error}') from None
     return header, np.nan

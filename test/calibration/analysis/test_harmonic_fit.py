@@ -121,7 +121,7 @@ def test_the_predicted_sigma_on_top_of_terms_is_the_scatter(reading, degree):
         z.append((np.array(fit.model.offsets(*at)) - truth) / fit.model.sigma(*at))
         plain = fit_harmonics(rows, reading, degree=degree, held=terms.model,
                               zero=terms.zeros).model
-        assert plain.harmonics.says_as(fit.model.harmonics)
+        assert plain.harmonics.same_as(fit.model.harmonics)
         held.append(np.mean(fit.model.sigma(*at)) / np.mean(plain.sigma(*at)))
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.12)
     assert np.mean(held) < 0.95  # as if nothing had been taken it would be too large

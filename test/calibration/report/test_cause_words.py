@@ -108,9 +108,9 @@ def test_a_check_tests_all_causes_that_it_looks_at():
     assert 'fork, yoke or horseshoe' in text and 'counterweight' not in text
     german = effect('nod', order=1, mount='german')
     assert 'saddle and counterweight' in german.look_at
-    assert 'horseshoe ring' in effect('encoder', axis='az', order=2, mount=mount).cause_told
-    assert 'horseshoe' not in effect('encoder', axis='az', order=2, mount='german').cause_told
-    assert 'horseshoe' not in effect('encoder', axis='el', order=2, mount=mount).cause_told
+    assert 'horseshoe ring' in effect('encoder', axis='az', order=2, mount=mount).cause_summary
+    assert 'horseshoe' not in effect('encoder', axis='az', order=2, mount='german').cause_summary
+    assert 'horseshoe' not in effect('encoder', axis='el', order=2, mount=mount).cause_summary
 
 
 def test_what_contends_with_an_effect_is_named_and_why_it_lost():
@@ -132,6 +132,6 @@ def test_a_german_mount_has_no_fork():
     for one in (effect('terms', name='fork_flexure', mount='german'),
                 effect('fork_cross_term', mount='german'), effect('nod', order=1, mount='german'),
                 effect('line_of_sight', order=1, mount='german')):
-        text = f'{one.cause} {one.cause_told} {one.look_at} {one.clause(None)} {one.shape}'
+        text = f'{one.cause} {one.cause_summary} {one.look_at} {one.clause(None)} {one.shape}'
         assert 'fork' not in text.lower() and 'saddle' in text.lower()
     assert 'fork or saddle' in effect('terms', name='fork_flexure', mount='equatorial').cause

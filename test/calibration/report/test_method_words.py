@@ -33,10 +33,10 @@ WAVE = Statement('The error has a wave (3.50″ RMS on the sky).')
 
 def test_what_would_look_like_a_wander_is_told_by_what_it_follows():
     def like(*effects):
-        return explanation([{'cause': e.cause_told, 'driver': e.driver,
+        return explanation([{'cause': e.cause_summary, 'driver': e.driver,
                              'curve': e.kind == 'smooth'} for e in effects])
     step = effect('step', axis='az', at=5.0)
-    assert like(step) == f'"{step.cause_told}"'
+    assert like(step) == f'"{step.cause_summary}"'
     many = [step, effect('nod', order=2), effect('encoder', axis='az', order=3),
             effect('drift', of='IA', driver='temperature'),
             effect('terms', name='refraction')]

@@ -248,7 +248,7 @@ def test_the_equinox_is_decided_with_wandering_zeros_in_the_model(swapped):
                                          hours=1.0)
     names = ('of date', 'J2000') if swapped else ('J2000', 'of date')
     ways = dict(zip(names, (right, wrong)))
-    found = equinox.judged({name: ways[name] for name in ('J2000', 'of date')}, reading, time,
+    found = equinox.comparison({name: ways[name] for name in ('J2000', 'of date')}, reading, time,
                            GERMAN)
     assert found['told'] and found['taken'] == names[0] and found['other'] == names[1]
     # to the terms alone the drift looks like the other precession
@@ -261,12 +261,12 @@ def test_the_equinox_is_decided_with_wandering_zeros_in_the_model(swapped):
 
 def test_rows_that_cannot_tell_the_equinox_say_so():
     right, wrong, reading, time = sky_run(np.random.default_rng(4), GERMAN, 200.0, n=12, hours=0.3)
-    found = equinox.judged({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
+    found = equinox.comparison({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
     assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
     said = equinox.sentence(found)
     assert 'the rows do not tell it, taken as J2000, which is a guess' in said
     assert 'of date would change ME by' in said and '--equinox date' in said
-    few = equinox.judged({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
+    few = equinox.comparison({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
         v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)
     assert not few['told'] and 'too few' in equinox.sentence(few)
 

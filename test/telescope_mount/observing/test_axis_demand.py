@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.active_calibration import InForce
+from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero
@@ -32,7 +32,7 @@ def conditions(az, el):
 @pytest.mark.parametrize('here, target, track, approach', [
     (10, 350, -10, -1), (350, 10, 370, 1), (-170, 170, -190, -1), (400, 30, 390, -1)])
 def test_the_azimuth_goes_the_shorter_way_from_where_it_stands(here, target, track, approach):
-    pointing = Pointing(Fixed(target * DEG, 50 * DEG), InForce(), np.zeros(2))
+    pointing = Pointing(Fixed(target * DEG, 50 * DEG), ActiveCalibration(), np.zeros(2))
     got = track_to(pointing, START, conditions(here * DEG, 40 * DEG), 4.0)
     np.testing.assert_allclose(got.angles, np.tile(np.array([track, 50]) * DEG, (7, 1)), rtol=1e-12)
     np.testing.assert_array_equal(pointing.approach, [approach, 1])
@@ -40,7 +40,7 @@ def test_the_azimuth_goes_the_shorter_way_from_where_it_stands(here, target, tra
 
 def test_a_track_is_long_enough_and_goes_on_through_north():
     rate = np.array([0.1, -0.02]) * DEG
-    pointing = Pointing(Fixed(355 * DEG, 50 * DEG, rate), InForce(), np.zeros(2))
+    pointing = Pointing(Fixed(355 * DEG, 50 * DEG, rate), ActiveCalibration(), np.zeros(2))
     track = track_to(pointing, START, conditions(350 * DEG, 50 * DEG), 1.0)
     np.testing.assert_array_equal(np.diff(track.times), KNOT)
     assert track.times[-1] >= 60.0 + 180.0 / 1.0 and track.end == START + 260 * SECOND
@@ -51,15 +51,15 @@ def test_a_track_is_long_enough_and_goes_on_through_north():
 
 
 def test_how_the_axes_came_is_that_of_the_first_command():
-    pointing = Pointing(Fixed(1.0, 0.8), InForce(), np.zeros(2))
+    pointing = Pointing(Fixed(1.0, 0.8), ActiveCalibration(), np.zeros(2))
     track_to(pointing, START, conditions(0.5, 1.0), 4.0)
     track_to(pointing, START, conditions(1.001, 0.79), 4.0)
     np.testing.assert_array_equal(pointing.approach, [1, -1])
 
 
 def test_model_zero_and_aim_are_in_the_demand_once():
-    now = InForce(PointingModel({'IA': 100 * ARCSEC, 'IE': -50 * ARCSEC}))
-    now.take_zero(1, RunZero(7 * ARCSEC, 3 * ARCSEC))
+    now = ActiveCalibration(PointingModel({'IA': 100 * ARCSEC, 'IE': -50 * ARCSEC}))
+    now.update_zero(1, RunZero(7 * ARCSEC, 3 * ARCSEC))
     pointing = Pointing(Fixed(1.0, 0.8), now, np.array([20.0, 10.0]) * ARCSEC)
     got = pointing.demand(np.array([START]), conditions(0.0, 0.5))[0]
     np.testing.assert_allclose((got - [1.0, 0.8]) / ARCSEC, [127.0, -37.0], rtol=0, atol=0.02)

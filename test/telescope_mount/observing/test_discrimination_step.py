@@ -14,7 +14,7 @@ from pointing_model.calibration_messages import (
     CAUSES_FORMAT,
     CAUSES_VERSION,
     ONE_CAUSE,
-    Asked,
+    StarRequest,
 )
 from pointing_model.sky.star_catalogue import load_catalogue
 from telescope_mount.observing.plan import parse_plan
@@ -46,7 +46,7 @@ class Calibration:
 
     def tell(self):
         stamp, request = self.bench.table.newest or 0, self.requests[:1]
-        self.bench.plan.take_request(Asked.read(document(stamp, ASKS, **request[0]) if request
+        self.bench.plan.take_request(StarRequest.read(document(stamp, ASKS, **request[0]) if request
                                              else document(stamp, self.end)))
 
     def run(self):
@@ -134,8 +134,8 @@ def test_the_nearest_star_of_a_magnitude_and_a_side():
 
 
 def test_what_is_no_such_document_is_refused():
-    assert Asked.read(document(5, CANNOT)).request is None
+    assert StarRequest.read(document(5, CANNOT)).request is None
     for bad in ('x', '{}', '[]', json.dumps({**json.loads(document(5)), 'version': 9}),
                 json.dumps({**json.loads(document(5)), 'request': {'az_deg': 'x'}})):
         with pytest.raises(ValueError, match='no document of causes'):
-            Asked.read(bad)
+            StarRequest.read(bad)

@@ -112,10 +112,10 @@ def test_a_star_that_is_not_there_is_given_up_after_three_blanks():
 def test_a_blind_star_gets_what_the_counts_had_wandered_at_the_one_before():
     follows = Following({'el': AxisFollowing(np.zeros(4), {1: 2.0 * ARCSEC})})
     bench = Bench('check 3')
-    bench.in_force.take_model(PointingModel({'IA': 0.0}, provenance={
+    bench.in_force.update_model(PointingModel({'IA': 0.0}, provenance={
         KEY: follows.document(),
         'zeros_in_force': [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}]}).to_json())
-    bench.in_force.take_zero(START, RunZero(0.0, 0.0, run=1))
+    bench.in_force.update_zero(START, RunZero(0.0, 0.0, run=1))
 
     def wanders(number):
         bench.error = np.array([0.0, 5.0 * number + 2.0]) * ARCSEC

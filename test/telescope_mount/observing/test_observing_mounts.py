@@ -87,8 +87,8 @@ def test_a_camera_beyond_the_pole_is_turned_with_the_tube():
 def test_a_model_of_another_mount_is_not_taken():
     bench = Bench(kind=GERMAN)
     with pytest.raises(ValueError, match='of another mount .altaz. than this one .german, lat'):
-        bench.in_force.take_model(PointingModel({'IA': 0.1}).to_json())
-    bench.in_force.take_model(PointingModel({'IH': 0.1}, mount=GERMAN).to_json())
+        bench.in_force.update_model(PointingModel({'IA': 0.1}).to_json())
+    bench.in_force.update_model(PointingModel({'IH': 0.1}, mount=GERMAN).to_json())
     assert bench.in_force.models == 1
 
 

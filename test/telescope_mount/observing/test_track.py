@@ -75,15 +75,15 @@ def test_a_plan_may_hold_an_error():
 def test_stars_are_taken_when_the_error_reaches_the_goal():
     bench = Bench('track 2arcsec 120')
     night, model = tracked()
-    bench.in_force.take_model(model.to_json())
-    bench.in_force.take_zero(START, RunZero(0.0, 0.0, run=1.0))
+    bench.in_force.update_model(model.to_json())
+    bench.in_force.update_zero(START, RunZero(0.0, 0.0, run=1.0))
     taken = 0
     while bench.plan.busy:
         bench.until(lambda taken=taken: len(bench.rows) > taken or not bench.plan.busy)
         for row in bench.rows[taken:]:
             night.take(row)
             taken += 1
-        bench.in_force.take_model(night.model(bench.table.newest).to_json())
+        bench.in_force.update_model(night.model(bench.table.newest).to_json())
         bench.calibrates()
         bench.plan.pointing_changed()
     outcome = re.fullmatch(r'plan finished: (\d+) stars in 120 minutes held the expected error; it '
