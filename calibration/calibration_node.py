@@ -27,7 +27,7 @@ from .analysis.encoders.cross_check import axis_homings
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
-from .report.calibration_words import (
+from .report.calibration_wording import (
     finding_sentence,
     fit_sentence,
     headline,

@@ -204,8 +204,8 @@ class RunDiagnosis:
     @property
     def sentences(self):
         """The verdict for people: a headline, and what follows from it; list of str."""
-        from calibration.report.diagnosis_words import verdict_sentences
-        from calibration.report.effect_words import effect_summaries
+        from calibration.report.effect_wording import effect_summaries
+        from calibration.report.verdict_wording import verdict_sentences
         from calibration.report.wording import paragraph
         headline, more = verdict_sentences(self.document, effect_summaries(self.result),
                                            caution=paragraph(self.result.cautions))

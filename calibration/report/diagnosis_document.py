@@ -1,8 +1,7 @@
 """The result of a diagnosis, as JSON."""
 
-from calibration.analysis.diagnosis.row_counts import RMS_KEYS
-
 from .diagnosis_wording import limit_words
+from .fit_document import refused_columns
 from .noise_wording import correlation_sentence
 
 
@@ -34,15 +33,10 @@ def refused_document(error):
     dict
         The keys of `Diagnosis.to_dict`; what does not apply is None.
     """
-    nothing = dict.fromkeys(RMS_KEYS)
     return {
-        'observations': error.rows_used, 'runs': None, 'base_terms': None, 'verdict': 'refused',
-        'before': nothing, 'after': dict(nothing), 'noise_floor_arcsec': None, 'effects': [],
-        'excluded': None, 'next_observations': [], 'rows_read': error.rows_read,
-        'rows_used': error.rows_used, 'outliers': [], 'rms_with_outliers_arcsec': None,
-        'columns_alike': [], 'readings': error.readings, 'detectable': None, 'wander': None,
-        'expected': None, 'as_read_rms_arcsec': None, 'as_read_terms': [], 'south': False,
-        'equinox': None, 'unequal_scatter': None,
-        'cv_contiguous': {}, 'worst_rows': None, 'held_out': [],
-        'no_star': [], 'unphysical': [], 'approach_from': None, 'rows_are': 'line',
-        'rows_taken_back': 0, 'rows_not_drawn': 0, 'detection_factor': 1.0}
+        **refused_columns(error), 'verdict': 'refused', 'south': False, 'cv_contiguous': {},
+        **{key: [] for key in ('effects', 'next_observations', 'as_read_terms', 'held_out',
+                               'no_star', 'unphysical')},
+        **dict.fromkeys(('runs', 'base_terms', 'noise_floor_arcsec', 'detectable', 'wander',
+                         'expected', 'as_read_rms_arcsec', 'equinox', 'unequal_scatter',
+                         'worst_rows', 'approach_from'))}

@@ -8,30 +8,16 @@ from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as page
 from . import page_parts as html
-from .cause_words import counted, open_causes
+from .cause_wording import counted, open_causes
 from .diagnosis_view import view_of
-from .diagnosis_words import (
-    FITTED,
-    best_pair,
-    count_sentence,
-    floor_words,
-    led,
-    verdict_summary,
-)
 from .drawing import clean
-from .method_words import (
-    STAYS,
-    causes_of,
-    model_words,
-    no_star_sentences,
-    proposals,
-    serves_sentence,
-    way_size,
-)
+from .figure_wording import FITTED, STAYS, best_pair, floor_words, model_words, way_size
+from .observation_wording import causes_of, no_star_sentences, proposals, serves_sentence
 from .provenance import provenance_section
 from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
 from .term_table import correlation_table, terms_table
+from .verdict_wording import count_sentence, led, verdict_summary
 from .wording import Statement
 
 _VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',

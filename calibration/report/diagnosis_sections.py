@@ -12,20 +12,45 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 
 from . import page_parts as html
-from .diagnosis_words import floor_words
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
-from .method_words import (
-    WHY_LATER,
-    choice_sentence,
-    counterweight_up,
-    enough,
-    explained,
-    spread_sentence,
-)
+from .figure_wording import choice_sentence, floor_words, spread_sentence
+from .observation_wording import WHY_LATER, counterweight_up, enough
 
 _MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
              ('rms_y_arcsec', 'rows fitted, {}'))
+
+#: words of pages and tables, and what they mean; docs/glossary.md has them too
+WORDS = {
+    'sawtooth': 'it grows evenly, falls back at once, and begins again, a period apart',
+    'memory': 'after a reversal the new side is reached little by little: 63 % of the way after '
+              'so many degrees of motion',
+    'RMS': 'root of the mean of the squares: about two of three stars are nearer than this',
+    'RMS on the sky': 'of an effect: what it adds to the error of the stars beyond what the terms '
+                      'could take up, which is the residual that it leaves if it is not in the '
+                      'model. Several add up as squares do',
+    'equally well': 'their evidence differs by less than 6 in ΔBIC, so the rows do not rank them',
+    'smooth curve': 'a line without corners through what is left, where no cause is known',
+    'wave': 'a sine, which rises and falls once a period',
+    'bump': 'it is off at one place and little elsewhere',
+    'wanders': 'the error moves slowly, so that neighbouring rows err alike, and nothing that was '
+               'recorded moves with it',
+    'from lowest to highest': 'of an effect: over the rows of this run, beyond what the terms '
+                              'could take up, on the axis where that is larger',
+    'stretches of rows left out': 'neighbours in time are left out together, so that none of them '
+                                  'tells of the others',
+    'ΔBIC': 'how much better an effect explains the rows than its coefficients cost; 6 is strong '
+            'evidence',
+    'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
+                   'fitted: seeing, and all that nothing here describes',
+    'rows held out': 'runs that were kept aside altogether, such as other nights',
+    'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
+                     'cross-validation',
+    'line of sight': 'where the tube looks: it swings where what holds the tube bends or turns, '
+                     'and no encoder is wrong then',
+    'nods': 'the tube goes up and down as the mount turns, and no encoder is wrong',
+    'hysteresis': 'the reading depends on the side from which the star was reached',
+}
 
 
 # ------------------------------------------------------------------------------ before and after
@@ -58,6 +83,12 @@ def _floor_note(document):
             'that were fitted: ' + ('noise of each row, and what wanders.' if (
                 document.get('wander') or {}).get('slow') else
                 'seeing, and all that nothing here describes.'))
+
+
+def explained(text):
+    """Of `WORDS` those that are in a text: list of (word, what it means)."""
+    low = text.lower()
+    return [(word, meaning) for word, meaning in WORDS.items() if word.lower() in low]
 
 
 def words(text):

@@ -12,13 +12,13 @@ from pointing_model.effects.base import arcsec, readable
 from pointing_model.effects.words import coefficient_word
 from pointing_model.mounts import is_beyond
 
-from .cause_words import still_open
-from .effect_words import effect_summary, effect_title
-from .method_words import plain_name, signs_sentences
+from .cause_wording import plain_name, still_open
+from .effect_wording import effect_summary, effect_title
 from .page_parts import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals, turned
+from .row_wording import signs_sentences
 from .wording import Statement, paragraph, wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',

@@ -28,10 +28,10 @@ def fit_document(found):
         (`sky_model.Origin.document`).
     """
     run, result, base = found.run, found.terms, found.base
-    told, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
+    counts, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
     matrix = result.correlations
     return {
-        **run.mount.entries(), 'observations': told.used,
+        **run.mount.entries(), 'observations': counts.used,
         'terms': result.term_rows(interval=True),
         'degrees_of_freedom': result.degrees_of_freedom,
         'before': _entry(rms_arcsec(*used.offsets(found.encoder))),
@@ -41,7 +41,7 @@ def fit_document(found):
         'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
                          for i, a in enumerate(result.names)
                          for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
-        'undetermined': [one['text'] for one in result.dropped], **told.to_dict(),
+        'undetermined': [one['text'] for one in result.dropped], **counts.to_dict(),
         'columns_alike': found.columns.alike, 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],
@@ -60,17 +60,19 @@ def refused_fit(error):
     ----------
     error : MistakenColumns
     """
-    nothing = _entry(None)
+    return {**refused_columns(error), 'notes': [], **dict.fromkeys((
+        'terms', 'degrees_of_freedom', 'condition', 'rank', 'correlations', 'undetermined',
+        'harmonics', 'predicted', 'base_model', 'origin_of_errors'))}
+
+
+def refused_columns(error):
+    """What all documents have of `MistakenColumns`."""
     return {
-        'observations': error.rows_used, 'terms': None, 'before': nothing, 'after': dict(nothing),
-        'degrees_of_freedom': None, 'condition': None, 'rank': None, 'correlations': None,
-        'undetermined': None,
+        'observations': error.rows_used, 'before': _entry(None), 'after': _entry(None),
         'rows_read': error.rows_read, 'rows_used': error.rows_used, 'outliers': [],
         'rms_with_outliers_arcsec': None, 'rows_are': 'line', 'rows_taken_back': 0,
-        'rows_not_drawn': 0, 'detection_factor': 1.0,
-        'columns_alike': [], 'readings': error.readings,
-        'excluded': None, 'notes': [], 'harmonics': None, 'predicted': None, 'base_model': None,
-        'origin_of_errors': None}
+        'rows_not_drawn': 0, 'detection_factor': 1.0, 'columns_alike': [],
+        'readings': error.readings, 'excluded': None}
 
 
 def predicted_document(found):

@@ -4,6 +4,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.analysis.diagnosis.readings import MIRRORED, Reading, without_signs
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
 
@@ -12,6 +13,19 @@ _REASONS = 12  # lines of rows left out, at most
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
 #: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
 _BY_CHANCE = 0.05
+#: what was taken for the catalogue and for the mount, by the format of the file
+_AS_NAMED = 'the columns were taken as the file names them'
+_TAKEN = {
+    'tpoint': 'the columns were taken as this format has them, which does not name them: of each '
+              'row first the catalogue (where it has no right ascensions the observed place, '
+              'refraction in it), then the mount',
+    'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
+    'gpoint': 'the columns were taken as this format has them',
+    'mountwizzard4': 'the keys were taken as this format has them',
+    'mmt': 'RAA, with the refraction in it, was taken for the catalogue and TAA for the mount',
+    'unam': 'the columns were taken as this format has them',
+    'images': 'the keywords were taken as the mapping names them'}
+
 
 
 def used_sentence(told):
@@ -122,6 +136,31 @@ def columns_alike(readings):
     """What is said of readings of the columns that fit as well."""
     return ('read otherwise the columns fit as well, so make sure that they are not: '
             + '; '.join(readings))
+
+
+def signs_sentences(alike, names, written=None):
+    """What no fit can see of the columns, in words of what it means.
+
+    Parameters
+    ----------
+    alike : sequence of str
+        `Diagnosis.columns_alike`.
+    names : mount_kinds.MountKind
+    written : str, optional
+        Format of the file, as ``meta['format']`` of its run.
+
+    Returns
+    -------
+    list of str
+    """
+    said, mirrored = [], MIRRORED.text(names=names)
+    mirror = f', or {mirrored}' if mirrored in alike else ''
+    if Reading(exchanged=True).text() in alike or mirror:
+        said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
+                    'an encoder that reads too much. Signs alone no run can confirm: they are '
+                    f'right unless mount and catalogue are exchanged in the file{mirror}')
+    rest = without_signs(alike, names)
+    return said + [columns_alike(rest)] * bool(rest)
 
 
 def _reading_as_good(found):

@@ -7,7 +7,7 @@ from calibration.analysis.harmonic_fit import HarmonicChoice
 from calibration.calibration_state import CalibrationState
 from calibration.night_diagnosis import FORMAT
 from calibration.night_series import NightSeries
-from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.verdict_wording import verdict_sentences
 from calibration.report.wording import paragraph
 from calibration.rows import for_fitting, is_kept_out
 from msg_tools.units import ARCSEC, DEG, wrap

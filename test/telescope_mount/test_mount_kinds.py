@@ -7,7 +7,7 @@ import pytest
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.fit import fit_terms
-from calibration.report.method_words import model_words
+from calibration.report.figure_wording import model_words
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import KINDS

@@ -12,10 +12,11 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_page import render, write_report
 from calibration.report.diagnosis_sections import exclusions, next_observations, ranking
 from calibration.report.diagnosis_view import DiagnosisView, Driver, FoundEffect, driver_of, view_of
-from calibration.report.diagnosis_words import best_pair, verdict_sentences
 from calibration.report.drawing import Panel, SkyMap, limit_of, ticks
-from calibration.report.effect_words import effect_summaries
+from calibration.report.effect_wording import effect_summaries
+from calibration.report.figure_wording import best_pair
 from calibration.report.residual_figures import Residuals
+from calibration.report.verdict_wording import verdict_sentences
 from calibration.report.wording import Statement
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context

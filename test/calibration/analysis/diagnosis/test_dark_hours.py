@@ -14,7 +14,7 @@ from calibration.analysis.diagnosis.next_observations import (
     next_night,
     utc_of,
 )
-from calibration.report.method_words import place_words
+from calibration.report.observation_wording import place_words
 from msg_tools.units import DEG
 from pointing_model.context import Context
 from pointing_model.sky.places import Site, sun_place

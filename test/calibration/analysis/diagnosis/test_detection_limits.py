@@ -8,7 +8,7 @@ from calibration.analysis.diagnosis.diagnosis_base import Base, observations
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.chance import Chance
 from calibration.estimation.select import search
-from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.verdict_wording import verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun
 

@@ -26,12 +26,12 @@ from calibration.estimation.correlated_noise import (
 )
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.linear_model import weighted_fit
-from calibration.report.diagnosis_words import verdict_sentences
 from calibration.report.noise_wording import (
     correlation_sentence,
     difference_sentence,
     direction_sentence,
 )
+from calibration.report.verdict_wording import verdict_sentences
 from calibration.report.wording import paragraph, wording
 from msg_tools.units import ARCSEC
 from pointing_model.context import Context

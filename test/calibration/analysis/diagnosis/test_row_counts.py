@@ -14,8 +14,8 @@ from calibration.analysis.diagnosis.row_counts import (
 from calibration.analysis.fit import fit_terms
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
-from calibration.report.diagnosis_words import verdict_sentences
 from calibration.report.row_wording import used_sentence
+from calibration.report.verdict_wording import verdict_sentences
 from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder

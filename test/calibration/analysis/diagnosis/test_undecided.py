@@ -8,7 +8,7 @@ from calibration.analysis.diagnosis.validation import mark_undecided
 from calibration.estimation.folds import effective_runs
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
-from calibration.report.diagnosis_words import verdict_sentences
+from calibration.report.verdict_wording import verdict_sentences
 from calibration.report.wording import paragraph
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.run import PointingRun

@@ -8,9 +8,9 @@ from documents import CAUSES, document
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.implausible_terms import refraction_in_place, suspicious
 from calibration.analysis.run_fit import implausible_values
-from calibration.report.diagnosis_words import verdict_sentences, verdict_summary
 from calibration.report.fit_wording import implausible_term
 from calibration.report.raw_error_wording import raw_error_sentence
+from calibration.report.verdict_wording import verdict_sentences, verdict_summary
 from calibration.report.wording import Statement, wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS

@@ -5,23 +5,25 @@ import pytest
 from documents import CAUSES, contended, document
 from places import ROOT
 
-from calibration.report.diagnosis_words import figures_sentence, verdict_sentences, verdict_summary
-from calibration.report.method_words import (
-    WORDS,
+from calibration.report.diagnosis_sections import WORDS, explained
+from calibration.report.figure_wording import (
     choice_sentence,
-    explained,
+    figures_sentence,
     model_words,
-    next_sentence,
-    no_star_sentences,
-    place_words,
     repeat_sentence,
-    serves_sentence,
-    signs_sentences,
     spread_sentence,
     way,
 )
 from calibration.report.noise_wording import explanation
+from calibration.report.observation_wording import (
+    next_sentence,
+    no_star_sentences,
+    place_words,
+    serves_sentence,
+)
 from calibration.report.page_parts import statements
+from calibration.report.row_wording import signs_sentences
+from calibration.report.verdict_wording import verdict_sentences, verdict_summary
 from calibration.report.wording import Statement
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS

@@ -9,8 +9,7 @@ from pointing_model.effects.base import arcsec
 from pointing_model.effects.words import common_shape
 from pointing_model.mount_kinds import USUAL
 
-from .cause_words import causes_sentence, contenders_sentence, short_cause, still_open
-from .method_words import plain_name
+from .cause_wording import causes_sentence, contenders_sentence, plain_name, short_cause, still_open
 from .residual_axes import driver_of, utc_text
 from .wording import Statement
 

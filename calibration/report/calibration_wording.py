@@ -46,8 +46,8 @@ def finding_sentence(document):
 
 def headline(found):
     """Of a `NightDiagnosis`."""
-    from .diagnosis_words import verdict_sentences
-    from .effect_words import effect_summaries
+    from .effect_wording import effect_summaries
+    from .verdict_wording import verdict_sentences
     return verdict_sentences(found.document, effect_summaries(found.diagnosis))[0]
 
 

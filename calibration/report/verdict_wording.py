@@ -2,31 +2,17 @@
 
 from dataclasses import dataclass
 
-from calibration.report.raw_error_wording import raw_error_sentence
-from calibration.report.row_wording import (
-    bad_nights,
-    outlier_sentence,
-    scatter_sentence,
-    worst_sentence,
-)
 from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import kind_of
 
-from .cause_words import counted, first_check, open_causes
+from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
+from .figure_wording import STAYS, best_pair, figures_sentence, model_words, repeat_sentence, way
 from .fit_wording import implausible_term
-from .method_words import (
-    FITTED,
-    HELD,
-    LEFT_OUT,
-    STAYS,
-    best_pair,
-    model_words,
-    next_sentence,
-    repeat_sentence,
-    way,
-)
 from .noise_wording import correlation_sentence, drift_words
+from .observation_wording import next_sentence
+from .raw_error_wording import raw_error_sentence
+from .row_wording import bad_nights, outlier_sentence, scatter_sentence, worst_sentence
 from .wording import Statement
 
 #: arcsec; what is left beyond this is no noise of pointing
@@ -263,54 +249,6 @@ def count_sentence(document):
     return f'{text}.'
 
 
-def figures_sentence(document):
-    """Which figure to quote, and why the others differ; '' without any.
-
-    Parameters
-    ----------
-    document : dict
-
-    Returns
-    -------
-    str
-    """
-    label, before, after = best_pair(document)
-    quoted = before if document['verdict'] in STAYS else after
-    floor, expected = document.get('noise_floor_arcsec'), document.get('expected')
-    if quoted is None or document['verdict'] == 'refused':
-        return ''
-    if label == FITTED:
-        out = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
-    else:
-        out = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
-               'of effects has seen']
-        own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
-        if label not in (HELD, LEFT_OUT) and own is not None:
-            out.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
-                       'neighbouring rows err alike, and those next to a row left out tell of it')
-        if label == HELD and own is not None:
-            out.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
-                       'with them what a run has of its own')
-    wanders = bool((document.get('wander') or {}).get('slow'))
-    if floor is not None:
-        out.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
-                   ': no noise floor, for what wanders over the whole run is in it' if wanders else
-                   f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
-                   'larger for the coefficients')
-    if expected:
-        low, high = expected['low_arcsec'], expected['high_arcsec']
-        out.append(f'{arcsec(expected["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times '
-                   'in ten) is expected on fresh stars in the '
-                   f'{expected.get("within", "half hour")} after the last row')
-        if floor is not None and expected['rms_arcsec'] < floor:
-            within = low <= floor <= high
-            out.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
-                       + ('the zero moves less by then than over the whole run'
-                          if wanders else 'rows late in the run may scatter less than the others')
-                        + (', and the difference is within its uncertainty' if within else ''))
-    return '. '.join(out) + '.'
-
-
 def _detectable(document):
     """What would have been found, in one sentence, or none."""
     limits, words = [], limit_words(kind_of(document))
@@ -330,13 +268,6 @@ def _wander(document):
         return []
     text = entry.get('text') or correlation_sentence(entry, kind_of(document).axes)
     return [led(f'{text[:1].upper()}{text[1:]}.')]
-
-
-def floor_words(document):
-    """What the noise floor is called: it holds what wanders too."""
-    wander = document.get('wander')
-    return 'left by the model, noise and what wanders' if wander and wander.get('slow') \
-        else 'noise floor'
 
 
 def _listed(names):

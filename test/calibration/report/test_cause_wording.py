@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 from documents import CAUSES, causes_of, contended, document
 
-from calibration.report.cause_words import (
+from calibration.report.cause_wording import (
     causes_sentence,
     contenders_sentence,
     first_check,
     open_causes,
 )
-from calibration.report.effect_words import effect_title
+from calibration.report.effect_wording import effect_title
 from pointing_model.effects import effect
 from pointing_model.effects.words import coefficient_word, common_shape
 from pointing_model.mount_kinds import KINDS

@@ -3,7 +3,8 @@
 import re
 
 from calibration.estimation.select import SET_WIDTH
-from pointing_model.effects.base import EFFORTS
+from pointing_model.effects.base import EFFORTS, readable
+from pointing_model.mount_kinds import KINDS
 
 #: causes that are told; the others are counted
 _MOST_CAUSES = 5
@@ -138,3 +139,9 @@ def _rest(rest, own, least):
             'as much or more'
         text = f'take{"" if many else "s"} {what}'
     return f'; the other{"s" * many} {text}'
+
+
+
+def plain_name(name, kind):
+    """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
+    return readable(name.replace('fork', 'saddle') if KINDS[kind].carrier == 'saddle' else name)

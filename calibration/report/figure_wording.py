@@ -1,0 +1,231 @@
+"""Words for figures of error: before and after, on which rows, and how far they can be trusted."""
+
+from pointing_model.effects.base import arcsec
+from pointing_model.mount_kinds import USUAL, kind_of
+
+from .cause_wording import counted, plain_name
+
+_MOST_OTHERS = 3  # effects chosen instead that are named
+#: the model stays as it was
+STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
+#: on what a figure is judged
+HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
+STRETCHES = 'on stretches of rows left out'
+
+
+def model_words(document, whose=True):
+    """The declared terms: "the seven terms of an alt-azimuth mount".
+
+    Parameters
+    ----------
+    document : dict
+    whose : bool
+        With the mount that they are of.
+    """
+    terms = list(document.get('base_terms') or ())
+    kind = kind_of(document)
+    of = f' of {kind.words}' if whose else ''
+    if not terms:
+        return 'no terms'
+    if terms == list(kind.index):
+        return f'the zeros{of}'
+    usual = 'the usual ' if terms == list(kind.standard6) else 'the '
+    if usual == 'the ' and terms != list(kind.physical):
+        return f'the {counted(len(terms), "declared term")}'
+    return f'{usual}{counted(len(terms), "term")}{of}'
+
+
+def way(document):
+    """From what the encoders read, over the terms, to the effects: RMS on the sky.
+
+    Parameters
+    ----------
+    document : dict
+        `Diagnosis.to_dict()`.
+
+    Returns
+    -------
+    str
+        '' where it is not known what the encoders read.
+    """
+    read = document.get('as_read_rms_arcsec')
+    if read is None or document['verdict'] == 'refused':
+        return ''
+    before, after, label = steps(document)
+    if before is None:
+        return ''
+    effects = len(document['effects'])
+    text = (f'RMS on the sky: {way_size(read)} as the encoders read, {way_size(before)} with '
+            f'{model_words(document)}')
+    if effects and document['verdict'] not in STAYS:
+        text += f', {way_size(after)} with {counted(effects, "effect")} more'
+    return f'{text}; the terms judged {label}.'
+
+
+def best_pair(document, held=True):
+    """The most honest pair of errors there is: held out, else cross-validated, else fitted.
+
+    Where neighbouring rows err alike those left out at random have told of themselves by their
+    neighbours: stretches of time left out have not, and are taken if they are missed by more.
+
+    Parameters
+    ----------
+    document : dict
+    held : bool
+        Whether runs held out count.
+
+    Returns
+    -------
+    label : str
+    before, after : float or None
+        Radial RMS on the sky, arcsec.
+    """
+    apart, wander = document.get('cv_contiguous') or {}, document.get('wander') or {}
+    for key, label in (('holdout_rms_arcsec', HELD),
+                       ('cv_rms_arcsec', LEFT_OUT),
+                       ('rms_arcsec', FITTED)):
+        pair = document['before'].get(key), document['after'].get(key)
+        if None in pair or (label == HELD and not held):
+            continue
+        if label == LEFT_OUT and wander.get('slow') and apart.get('after', 0.0) > pair[1]:
+            return STRETCHES, apart['before'], apart['after']
+        return label, *pair
+    return FITTED, None, None
+
+
+def steps(document):
+    """RMS with the terms and with the effects as `way` tells them, and on what: three values."""
+    label, *pair = best_pair(document, held=False)
+    return *pair, label
+
+
+def way_size(value):
+    """An RMS as `way` writes it."""
+    return f'{value:.{0 if value >= 999.5 else 1}f}″' if value >= 9.995 else arcsec(value)
+
+
+def repeat_sentence(document):
+    """In how many of the choices repeated all of the effects were found and no other.
+
+    Returns
+    -------
+    str
+        '' where it is not known.
+    """
+    spread = document['after'].get('cv_spread') or {}
+    folds, count = spread.get('folds'), len(document['effects'])
+    if not folds or document['verdict'] in STAYS or not count or 'same_choice' not in spread:
+        return ''
+    what = 'this effect' if count == 1 else f'these {counted(count, "effect")}'
+    same, chosen = spread['same_choice'], spread.get('chosen') or {}
+    any_ = spread.get('chosen_set') or chosen
+    if spread.get('same_set', same) > same or sum(any_.values()) > sum(chosen.values()):
+        what, same, chosen = f'{what}, by one or another of the causes,', spread['same_set'], any_
+    often = f'{same} of {folds} times' if same else f'in none of {folds} times'
+    text = (f'With a part of the rows left out, {what} and no other '
+            f'{"were" if count > 1 else "was"} found {often}')
+    if count > 1 and chosen:
+        largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
+        if largest['name'] in chosen:
+            text += f', the largest {chosen[largest["name"]]} times'
+    return f'{text}.'
+
+
+def spread_sentence(document):
+    """How far the figure of rows left out depends on which are; '' where that is not known."""
+    spread = document['after'].get('cv_spread') or {}
+    if spread.get('partitions', 0) < 2:
+        return ''
+    return (f'Rows left out: the mean of {spread["partitions"]} ways to leave them out, after from '
+            f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}.')
+
+
+def choice_sentence(document):
+    """How often the same effects were chosen where rows were left out; '' where it is not known.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    str
+    """
+    spread = document['after'].get('cv_spread') or {}
+    folds = spread.get('folds')
+    if not folds or document['verdict'] in STAYS or not document['effects']:
+        return ''
+    kind = document.get('mount') or USUAL
+    own, others = ([f'{plain_name(name, kind)} {_times(count, folds)}' for name, count in
+                    sorted(spread.get(key, {}).items(), key=lambda one: -one[1])]
+                   for key in ('chosen', 'others'))
+    text = (f'With a part of the rows left out the choice was repeated {folds} times. Of what was '
+            f'found it had {"; ".join(own)}')
+    if len(own) > 1:
+        text += f'; all of it and nothing else {_times(spread["same_choice"], folds)}'
+    if others:
+        more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
+        text += f'. Of other effects it had {"; ".join(others[:_MOST_OTHERS])}{more}'
+    if spread.get('no_choice'):
+        text += f'. It had no effect at all {_times(spread["no_choice"], folds)}'
+    return f'{text}.'
+
+
+def _times(number, of):
+    return 'each time' if number == of else {0: 'never', 1: 'once', 2: 'twice'}.get(
+        number, f'{number} times')
+
+
+def figures_sentence(document):
+    """Which figure to quote, and why the others differ; '' without any.
+
+    Parameters
+    ----------
+    document : dict
+
+    Returns
+    -------
+    str
+    """
+    label, before, after = best_pair(document)
+    quoted = before if document['verdict'] in STAYS else after
+    floor, expected = document.get('noise_floor_arcsec'), document.get('expected')
+    if quoted is None or document['verdict'] == 'refused':
+        return ''
+    if label == FITTED:
+        out = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
+    else:
+        out = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
+               'of effects has seen']
+        own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
+        if label not in (HELD, LEFT_OUT) and own is not None:
+            out.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
+                       'neighbouring rows err alike, and those next to a row left out tell of it')
+        if label == HELD and own is not None:
+            out.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
+                       'with them what a run has of its own')
+    wanders = bool((document.get('wander') or {}).get('slow'))
+    if floor is not None:
+        out.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
+                   ': no noise floor, for what wanders over the whole run is in it' if wanders else
+                   f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
+                   'larger for the coefficients')
+    if expected:
+        low, high = expected['low_arcsec'], expected['high_arcsec']
+        out.append(f'{arcsec(expected["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times '
+                   'in ten) is expected on fresh stars in the '
+                   f'{expected.get("within", "half hour")} after the last row')
+        if floor is not None and expected['rms_arcsec'] < floor:
+            within = low <= floor <= high
+            out.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
+                       + ('the zero moves less by then than over the whole run'
+                          if wanders else 'rows late in the run may scatter less than the others')
+                        + (', and the difference is within its uncertainty' if within else ''))
+    return '. '.join(out) + '.'
+
+
+def floor_words(document):
+    """What the noise floor is called: it holds what wanders too."""
+    wander = document.get('wander')
+    return 'left by the model, noise and what wanders' if wander and wander.get('slow') \
+        else 'noise floor'

@@ -1,0 +1,152 @@
+"""Words for proposed observations: where, for which causes of an effect, what they would bring."""
+
+import numpy as np
+
+from calibration.estimation.select import SET_WIDTH
+from pointing_model.effects.base import arcsec
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .cause_wording import open_causes, plain_name, short_cause, still_open
+
+#: why hours are told with a place
+WHY_LATER = ' (something in one of the explanations changes with time)'
+_LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
+
+
+def causes_of(document):
+    """Name of an effect -> the cause that it stands for, in words, dict."""
+    return {name: one['cause'] for row in document['effects']
+            for one in (*still_open(row), *(row.get('causes') or ())) for name in one['effects']}
+
+
+def proposals(document):
+    """Proposed observations that tell causes apart which people are told as two."""
+    told = causes_of(document)
+    return [item for item in document.get('next_observations') or []
+            if len({told.get(name, name) for name in item['separates']}) > 1]
+
+
+def serves_sentence(document):
+    """Whom the proposals do not serve, where that is the largest effect; '' elsewhere."""
+    rows = [row for row in document['effects'] if row.get('causes')]
+    serves = {item['separates'][0] for item in proposals(document)}
+    largest = max(rows, key=lambda row: row.get('removes_rms_arcsec') or 0.0, default=None)
+    if not serves or largest is None or largest['name'] in serves:
+        return ''
+    kind = document.get('mount') or USUAL
+    open_ = open_causes(largest) > 1
+    return (f'These serve the smaller effects alone. Of the largest, '
+            f'{plain_name(largest["name"], kind)} ({arcsec(largest["removes_rms_arcsec"])} RMS on '
+            'the sky), they tell nothing: ' + (
+                'no observation tells its causes apart, so look at the mount.' if open_ else
+                'one cause was left for it, which only a look at the mount can test.'))
+
+
+def no_star_sentences(document, but=None):
+    """A sentence for each effect, but for one, of which no observation tells the causes apart."""
+    told = causes_of(document)
+    return [_no_star(told.get(one, one), _either(others, told))
+            for one, *others in document.get('no_star') or [] if one != but]
+
+
+def _no_star(one, others):
+    return (f'No star tells {one} from {others}: on the whole sky they look alike, so look at the '
+            'mount.')
+
+
+def _either(names, told):
+    """Causes, each once: a; b or c."""
+    causes = list(dict.fromkeys(told.get(name, name) for name in names))
+    return ' or '.join(filter(None, ['; '.join(causes[:-1]), causes[-1]]))
+
+
+def next_sentence(document, row):
+    """Which observation would tell the causes of an effect apart, or that none would.
+
+    Parameters
+    ----------
+    document : dict
+    row : dict
+        Of its effects.
+
+    Returns
+    -------
+    str
+        '' where it has one cause.
+    """
+    if open_causes(row) < 2:
+        return ''
+    told = {name: one['cause'] for one in (*row['causes'], *still_open(row))
+            for name in one['effects']}
+    mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
+    if mine:
+        kind = document.get('mount') or USUAL
+        both = [told[row['name']], told.get(mine[0]['separates'][1], 'the next')]
+        if len({short_cause(one) for one in both}) > 1:
+            both = [short_cause(one) for one in both]
+        return (f'To tell {" from ".join(both)}, observe first '
+                f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
+                f'{enough(mine)}.')
+    for one, *others in document.get('no_star') or []:
+        if one == row['name']:
+            rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
+            # each was tried against the best, not against each other
+            last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, told)
+            return _no_star(told[one], last)
+    return ''
+
+
+def enough(items):
+    """What some observations for one pair would bring, and whether that is enough."""
+    before, after = items[0]['separation_before'], items[-1]['separation_after']
+    text = f'the evidence between them (ΔBIC), {before:.1f} now, would be {after:.1f} with ' + (
+        'it' if len(items) == 1 else f'{len(items)} such observations')
+    return text + ('' if after >= SET_WIDTH else
+                   f', still below {SET_WIDTH:g}: more of them are needed')
+
+
+def _degrees(value):
+    return f'{int(round(value))}°'.replace('-', '−')
+
+
+def counterweight_up(item, kind):
+    """Whether the counterweight of a German mount is above level at a proposed observation."""
+    return bool(KINDS[kind].two_sided and 'ha_deg' in item
+                and np.sin(np.radians(item['ha_deg'])) < -_LEVEL)
+
+
+def place_words(item, kind=USUAL):
+    """A proposed observation in words.
+
+    Parameters
+    ----------
+    item : dict
+        As of `calibration.analysis.diagnosis.next_observations.propose`.
+    kind : str
+        Of `pointing_model.mounts.KINDS`.
+
+    Returns
+    -------
+    str
+    """
+    names = KINDS[kind]
+    place = f'azimuth {_degrees(item["az_deg"])}, elevation {_degrees(item["el_deg"])}'
+    keys = [f'{column}_deg' for column in names.columns]
+    if keys[0] != 'az_deg' and keys[0] in item:
+        own = (f'{axis} {_degrees(item[key])}' for axis, key in zip(names.axes, keys))
+        place = f'{", ".join(own)} ({place})'
+    sides = [{-1: f'{axis} falling', 1: f'{axis} rising'}[item[key]]
+             for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
+    if item.get('through_pole'):
+        place += ', through the pole'
+    if counterweight_up(item, kind):
+        place += ', counterweight up (only if your mount may)'
+    if sides:
+        place += ', approached with ' + ' and '.join(sides)
+    if item.get('last_move_deg'):
+        place += f' by a last move back of {item["last_move_deg"]:g}°'
+    if item.get('after_hours'):
+        place += f', {item["after_hours"]:g} h after the last row'
+        if item.get('utc'):
+            place += f' ({"next night, " * item["next_night"]}{item["utc"]} UTC)'
+    return place
