@@ -84,8 +84,8 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         raise ValueError(f'{path}: a name ending in .json or .yaml is a model of ours (--to '
                          f'{MODEL}), and that of no other program')
     loaded = read_model(source, mount or ALTAZ)
-    model, said = _with_zero(loaded.model, zero)
-    notes = [*loaded.notes, *said, *_said_of_open(model)]
+    model, remarks = _with_zero(loaded.model, zero)
+    notes = [*loaded.notes, *remarks, *_open_notes(model)]
     if to == MODEL:
         model.save(path)
         return Written(path, to, None, notes)
@@ -94,27 +94,27 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         write_text(path, coefficient_table.write(model, facts['caption']))
         return Written(path, to, None, notes)
     from pointing_model.runs.model_files import export
-    context, told = None, ''
+    context, place = None, ''
     if sky is not None:
-        context, told, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
+        context, place, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
         facts |= more
     if hasattr(site, 'longitude'):
         facts['site'] = site.latitude, site.longitude
-    exported = export(model, PROGRAMS[to], context, told, facts)
+    exported = export(model, PROGRAMS[to], context, place, facts)
     write_text(path, exported.text)
     return Written(path, to, exported, [*notes, *exported.notes])
 
 
-def _said_of_open(model):
+def _open_notes(model):
     """What no file of another program tells: which terms nobody knows."""
     from calibration.analysis.fit_result import undetermined_terms
     from calibration.report.wording import wording
-    said = [wording(undetermined_terms(model.undetermined, model.terms))] \
+    notes = [wording(undetermined_terms(model.undetermined, model.terms))] \
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
-        said.append('all rows of the fit are on one side of the pier: on the other nobody has '
+        notes.append('all rows of the fit are on one side of the pier: on the other nobody has '
                     'seen this model')
-    return said
+    return notes
 
 
 def _with_zero(model, wanted):

@@ -173,7 +173,7 @@ def zero_file_causes(path):
     Returns
     -------
     dict
-        JSON-ready, as of `zero_season_report.judge_season`: ``causes``, ``tonight``; and
+        JSON-ready, as of `zero_season_report.zero_season`: ``causes``, ``tonight``; and
         ``notes``, as of `read_zeros`.
 
     Raises

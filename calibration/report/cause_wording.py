@@ -35,13 +35,13 @@ def plain(cause):
 
 def causes_sentence(causes):
     """Causes as equals, the best first."""
-    told = [plain(one['cause']) + (
+    texts = [plain(one['cause']) + (
         f' (with {counted(one["more_effects"], "effect")} more beside it)'
         if one.get('more_effects') else '') for one in causes]
-    if len(told) > _MOST_CAUSES:
-        told = [*told[:_MOST_CAUSES], f'{len(told) - _MOST_CAUSES} more']
+    if len(texts) > _MOST_CAUSES:
+        texts = [*texts[:_MOST_CAUSES], f'{len(texts) - _MOST_CAUSES} more']
     return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
-            f'{"; ".join(told[:-1])}; or {told[-1]}.')
+            f'{"; ".join(texts[:-1])}; or {texts[-1]}.')
 
 
 def short_cause(cause):
@@ -49,7 +49,7 @@ def short_cause(cause):
     return re.sub(r' \([^()]*per turn[^()]*\)', '', plain(cause))
 
 
-def contenders_sentence(row, found):
+def alternatives_sentence(row, found):
     """What lost its place to an effect, and by how much; '' where nothing did.
 
     Parameters
@@ -59,7 +59,7 @@ def contenders_sentence(row, found):
     found : str
         Its cause, as people are told it.
     """
-    said = []
+    sentences = []
     for one in row.get('contenders') or ():
         text = short_cause(one['cause'])
         text = f'{text[:1].upper()}{text[1:]}'
@@ -70,11 +70,12 @@ def contenders_sentence(row, found):
                   if one['behind'] > 0.0 else '')
         often = (f'it was chosen instead {one["instead"]} of the {one["folds"]} times that a part '
                  'of the rows was left out' if one['instead'] else '')
-        told = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
-        said.append(f'{text} {"is not excluded" if one["open"] else "lost its place"}: {told}.')
+        why = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
+        sentences.append(
+            f'{text} {"is not excluded" if one["open"] else "lost its place"}: {why}.')
     if still_open(row) and len(row.get('causes') or ()) < 2:
-        said.insert(0, f'With all rows fits best: {short_cause(found)}.')
-    return ' '.join(said)
+        sentences.insert(0, f'With all rows fits best: {short_cause(found)}.')
+    return ' '.join(sentences)
 
 
 def first_check(document, row):

@@ -62,10 +62,10 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
     rows = [(label.format(words.get(key)), before.get(key), after.get(key))
             for key, label in _MEASURES
             if before.get(key) is not None or after.get(key) is not None]
-    apart = document.get('cv_contiguous')
-    if apart:
+    blocks = document.get('cv_contiguous')
+    if blocks:
         at = next((i for i, row in enumerate(rows) if row[0].startswith('rows fitted')), len(rows))
-        rows.insert(at, ('stretches of rows left out', apart['before'], apart['after']))
+        rows.insert(at, ('stretches of rows left out', blocks['before'], blocks['after']))
     if not rows:
         return ''
     note = ('RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on rows '
@@ -293,7 +293,7 @@ def exclusions(excluded, word='row', limit=12):
     return html.table(['reason', 'count', f'{word}s'], rows)
 
 
-def next_observations(rows, mount=ALTAZ, told=None):
+def next_observations(rows, mount=ALTAZ, causes=None):
     """Proposed observations, as tables and on the sky.
 
     Parameters
@@ -302,7 +302,7 @@ def next_observations(rows, mount=ALTAZ, told=None):
         As `calibration.analysis.diagnosis.next_observations.propose` gives them.
     mount : Mount
         Whose kind says what a motion of its axes is called.
-    told : dict, optional
+    causes : dict, optional
         Name of an effect -> its cause in words.
     """
     if not rows:
@@ -316,9 +316,10 @@ def next_observations(rows, mount=ALTAZ, told=None):
                                for a, e in zip(np.degrees(az), np.degrees(el))])
     drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'),
                      'Zenith in the middle, horizon at the rim, numbered as in the tables.')
-    told = told or {}
-    tables = ''.join(_next_group([told.get(name) or readable(name) for name in names], group, kind)
-                     for names, group in groups.items())
+    causes = causes or {}
+    tables = ''.join(
+        _next_group([causes.get(name) or readable(name) for name in names], group, kind)
+        for names, group in groups.items())
     return f'<div class="side">{drawing}<div>{tables}</div></div>'
 
 

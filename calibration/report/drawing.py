@@ -308,7 +308,7 @@ class SkyMap:
                     d += f'{"L" if i and seen[i - 1] else "M"}{_n(x)} {_n(y)}'
         self.parts.append(f'<path class="grid axes" d="{d}"/>')
         one, other = mount.names.letters
-        for first, second, said in (
+        for first, second, label in (
                 *((0.0, angle, f'{other} {angle:g}°') for angle in _EACH), (0.0, 90.0, 'pole'),
                 (0.0, -90.0, 'pole'),
                 *((angle, 0.0, f'{one} {angle:g}°') for angle in _ROUND if angle)):
@@ -317,7 +317,7 @@ class SkyMap:
             # those of the elevation stand above the middle
             if np.degrees(el) >= self.lowest + 3.0 and np.hypot(x - self.centre - 12.0,
                                                                 y - self.centre) > 12.0:
-                self.parts.append(text(x - 3, y - 3, said, 'axes', anchor='end'))
+                self.parts.append(text(x - 3, y - 3, label, 'axes', anchor='end'))
 
     def place(self, az, el):
         """Drawing coordinates of directions, radians."""

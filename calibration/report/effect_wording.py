@@ -9,7 +9,8 @@ from pointing_model.effects.base import arcsec
 from pointing_model.effects.words import common_shape
 from pointing_model.mount_kinds import USUAL
 
-from .cause_wording import causes_sentence, contenders_sentence, plain_name, short_cause, still_open
+from . import cause_wording
+from .cause_wording import plain_name, short_cause, still_open
 from .residual_axes import driver_of, utc_text
 from .wording import Statement
 
@@ -39,15 +40,15 @@ def effect_summary(diagnosis, found):
     rms = found.removes_arcsec
     rows, values = over_the_rows(diagnosis, fitted)
     more = []
-    contenders = still_open(vars(found))
+    alternatives = still_open(vars(found))
     if len(found.causes) > 1:
         where = acting_word(found, context.mount.names.axes, 'pointing')
         seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
                                        _where(diagnosis, found, fitted, rows, values)]))
-        more.append(causes_sentence(found.causes))
-    elif contenders:
+        more.append(cause_wording.causes_sentence(found.causes))
+    elif alternatives:
         where = acting_word(found, context.mount.names.axes, 'pointing')
-        named = [short_cause(one['cause']) for one in (*found.causes, *contenders)]
+        named = [short_cause(one['cause']) for one in (*found.causes, *alternatives)]
         shape = shape_of(found).replace(f' of the {where}', '', 1)
         seen = f'The {where} error has {shape}: {", or ".join(named)}'
     else:
@@ -58,7 +59,7 @@ def effect_summary(diagnosis, found):
             found.fitted.coefficients / ARCSEC, rms,
             (known.min(), known.max()) if known.size else None,
             utc_text if utc and e.driver == 'time' else None))
-    more.append(contenders_sentence(vars(found), e.cause_summary))
+    more.append(cause_wording.alternatives_sentence(vars(found), e.cause_summary))
     used = diagnosis.weights > 0.0
     seen, observed = _as_observed(seen, context, e, used)
     own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)

@@ -80,15 +80,15 @@ def best_pair(document, held=True):
     before, after : float or None
         Radial RMS on the sky, arcsec.
     """
-    apart, wander = document.get('cv_contiguous') or {}, document.get('wander') or {}
+    blocks, correlation = document.get('cv_contiguous') or {}, document.get('wander') or {}
     for key, label in (('holdout_rms_arcsec', HELD),
                        ('cv_rms_arcsec', LEFT_OUT),
                        ('rms_arcsec', FITTED)):
         pair = document['before'].get(key), document['after'].get(key)
         if None in pair or (label == HELD and not held):
             continue
-        if label == LEFT_OUT and wander.get('slow') and apart.get('after', 0.0) > pair[1]:
-            return STRETCHES, apart['before'], apart['after']
+        if label == LEFT_OUT and correlation.get('slow') and blocks.get('after', 0.0) > pair[1]:
+            return STRETCHES, blocks['before'], blocks['after']
         return label, *pair
     return FITTED, None, None
 
@@ -204,10 +204,10 @@ def figures_sentence(document):
         if label == HELD and own is not None:
             out.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
                        'with them what a run has of its own')
-    wanders = bool((document.get('wander') or {}).get('slow'))
+    slow = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
         out.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
-                   ': no noise floor, for what wanders over the whole run is in it' if wanders else
+                   ': no noise floor, for what wanders over the whole run is in it' if slow else
                    f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
                    'larger for the coefficients')
     if expected:
@@ -217,15 +217,15 @@ def figures_sentence(document):
                    f'{expected.get("within", "half hour")} after the last row')
         if floor is not None and expected['rms_arcsec'] < floor:
             within = low <= floor <= high
-            out.append(f'It can be below {arcsec(floor) if wanders else "the floor"}: '
+            out.append(f'It can be below {arcsec(floor) if slow else "the floor"}: '
                        + ('the zero moves less by then than over the whole run'
-                          if wanders else 'rows late in the run may scatter less than the others')
+                          if slow else 'rows late in the run may scatter less than the others')
                         + (', and the difference is within its uncertainty' if within else ''))
     return '. '.join(out) + '.'
 
 
 def floor_words(document):
     """What the noise floor is called: it holds what wanders too."""
-    wander = document.get('wander')
-    return 'left by the model, noise and what wanders' if wander and wander.get('slow') \
+    correlation = document.get('wander')
+    return 'left by the model, noise and what wanders' if correlation and correlation.get('slow') \
         else 'noise floor'

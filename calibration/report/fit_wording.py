@@ -39,10 +39,10 @@ def implausible_term(row):
 
 def _with_others(row, figure):
     """Of a bending of the tube that is negative with the cause that fits best, not with others."""
-    told = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
+    values = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
                      f'{one["cause"]}' for one in row['sound_with'])
     return (f'{row["name"]}, the bending of the tube, is negative with the cause that fits best '
-            f'({figure}), and not with others that fit as well ({told}). Weight bends no tube '
+            f'({figure}), and not with others that fit as well ({values}). Weight bends no tube '
             'upward, which speaks for these; or look at the refraction: '
             + _DESK[0].lower() + _DESK[1:] + '?')
 
@@ -127,15 +127,15 @@ def origin_sentence(origin):
     return f'whether the errors go through the pole with the mount cannot be told: {figures}'
 
 
-def comparison_sentence(judged, axes=('azimuth', 'elevation')):
+def comparison_sentence(comparison, axes=('azimuth', 'elevation')):
     """What rows that neither model has seen say of an `estimation.comparison.PairedComparison`."""
     names = {'az': f'in {axes[0]}', 'el': f'in {axes[1]}', 'radial': 'on the sky'}
     parts = []
-    for axis in judged.worse or ('radial',):
-        one = getattr(judged, axis)
+    for axis in comparison.worse or ('radial',):
+        one = getattr(comparison, axis)
         parts.append(f'{one.before:.2f} -> {one.after:.2f} arcsec {names[axis]} '
                      f'(p = {one.chance:.2g})')
-    return (f'{judged.rows} rows that it has not seen: ' + ', '.join(parts)
+    return (f'{comparison.rows} rows that it has not seen: ' + ', '.join(parts)
             + '; p: the chance that a harmless change looks as bad')
 
 

@@ -89,24 +89,24 @@ def _agreement(run, axes):
     numbers = run['run'] if 'run' in run else np.zeros(len(run))
     out = []
     for key, axis in zip(('az', 'el'), axes):
-        apart = wrap(run[f'{key}_enc'] - run[f'{key}_abs']) / ARCSEC
+        difference = wrap(run[f'{key}_enc'] - run[f'{key}_abs']) / ARCSEC
         for one in np.unique(numbers):
-            own = (numbers == one) & np.isfinite(apart)
+            own = (numbers == one) & np.isfinite(difference)
             if own.any():
-                apart[own] -= np.median(apart[own])
-        good = np.isfinite(apart)
+                difference[own] -= np.median(difference[own])
+        good = np.isfinite(difference)
         if not good.any():
             continue
-        limit = limit_of(apart[good])
+        limit = limit_of(difference[good])
         room = 0.02 * max(float(np.ptp(x[good])), 1e-3)
         panel = Panel((56, 24, 372, 130), (float(x[good].min()) - room,
                                            float(x[good].max()) + room), (-limit, limit))
         panel.axes('hours since the first row' if 'time' in run else 'row', 'arcsec', axis)
-        panel.points(x[good], apart[good], 'third')
-        spread = 1.4826 * float(np.median(np.abs(apart[good])))
-        said = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
+        panel.points(x[good], difference[good], 'third')
+        spread = 1.4826 * float(np.median(np.abs(difference[good])))
+        what = f'{axis}: incremental − absolute encoder at {int(good.sum())} exposures, about ' \
                f'the middle of each power-on; scatter {number(spread)} arcsec'
-        out.append(figure(svg(440, 202, panel.parts, said), said[0].upper() + said[1:] + '.'))
+        out.append(figure(svg(440, 202, panel.parts, what), f'{what[0].upper()}{what[1:]}.'))
     return subsection('The two encoders beside each other', pair(out) if out else '')
 
 

@@ -89,8 +89,8 @@ def _streams(bag, named, whole):
                'longest_s': None, 'lost': None,
                'rate_hz': (topic.count - 1) / span if topic.count > 1 and span > 0.0 else None}
         if len(times[name]) > 1:
-            apart = np.diff(np.array(times[name], float)) * 1e-9
-            moved = apart[apart > 0.0]  # of a simulated clock many have one time
+            intervals = np.diff(np.array(times[name], float)) * 1e-9
+            moved = intervals[intervals > 0.0]  # of a simulated clock many have one time
             if len(moved):
                 row.update(interval_s=float(np.median(moved)), longest_s=float(moved.max()))
         if gaps[name].publishers:
@@ -107,17 +107,17 @@ def _marks(bag, named):
             axes = cloud_to_homing(message.data)
         except ValueError:
             continue
-        for axis, told in axes.items():
-            before = out.get((told.power_on, axis), {})
-            error = abs(told.mark_error) if np.isfinite(told.mark_error) else None
+        for axis, homing in axes.items():
+            before = out.get((homing.power_on, axis), {})
+            error = abs(homing.mark_error) if np.isfinite(homing.mark_error) else None
             worst = before.get('worst_error_counts')
-            out[told.power_on, axis] = {
-                'power_on': told.power_on, 'axis': axis, 'homed': told.homed,
-                'side': told.side or before.get('side', ''), 'passages': told.passages,
-                'missed': told.missed_marks, 'started': _or_none(told.started),
+            out[homing.power_on, axis] = {
+                'power_on': homing.power_on, 'axis': axis, 'homed': homing.homed,
+                'side': homing.side or before.get('side', ''), 'passages': homing.passages,
+                'missed': homing.missed_marks, 'started': _or_none(homing.started),
                 'worst_error_counts': max((v for v in (error, worst) if v is not None),
                                           default=None),
-                'supply': _or_none(told.supply), 'temperature': _or_none(told.temperature)}
+                'supply': _or_none(homing.supply), 'temperature': _or_none(homing.temperature)}
     return [out[key] for key in sorted(out)]
 
 
@@ -127,8 +127,8 @@ def _or_none(value):
 
 def _sigmas(errors):
     values = {}
-    for told in errors:
-        for axis, sigma in zip(getattr(told, 'name', ()), getattr(told, 'position', ())):
+    for reading in errors:
+        for axis, sigma in zip(getattr(reading, 'name', ()), getattr(reading, 'position', ())):
             values.setdefault(axis, []).append(sigma / ARCSEC)
     out = {}
     for axis, found in values.items():
@@ -154,8 +154,8 @@ def _nodes(bag):
     for i, message in enumerate(kept):
         if message.topic in observer:
             continue
-        told = bag.decode(message)
-        for status in getattr(told, 'status', ()):
+        diagnostics = bag.decode(message)
+        for status in getattr(diagnostics, 'status', ()):
             level, before = _level(status.level), out.get(status.name)
             # then nodes end one after the other, and miss each other
             if i > over and before and level > LEVELS.index(before['level']):

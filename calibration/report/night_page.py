@@ -254,10 +254,10 @@ def residuals_of(run, model, report, split_seed=None):
     stars = ~is_for_zero(run) if 'star' in run else np.ones(len(run), bool)
     rows = Following.of(model).corrected(run).select(stars) if len(run) else run
     measured = Zeros.from_list(report.get('zeros') or [])
-    in_force = active_zeros(model) or Zeros.from_list(report.get('zeros_in_force') or [])
+    active = active_zeros(model) or Zeros.from_list(report.get('zeros_in_force') or [])
     plain = PointingModel({}, mount=rows.mount)
     before, after = (_offsets(one, rows, zeros) for one, zeros in (
-        (plain, measured), (model, in_force)))
+        (plain, measured), (model, active)))
     used, words = _words(run, report, split_seed)
     noise = report.get('noise_arcsec')
     return run_residuals(
@@ -289,11 +289,11 @@ def _words(run, report, split_seed):
     if not n:
         return np.zeros(0, bool), words
     satellite, lied = run.get('star', np.zeros(n)) < 0, distrusted(run)
-    judged = is_kept_out(run)
+    kept_out = is_kept_out(run)
     words[satellite] = 'satellite: for checks only'
-    words[judged] = 'fresh star, pointed at blind: judged by, not fitted'
+    words[kept_out] = 'fresh star, pointed at blind: judged by, not fitted'
     words[lied] = 'excluded: the camera was frozen, mirrored or turned'
-    used = ~(satellite | judged | lied)
+    used = ~(satellite | kept_out | lied)
     fitted = used.copy()
     if report.get('last_stamp_ns') and 'time' in run:
         # whole microseconds of a float that counts seconds since 1970

@@ -66,7 +66,7 @@ def explanation(effects):
     return f'something that changes with {" or ".join(drivers)}' if drivers else ''
 
 
-def _apart(axis):
+def _distance(axis):
     """How far apart the rows of an axis are of which is said how they differ."""
     if axis['unit'] == 'rows':
         return {10.0: 'ten', 3.0: 'three'}[axis['apart']]
@@ -75,34 +75,34 @@ def _apart(axis):
 
 def difference_sentence(entry, words):
     """How much more rows differ that are farther apart; '' where that is not known."""
-    told = _told(entry, words, 'moves_arcsec')
-    if not told:
+    figures = _figures(entry, words, 'moves_arcsec')
+    if not figures:
         return ''
-    near, far = (_each(told, key) for key in ('next_arcsec', 'apart_arcsec'))
+    near, far = (_each(figures, key) for key in ('next_arcsec', 'apart_arcsec'))
     text = (f'What is left of a row and of the next differs by {near}, of rows about '
-            f'{_apart(told[0][1])} apart by {far} (RMS on the sky, noise included)')
-    if not any(one['moves_arcsec'] for _, one in told):
+            f'{_distance(figures[0][1])} apart by {far} (RMS on the sky, noise included)')
+    if not any(one['moves_arcsec'] for _, one in figures):
         text += ': no more, so it is from row to row that they err alike, if at all'
     return text
 
 
 def direction_sentence(entry, words):
     """Whether rows of one direction err alike whenever they were observed; '' if not known."""
-    told = _told(entry, words, 'near_next_arcsec', 'near_apart_arcsec')
-    if not told or entry.get('pairs', 0) < FEWEST:
+    figures = _figures(entry, words, 'near_next_arcsec', 'near_apart_arcsec')
+    if not figures or entry.get('pairs', 0) < FEWEST:
         return ''
-    near, far = (_each(told, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
+    near, far = (_each(figures, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
     return (f'Rows within {entry["within_deg"]:.0f}° on the sky differ by {near} where one follows '
-            f'the other, by {far} where they are {_apart(told[0][1])} or more apart '
+            f'the other, by {far} where they are {_distance(figures[0][1])} or more apart '
             f'({entry["pairs"]} pairs): an error of the direction leaves the two alike, a zero '
             'that wanders makes the second as large as that of rows anywhere')
 
 
-def _told(entry, words, *keys):
+def _figures(entry, words, *keys):
     """Word and figures of each axis that has all of some figures."""
     return [(word, entry['axes'][name]) for name, word in zip(('az', 'el'), words)
             if name in entry['axes'] and None not in map(entry['axes'][name].get, keys)]
 
 
-def _each(told, key):
-    return ' and '.join(f'{arcsec(one[key])} in {word}' for word, one in told)
+def _each(figures, key):
+    return ' and '.join(f'{arcsec(one[key])} in {word}' for word, one in figures)

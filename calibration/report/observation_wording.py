@@ -21,9 +21,9 @@ def causes_of(document):
 
 def proposals(document):
     """Proposed observations that tell causes apart which people are told as two."""
-    told = causes_of(document)
+    words = causes_of(document)
     return [item for item in document.get('next_observations') or []
-            if len({told.get(name, name) for name in item['separates']}) > 1]
+            if len({words.get(name, name) for name in item['separates']}) > 1]
 
 
 def serves_sentence(document):
@@ -44,8 +44,8 @@ def serves_sentence(document):
 
 def no_star_sentences(document, but=None):
     """A sentence for each effect, but for one, of which no observation tells the causes apart."""
-    told = causes_of(document)
-    return [_no_star(told.get(one, one), _either(others, told))
+    words = causes_of(document)
+    return [_no_star(words.get(one, one), _either(others, words))
             for one, *others in document.get('no_star') or [] if one != but]
 
 
@@ -54,9 +54,9 @@ def _no_star(one, others):
             'mount.')
 
 
-def _either(names, told):
+def _either(names, words):
     """Causes, each once: a; b or c."""
-    causes = list(dict.fromkeys(told.get(name, name) for name in names))
+    causes = list(dict.fromkeys(words.get(name, name) for name in names))
     return ' or '.join(filter(None, ['; '.join(causes[:-1]), causes[-1]]))
 
 
@@ -76,12 +76,12 @@ def next_sentence(document, row):
     """
     if open_causes(row) < 2:
         return ''
-    told = {name: one['cause'] for one in (*row['causes'], *still_open(row))
+    words = {name: one['cause'] for one in (*row['causes'], *still_open(row))
             for name in one['effects']}
     mine = [item for item in proposals(document) if item['separates'][0] == row['name']]
     if mine:
         kind = document.get('mount') or USUAL
-        both = [told[row['name']], told.get(mine[0]['separates'][1], 'the next')]
+        both = [words[row['name']], words.get(mine[0]['separates'][1], 'the next')]
         if len({short_cause(one) for one in both}) > 1:
             both = [short_cause(one) for one in both]
         return (f'To tell {" from ".join(both)}, observe first '
@@ -89,10 +89,10 @@ def next_sentence(document, row):
                 f'{enough(mine)}.')
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
-            rest = {told.get(name) for name in others} >= set(told.values()) - {told[one]}
+            rest = {words.get(name) for name in others} >= set(words.values()) - {words[one]}
             # each was tried against the best, not against each other
-            last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, told)
-            return _no_star(told[one], last)
+            last = ('the other' + 's' * (open_causes(row) > 2)) if rest else _either(others, words)
+            return _no_star(words[one], last)
     return ''
 
 

@@ -29,25 +29,25 @@ def raw_error_sentence(document):
     names = kind_of(document)
     values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
     others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
-    said = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
+    sentences = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
     more = _beyond_zeros(values, others, left)
     lean = '' if any(values[own].get('undetermined') for own in ('AN', 'AW') if own in values) \
         else _lean(values, names, document.get('south', False))
     if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
-        said.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
+        sentences.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
     if lean:
-        said.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
-    if said:
-        said += _of_which_fit(document, rows)
-    return '. '.join(said) + '.' if said else ''
+        sentences.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
+    if sentences:
+        sentences += _of_which_fit(document, rows)
+    return '. '.join(sentences) + '.' if sentences else ''
 
 
 def _named(rows, names, sizes=False):
-    told = [f'{row["name"]} {_signed(row["value_arcsec"])} '
+    terms = [f'{row["name"]} {_signed(row["value_arcsec"])} '
             f'({_what(row["name"], names)}'
             + ', undetermined: the sum of several terms' * row.get('undetermined', False)
             + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
-    return ' and '.join(filter(None, [', '.join(told[:-1]), told[-1]]))
+    return ' and '.join(filter(None, [', '.join(terms[:-1]), terms[-1]]))
 
 
 def _beyond_zeros(values, named, left):
@@ -63,25 +63,25 @@ def _of_which_fit(document, rows):
     effects = len(document['effects'])
     if not effects or document['before'] == document['after']:
         return []
-    said = ['These values are of the terms fitted alone, without the '
+    sentences = ['These values are of the terms fitted alone, without the '
             f'effect{"s" * (effects > 1)}']
     moved = sorted((row for row in rows if 'beside_effects_arcsec' in row),
                    key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
-    told = []
+    changes = []
     for row in moved[:_MOST_MOVED]:
         text = (f'{row["name"]} is {_signed(row["beside_effects_arcsec"])} in place of '
                 f'{_signed(row["value_arcsec"])}')
         if abs(row.get('correlation') or 0.0) > _RESEMBLES:
             text += (f', for it resembles {readable(row["resembles"])} (correlation '
                      f'{row["correlation"]:.2f})').replace('-', '\u2212')
-        told.append(text)
-    if told:
-        wander = document.get('wander')
+        changes.append(text)
+    if changes:
+        correlation = document.get('wander')
         # then that fit does not follow what wanders, and the one of the terms alone does
         beside = ', and with what wanders in mind,' * bool(
-            wander and wander.get('along_the_sky') is None)
-        said.append(f'Beside {"it" if effects == 1 else "them"}{beside} {"; ".join(told)}')
-    return said
+            correlation and correlation.get('along_the_sky') is None)
+        sentences.append(f'Beside {"it" if effects == 1 else "them"}{beside} {"; ".join(changes)}')
+    return sentences
 
 
 def _if_so(document, values, names):

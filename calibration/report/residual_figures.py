@@ -178,8 +178,8 @@ def controls(data=None):
         return ''
     groups = ''
     if data.groups is not None and len(np.unique(data.groups)) > 1:
-        options = ''.join(f'<option value="{clean(name)}" data-say="{clean(say)}">{clean(name)}'
-                          '</option>' for name, say in _groups(data))
+        options = ''.join(f'<option value="{clean(name)}" data-say="{clean(summary)}">{clean(name)}'
+                          '</option>' for name, summary in _groups(data))
         groups = (f'<label hidden="hidden">{clean(data.group_word)} <select id="group">'
                   f'<option value="">all</option>{options}</select></label>')
     return controls_alone(groups)
@@ -198,10 +198,10 @@ def _groups(data):
     """Name and a sentence of each group."""
     for value in np.unique(data.groups):
         rows, name = data.groups == value, group_name(value)
-        said = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
+        caption = ', '.join(f'{arcsec(size)} {when}' for when in WHENS
                          if (size := data.radial(when, rows)) is not None)
         yield name, (f'{data.group_word} {name}: {int((rows & data.used).sum())} rows'
-                     + (f', radial RMS {said}' if said else ''))
+                     + (f', radial RMS {caption}' if caption else ''))
 
 
 # ---------------------------------------------------------------------------------------- figures
@@ -247,12 +247,13 @@ def sky_maps(data):
         left, low = 12 - margins[0], 388 + margins[3]
         sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
                          + text(left, low - 6, f'{unit:g}″', anchor='start'))
-        said = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
+        what = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
         out.append(figure(
-            svg(400, 400, sky.parts, f'Map of the sky. {said}', 'link', margins),
-            f'{said}. Zenith in the middle, rim at {lowest:g}° elevation{dashed}.{longer}', when))
+            svg(400, 400, sky.parts, f'Map of the sky. {what}', 'link', margins),
+            f'{what}. Zenith in the middle, rim at {lowest:g}° elevation{dashed}.{longer}',
+            when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
     return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
                         f'before and after on one scale.{some}</p>')
@@ -312,20 +313,20 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noi
     cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
     panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
     size = float(rms(x, y)) if len(x) else None
-    said = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
+    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
     if noise is not None and noise > 0.0:
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
         named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
-        said += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
-                 f'within it (of noise alone {100 * _WITHIN:.0f} %).')
+        caption += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
+                    f'within it (of noise alone {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:
         draw(panel)
-    return figure(svg(400, 384, panel.parts, f'Target plot. {said}', 'link' if draw else ''),
-                  said, when)
+    return figure(svg(400, 384, panel.parts, f'Target plot. {caption}', 'link' if draw else ''),
+                  caption, when)
 
 
 def _marks(panel, x, y, data, when, linked=True):
@@ -420,7 +421,7 @@ def _histogram(before, after, limit, title, whens):
     for when, values, _ in shown:
         x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
         panel.line(x, y, f'{when} area when-{when}', close=True)
-    said = f'{title}: standard deviation ' + ', '.join(
+    caption = f'{title}: standard deviation ' + ', '.join(
         f'{arcsec(size)} {when}' for when, _, size in shown)
     sigma = sizes[1]
     if 'after' in whens and np.isfinite(sigma) and sigma > 0.0:
@@ -428,8 +429,8 @@ def _histogram(before, after, limit, title, whens):
         panel.line(u, np.minimum(len(after) * (edges[1] - edges[0]) / sigma / np.sqrt(2 * np.pi)
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
-        said += '; dotted: normal distribution of the latter'
-    return figure(svg(420, 262, panel.parts, f'Histogram. {said}'), f'{said}.',
+        caption += '; dotted: normal distribution of the latter'
+    return figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
                   whens[0] if len(whens) == 1 else '')
 
 

@@ -28,32 +28,32 @@ _TAKEN = {
 
 
 
-def used_sentence(told):
+def used_sentence(counts):
     """First line of what people read.
 
     Parameters
     ----------
-    told : dict
+    counts : dict
         With ``rows_used``, ``rows_read``, ``rows_taken_back``.
 
     Returns
     -------
     str
     """
-    more = told.get('rows_taken_back')
-    return f'{told["rows_used"]} of {told["rows_read"]} rows used' + (
+    more = counts.get('rows_taken_back')
+    return f'{counts["rows_used"]} of {counts["rows_read"]} rows used' + (
         f'; {more} more {"is" if more == 1 else "are"} commented out or rejected in the file'
         if more else '')
 
 
 def expected_sentence(document):
     """The error to be expected of the model, from a document with ``expected``; None if unknown."""
-    told = document.get('expected')
-    if not told:
+    expected = document.get('expected')
+    if not expected:
         return None
-    return (f'expected on fresh stars in the {told.get("within", "half hour")} after: '
-            f'{told["rms_arcsec"]:.2f} arcsec radial, {told["low_arcsec"]:.2f} to '
-            f'{told["high_arcsec"]:.2f} in {100 * told["confidence"]:.0f} % of cases')
+    return (f'expected on fresh stars in the {expected.get("within", "half hour")} after: '
+            f'{expected["rms_arcsec"]:.2f} arcsec radial, {expected["low_arcsec"]:.2f} to '
+            f'{expected["high_arcsec"]:.2f} in {100 * expected["confidence"]:.0f} % of cases')
 
 
 def outlier_sentence(document):
@@ -153,14 +153,14 @@ def signs_sentences(alike, names, written=None):
     -------
     list of str
     """
-    said, mirrored = [], MIRRORED.text(names=names)
+    sentences, mirrored = [], MIRRORED.text(names=names)
     mirror = f', or {mirrored}' if mirrored in alike else ''
     if Reading(exchanged=True).text() in alike or mirror:
-        said.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
+        sentences.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
                     'an encoder that reads too much. Signs alone no run can confirm: they are '
                     f'right unless mount and catalogue are exchanged in the file{mirror}')
     rest = without_signs(alike, names)
-    return said + [columns_alike(rest)] * bool(rest)
+    return sentences + [columns_alike(rest)] * bool(rest)
 
 
 def _reading_as_good(found):
@@ -184,10 +184,10 @@ def scatter_sentence(document):
         return ''
     bands = found['bands']
     word = kind_of(document).axes['xy'.index(found['axis'])]
-    told = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
+    figures = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
                      f'{band["to_deg"]:.0f}°' for band in bands)
     lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
-    return (f'What is left in {word} is not the same at all elevations: {told} (RMS). '
+    return (f'What is left in {word} is not the same at all elevations: {figures} (RMS). '
             + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
                'Seeing grows toward the horizon only, so this is no noise of the sky: something '
                'is left there that no effect here describes.'))
@@ -227,14 +227,15 @@ def worst_sentence(document):
         return row['after_arcsec'] > max(_FOOT * row['before_arcsec'], by_chance)
     by_chance = _worst_by_chance(document)
     same = before == after
-    said = []
+    sentences = []
     if worse(before):
-        said.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
+        sentences.append(f'The worst row, {named(before)}, became worse: {moved(before)}.')
     if not same and worse(after):
-        said.append(f'Now the worst row is {named(after)}: {moved(after)}.')
-    if not said:
+        sentences.append(f'Now the worst row is {named(after)}: {moved(after)}.')
+    if not sentences:
         return ''
-    return ' '.join([*said, 'The effects help on the whole, not there: look at that observation.'])
+    return ' '.join(sentences) + (
+        ' The effects help on the whole, not there: look at that observation.')
 
 
 def _worst_by_chance(document):
@@ -260,7 +261,7 @@ def bad_nights(document, axes):
     """
     nights = document.get('held_out') or []
     good = [night for night in nights if not night['bad']]
-    said = []
+    sentences = []
     for night in nights:
         if not night['bad']:
             continue
@@ -269,13 +270,13 @@ def bad_nights(document, axes):
             f'{word} {after[f"rms_{key}_arcsec"]:.1f}\u2033 RMS, '
             + (f'{times[key]:.1f} times the scatter of the others' if times[key] > 1.5
                else 'as the others') for key, word in zip('xy', axes))
-        said.append(f'The night {night["run"]} is bad: {each}'
+        sentences.append(f'The night {night["run"]} is bad: {each}'
                     + (f'; {night["set_aside"]} of its {night["rows"]} rows are set aside as '
                        'outliers' if night['set_aside'] else '') + '. Judge the model without it'
                     + (': on the other' + ('s' if len(good) > 1 else '') + ' it leaves '
                        + _together(good, 'after') + f' (before {_together(good, "before")}).'
                        if good else '.'))
-    return said
+    return sentences
 
 
 def _together(nights, when):

@@ -15,12 +15,12 @@ _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
 
 
-def render_season(judged, files):
+def render_season(result, files):
     """The page as text.
 
     Parameters
     ----------
-    judged : season_judgement.SeasonJudged
+    result : season_judgement.SeasonJudged
     files : iterable of Path
         From which it is made.
 
@@ -28,9 +28,9 @@ def render_season(judged, files):
     -------
     str
     """
-    document, season = worded(judged.document()), judged.season
+    document, season = worded(result.document()), result.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
-    sentences = worded(judged.findings())
+    sentences = worded(result.findings())
     headline = (f'{len(sentences)} cause{"s" * (len(sentences) != 1)} found' if sentences else
                 'Nothing moves the terms beyond their own wander')
     body = [
@@ -41,7 +41,7 @@ def render_season(judged, files):
         section(f'Foretold for {document["tonight"]["time"]}, before its first star',
                 _tonight(document)),
         section('Terms night by night', _legend(bool(sentences)), *(
-            figure(scrolled(_panel(judged, i)), '') for i in range(len(season.names)))),
+            figure(scrolled(_panel(result, i)), '') for i in range(len(season.names)))),
         section('Nights', _nights(document),
                 note='RMS of what the night’s own fit leaves. Off: the term that lay '
                 'farthest from what the nights before it say, with the causes that all nights '
@@ -53,13 +53,13 @@ def render_season(judged, files):
 
 
 def _tonight(document):
-    told, wander = document['tonight'], document['wander']
+    predicted, drift = document['tonight'], document['wander']
     return table(('term', 'foretold ″', '± ″', 'wanders by ″ per √day',
                   'scatter from night to night ± ″'),
-                 [(name, number(told['terms_arcsec'][name], 1, True),
-                   number(told['sigma_arcsec'][name], 1),
-                   number(wander[name]['walk_arcsec_per_root_day'], 2),
-                   number(wander[name]['night_arcsec'], 1)) for name in document['terms']],
+                 [(name, number(predicted['terms_arcsec'][name], 1, True),
+                   number(predicted['sigma_arcsec'][name], 1),
+                   number(drift[name]['walk_arcsec_per_root_day'], 2),
+                   number(drift[name]['night_arcsec'], 1)) for name in document['terms']],
                  'numbers')
 
 
@@ -69,8 +69,8 @@ def _legend(steps):
                    'the night to come ± 1 σ'))
 
 
-def _panel(judged, i):
-    season, seen = judged.season, judged.path
+def _panel(result, i):
+    season, seen = result.season, result.path
     name = season.names[i]
     time = np.array([night.time for night in season.nights])
     values = np.array([night.values[i] for night in season.nights]) / ARCSEC
@@ -78,9 +78,10 @@ def _panel(judged, i):
     level = seen.levels[:, i] / ARCSEC
     wide = 2.0 * np.sqrt(np.maximum(seen.covariances[:, i, i], 0.0)) / ARCSEC
     years = 1970.0 + time / _YEAR
-    tonight, told = 1970.0 + judged.tonight / _YEAR, judged.mean[i] / ARCSEC
-    spread = np.sqrt(judged.covariance[i, i]) / ARCSEC
-    ends = np.concatenate([values, level - wide, level + wide, [told - spread, told + spread]])
+    tonight, predicted = 1970.0 + result.tonight / _YEAR, result.mean[i] / ARCSEC
+    spread = np.sqrt(result.covariance[i, i]) / ARCSEC
+    reach = [predicted - spread, predicted, predicted + spread]
+    ends = np.concatenate([values, level - wide, level + wide, reach])
     pad = 0.06 * max(float(np.ptp(ends)), 1.0)
     room = 0.02 * max(tonight - years[0], 0.02)
     panel = Panel((64, 22, _WIDTH - 84, _HEIGHT - 62), (years[0] - room, tonight + room),
@@ -99,17 +100,17 @@ def _panel(judged, i):
             panel.y(np.clip(values + sigma, *panel.y_range)))) + '"/>')
     panel.points(years, values, 'before', [
         f'{date_of(t)}: {v:.1f} ± {s:.1f}' for t, v, s in zip(time, values, sigma)])
-    for found in judged.causes:
+    for found in result.causes:
         if i in found.cause.terms and found.cause.kind in ('step', 'declared'):
             at = int(np.argmax(found.cause.shape[:, 0]))
             middle = float(panel.x(0.5 * (years[at - 1] + years[at])))
             panel.parts.append(f'<path class="step" d="M{middle:.1f} {panel.top}v'
                                f'{panel.height}"/>')
-    a, b, c = (float(panel.y(v)) for v in (told - spread, told, told + spread))
+    a, b, c = (float(panel.y(v)) for v in reach)
     at = float(panel.x(tonight))
     panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
                        f'{b:.1f}h8"/>')
-    label = f'{name} night by night: {number(told, 1)} ± {number(spread, 1)} arcsec foretold'
+    label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec foretold'
     return svg(_WIDTH, _HEIGHT, [*panel.parts, text(panel.left, 14, name, 'title', 'start')],
                label)
 

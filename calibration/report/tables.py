@@ -95,13 +95,13 @@ def harmonic_tables(section):
             one['name'], f'{one["value_arcsec"]:+.2f}',
             UNDETERMINED if one['sigma_arcsec'] is None else f'{one["sigma_arcsec"]:.2f}')))
     tried = section['cross_validation']
-    judged = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
+    choices = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
                        f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')
     for one in tried['choices']:
         chosen = (one['harmonics'], one['alone'], one['degree']) == own
-        judged.add_row(one['label'], *_rms_cells(one),
+        choices.add_row(one['label'], *_rms_cells(one),
                        f'chosen by {section["degree_by"]}' if chosen else '')
-    return [table, judged]
+    return [table, choices]
 
 
 def _zero_cells(zero):
@@ -149,9 +149,9 @@ def fit_tables(found):
         What `rich.console.Console.print` takes: tables and lines of text.
     """
     run, result = found.run, found.terms
-    told, fitted = fit_row_counts(run, result), result.rms_arcsec(rejected=False)
+    counts, fitted = fit_row_counts(run, result), result.rms_arcsec(rejected=False)
     used = run.select(result.weights > 0.0)
-    steps = new_table(f'RMS on the sky, arcsec, {told.used} rows', 'correction',
+    steps = new_table(f'RMS on the sky, arcsec, {counts.used} rows', 'correction',
                       *run.mount.names.columns, 'radial')
     steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(found.encoder))._asdict()))
     steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
@@ -165,10 +165,10 @@ def fit_tables(found):
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')
-    if told.outliers:
+    if counts.outliers:
         lines.append(outlier_sentence(
-            {**told.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
-    if told.too_few:
+            {**counts.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
+    if counts.too_few:
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     lines += map(wording, result.open_directions)
     lines += left_out_lines(excluded_of_fit(run, result), word=row_word(run))
@@ -185,7 +185,7 @@ def fit_tables(found):
     if found.base:
         lines += [base_table(found.base, found.plain),
                   *(f'note: {wording(note)}' for note in found.base.notes)]
-    return [used_sentence(told.to_dict()), terms_table(result.term_rows()), steps, *lines]
+    return [used_sentence(counts.to_dict()), terms_table(result.term_rows()), steps, *lines]
 
 
 def base_table(base, model):

@@ -108,10 +108,10 @@ def innovations_figure(squares):
                     f'height="{bottom - b:.1f}"/>' for a, c, b in zip(left, right, top)]
     panel.line(0.5 * (edges[1:] + edges[:-1]), wanted, 'expected')
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
-    said = (f'{len(nis)} stars: the mean is {mean:.2f} of what is expected, {100 * beyond:.0f} % '
+    text = (f'{len(nis)} stars: the mean is {mean:.2f} of what is expected, {100 * beyond:.0f} % '
             'lie beyond the 95 % point (5 % are expected)')
-    return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {said}'),
-                        f'{said}. Line: chi squared with two degrees of freedom, as of a filter '
+    return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
+                        f'{text}. Line: chi squared with two degrees of freedom, as of a filter '
                         'that errs as it says. What lies beyond 12 is in the last bar.')])
 
 

@@ -104,20 +104,20 @@ def _statements(document, effects, caution):
         return ('Undecided: something is beyond chance, but these observations cannot test it',
                 [caution, *odd], ['The model stays as it was.', *last])
     if verdict == 'wanders':
-        wander = document['wander']
+        correlation = document['wander']
         what, then = (
             'Neighbouring rows err alike: the zero wanders, or the direction has an error that no '
             'effect describes', 'Observe once more in an order that mixes the sky.') \
-            if wander.get('along_the_sky') else (
+            if correlation.get('along_the_sky') else (
             'The zero wanders, or something that these rows do not tell from it'
-            if wander.get('like') else 'The zero wanders, and what moves it is not known',
+            if correlation.get('like') else 'The zero wanders, and what moves it is not known',
             'How far the zero can be trusted is part of the model: set it anew as often as that '
             'asks for.')
-        return (f'{what}{_drifts(document)}', [*_wander(document), *odd],
+        return (f'{what}{_drifts(document)}', [*_correlation(document), *odd],
                 [f'No effect is added. {then}', *last])
     axes = kind_of(document).axes
     first, rest = [*odd, caution, *bad_nights(document, axes)], [worst_sentence(document), *last]
-    (first if slow_is_largest(document) else rest)[:0] = _wander(document)
+    (first if slow_is_largest(document) else rest)[:0] = _correlation(document)
     return (_headline(document, effects),
             [*first, count_sentence(document), repeat_sentence(document)], rest)
 
@@ -207,9 +207,9 @@ def _headline(document, effects):
 
 def slow_is_largest(document):
     """Whether what moves slowly is a larger error than any effect that was found."""
-    wander = document.get('wander') or {}
-    size = wander.get('removes_rms_arcsec')
-    return bool(wander.get('slow') and size is not None and size > max(
+    correlation = document.get('wander') or {}
+    size = correlation.get('removes_rms_arcsec')
+    return bool(correlation.get('slow') and size is not None and size > max(
         (row.get('removes_rms_arcsec') or 0.0 for row in document['effects']), default=0.0))
 
 
@@ -217,11 +217,11 @@ def _slow_words(document):
     """What moves slowly, where it is the largest error; '' where it is not."""
     if not slow_is_largest(document):
         return ''
-    wander = document['wander']
+    correlation = document['wander']
     return ('The largest error moves slowly, '
-            + ('with time or over the sky' if wander.get('along_the_sky') else 'with time')
-            + f', and its cause is not known ({arcsec(wander["removes_rms_arcsec"])} RMS on the '
-            f'sky){_drifts(document)}')
+            + ('with time or over the sky' if correlation.get('along_the_sky') else 'with time')
+            + f', and its cause is not known ({arcsec(correlation["removes_rms_arcsec"])} RMS on '
+            f'the sky){_drifts(document)}')
 
 
 def _drifts(document):
@@ -261,7 +261,7 @@ def _detectable(document):
     return ['Nine times in ten they would have shown ' + '; '.join(limits) + '.']
 
 
-def _wander(document):
+def _correlation(document):
     """Rows that resemble their neighbours, if there is such a thing."""
     entry = document.get('wander')
     if not entry:

@@ -35,24 +35,24 @@ def zeros_of(report, run=None, marks=()):
         ``encoder`` in degC, ``supply`` in V. None: not known.
     """
     measured = {zero['run']: zero for zero in report.get('zeros') or ()}
-    in_force = {zero['run']: zero for zero in report.get('zeros_in_force') or ()}
+    active = {zero['run']: zero for zero in report.get('zeros_in_force') or ()}
     numbers = np.zeros(0) if run is None else run.columns.get('run', np.zeros(0))
     out = []
-    for number_ in sorted({*measured, *in_force, *np.unique(numbers).tolist()}):
+    for number_ in sorted({*measured, *active, *np.unique(numbers).tolist()}):
         own = np.flatnonzero(numbers == number_)
-        zero, all_rows = measured.get(number_, {}), in_force.get(number_, {})
+        zero, all_rows = measured.get(number_, {}), active.get(number_, {})
         row = {'run': number_, 'rows': len(own), 'exposures': zero.get('exposures'),
                'rejected': zero.get('rejected'), 'begin': _mean(run, 'time', own, np.min),
                'air': _mean(run, 'temperature', own), 'encoder': None, 'supply': None}
         for key, name in (('encoder', 'temperature'), ('supply', 'supply')):
-            told = [mark[name] for mark in marks
+            known = [mark[name] for mark in marks
                     if mark['power_on'] == number_ and mark[name] is not None]
-            row[key] = float(np.mean(told)) if told else None
+            row[key] = float(np.mean(known)) if known else None
         for axis in AXES:
             row[axis] = {'measured': zero.get(f'{axis}_arcsec'),
                          'sigma': zero.get(f'sigma_{axis}_arcsec'),
                          'in_force': all_rows.get(f'{axis}_arcsec'),
-                         'apart': _apart(run, axis, own)}
+                         'apart': _encoder_difference(run, axis, own)}
         out.append(row)
     return out
 
@@ -65,12 +65,12 @@ def _mean(run, name, rows, how=np.mean):
     return float(how(values)) if len(values) else None
 
 
-def _apart(run, axis, rows):
+def _encoder_difference(run, axis, rows):
     if run is None or f'{axis}_abs' not in run or not len(rows):
         return None
-    apart = wrap(run[f'{axis}_enc'][rows] - run[f'{axis}_abs'][rows]) / ARCSEC
-    apart = apart[np.isfinite(apart)]
-    return float(np.median(apart)) if len(apart) else None
+    difference = wrap(run[f'{axis}_enc'][rows] - run[f'{axis}_abs'][rows]) / ARCSEC
+    difference = difference[np.isfinite(difference)]
+    return float(np.median(difference)) if len(difference) else None
 
 
 def zeros_section(report, rows, axes=('azimuth', 'elevation')):
@@ -91,7 +91,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
                for key in ('measured', 'in_force')):
         return section('Zero by power-on', '<p>No zero was set.</p>',
                        listed([*alarms, *cross_check.get('notes', ())]))
-    said = alarms or ['The cross-check of the encoders raises no alarm.']
+    lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
     marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, in force'),
@@ -101,7 +101,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
         drawn += pair(_against(rows, i, warm, 'temperature [°C]', axes) for i in range(2))
-    return section('Zero by power-on', listed([*said, *cross_check.get('notes', ())]),
+    return section('Zero by power-on', listed([*lines, *cross_check.get('notes', ())]),
                    drawn and marks + drawn, _table(rows, axes), listed(statements),
                    note='Of the incremental encoder, arcsec; drawn against the first power-on.'
                    if drawn else '')

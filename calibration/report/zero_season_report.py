@@ -15,7 +15,7 @@ _COLUMNS = {'zero_arcsec': 'zero_{}_arcsec', 'sigma_arcsec': 'sigma_{}_arcsec',
             'side': 'side_{}'}
 
 
-def judge_season(power_ons, expected=None):
+def zero_season(power_ons, expected=None):
     """What the zeros before tonight's follow, and tonight's beside it.
 
     Parameters
@@ -46,18 +46,18 @@ def judge_season(power_ons, expected=None):
     return {'power_ons': power_ons, 'causes': worded(zero_causes(season)), 'tonight': tonight}
 
 
-def season_table(judged):
-    """The table of `judge_season`.
+def season_table(document):
+    """The table of `zero_season`.
 
     Parameters
     ----------
-    judged : dict
+    document : dict
 
     Returns
     -------
     rich.table.Table
     """
-    found = judged['causes']
+    found = document['causes']
     axes = [found['axes'][name] for name in AXES]
     out = new_table(f'What the zeros of {found["nights"]} power-ons follow', '', *AXES)
 
@@ -74,8 +74,8 @@ def season_table(judged):
         lambda axis: _number(axis.get('left_out_before_arcsec')))
     row('night left out, with them, arcsec',
         lambda axis: _number(axis.get('left_out_after_arcsec')))
-    if judged['tonight']:
-        tonight = [judged['tonight'][name] for name in AXES]
+    if document['tonight']:
+        tonight = [document['tonight'][name] for name in AXES]
         row('tonight, foretold, arcsec',
             lambda _, t: _value(t['expected_arcsec'], t['sigma_arcsec']), tonight)
         if all(t['measured_arcsec'] is not None for t in tonight):
@@ -100,9 +100,9 @@ def _number(value, form='.2f'):
     return '-' if value is None else format(value, form)
 
 
-def season_lines(judged):
+def season_lines(document):
     """What the table has no room for, a list of str."""
-    found = judged['causes']
+    found = document['causes']
     lines = [found['text']]
     if found['drivers']:  # else the text has them
         lines += [f'not tried: {line}' for line in found['not_tried']]

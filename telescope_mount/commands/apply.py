@@ -92,7 +92,7 @@ def _apply(model, args):
         columns['run'] = np.where(used, columns['run'], columns['run'][used][0])
     zero, applied = zeros_of_rows(model, args.zero, columns.get('run'))
     out = np.stack(turned(model, context, zero, args.reverse)) / DEG
-    notes += [*_said_of_zeros(model, applied, columns.get('run'), args.zero), *_unknown(
+    notes += [*_zero_notes(model, applied, columns.get('run'), args.zero), *_unknown(
         model, context, out, args.reverse)]
     notes += [f'cells left empty in row{"s" * int((reasons == why).sum() > 1)} '
               f'{_listed(lines[reasons == why])}: {why}' for why in dict.fromkeys(reasons[~used])]
@@ -209,7 +209,7 @@ def _drivers(table, cells, pair, places, args):
     return out, notes
 
 
-def _said_of_zeros(model, applied, run, wanted):
+def _zero_notes(model, applied, run, wanted):
     """What was done with the zeros that the model carries."""
     from msg_tools.units import ARCSEC
     from pointing_model.zero import active_zeros
@@ -219,10 +219,10 @@ def _said_of_zeros(model, applied, run, wanted):
     if not applied:
         return [f'the {len(active_zeros(model))} zeros that the model carries are not applied '
                 '(--zero none)']
-    said = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
+    zeros = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
                      f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
     more = f', ... ({len(applied)} runs)' if len(applied) > 6 else ''
-    notes = [f'zero applied, {said}{more}']
+    notes = [f'zero applied, {zeros}{more}']
     if KEY in model.provenance:
         notes.append('the zero of this model follows the absolute encoder; here it stands where it '
                      'was set')

@@ -72,7 +72,7 @@ class ProgressLine:
         self._lock, self._timer, self._bar = RLock(), None, None
         self._at = first, 0, None
         self._since = self._last = time.monotonic()
-        self._told, self._next = None, 0.0
+        self._last_text, self._next = None, 0.0
         self._began = first, self._since, 0
 
     def __enter__(self):
@@ -187,9 +187,9 @@ class ProgressLine:
     def _tell(self, text, done, total):
         now = time.monotonic()
         # before the first line of a step nothing is counted: that says nothing
-        if total is not None and (text != self._told or now >= self._next):
+        if total is not None and (text != self._last_text or now >= self._next):
             self._console.print(f'{text}: {done} of {total} {self._unit} done')
-            self._told, self._next = text, now + self._every
+            self._last_text, self._next = text, now + self._every
 
 
 def _clock(seconds):

@@ -31,20 +31,20 @@ def run(args):
     try:
         if args.verb:
             done, text = graph.trigger(args.verb)
-            _tell(args, {'done': done, 'said': text},
+            _answer(args, {'done': done, 'said': text},
                   text if done else f'{args.verb} refused: {text}')
             return int(not done)
         status = graph.last(topics.GUARD_STATUS)
         if status is None:
             raise ValueError(f'no guard in {args.namespace}{graph.where_else()}')
-        _tell(args, {row.key: row.value for row in status.values} | {'said': status.message},
+        _answer(args, {row.key: row.value for row in status.values} | {'said': status.message},
               sentence(status))
     finally:
         graph.close()
     return 0
 
 
-def _tell(args, document, text):
+def _answer(args, document, text):
     from .console import new_console
     new_console().print(text)
     if args.json:

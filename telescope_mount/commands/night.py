@@ -73,10 +73,10 @@ def run(args):
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
     track = f'track {args.track.replace(",", " ")}' if args.track else ''
-    apart = f'tell_apart {args.tell_apart.replace(",", " ")}' if args.tell_apart else ''
+    discrimination = f'tell_apart {args.tell_apart.replace(",", " ")}' if args.tell_apart else ''
     console = new_console()
 
-    def say(text):
+    def hold_up(text):
         console.print(f'held up: {text}' if text else 'goes on', markup=False)
 
     with ProgressLine(console) as progress:
@@ -86,8 +86,8 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=say, track=track,
-            apart=apart,
+            calibration=calibration, progress=progress, say=hold_up, track=track,
+            discrimination=discrimination,
             note=partial(console.print, markup=False), of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)

@@ -46,7 +46,7 @@ def run(args):
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     console = new_console()
 
-    def say(text):
+    def hold_up(text):
         console.print(f'held up: {text}' if text else 'goes on')
 
     with ProgressLine(console, every=30.0) as progress:
@@ -55,7 +55,7 @@ def run(args):
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
             inclinometer=args.inclinometer, exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
-            progress=progress, say=say,
+            progress=progress, say=hold_up,
             note=lambda text: console.print(text, markup=False))
     print_calibration(console, report)
     return end_of_night(console, args.json, report)

@@ -409,16 +409,16 @@ def list_scenarios(args, *patterns):
 
     from ..simulation import described_scenarios
     from .console import new_console, write_outputs
-    told = {name: text for name, text in described_scenarios().items()
+    scenarios = {name: text for name, text in described_scenarios().items()
             if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)}
     from calibration.report.tables import new_table
     console = new_console()
     table = new_table('', 'scenario', 'what it does')
     table.columns[1].justify = 'left'
-    for row in told.items():
+    for row in scenarios.items():
         table.add_row(*row)
     console.print(table)
-    write_outputs(console, args, told, 'names')
+    write_outputs(console, args, scenarios, 'names')
 
 
 def add_outputs(parser, json='the result', save='the model', report=True):

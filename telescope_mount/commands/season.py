@@ -68,15 +68,15 @@ def run(args):
         season = nights_of(runs, args.terms, args.cause)
         season.notes.extend(empty)
         progress('looking for what moves the terms')
-        judged = judge_season(season, declared=declared, tonight=tonight, causes=causes)
-    document = worded(judged.document())
+        result = judge_season(season, declared=declared, tonight=tonight, causes=causes)
+    document = worded(result.document())
     for table in _tables(document):
         console.print(table)
-    print_lines(console, 'found', worded(judged.findings())
+    print_lines(console, 'found', worded(result.findings())
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
-    write_outputs(console, args, document, model=judged.model().save,
-                  page=lambda path: write_text(path, render_season(judged, args.files)))
+    write_outputs(console, args, document, model=result.model().save,
+                  page=lambda path: write_text(path, render_season(result, args.files)))
 
 
 def _files(paths):
@@ -96,14 +96,13 @@ def _files(paths):
 def _tables(document):
     from calibration.report.tables import new_table
     nights = document['nights']
-    told, wander = document['tonight'], document['wander']
+    predicted, drift = document['tonight'], document['wander']
     out = new_table(f'{len(nights)} nights, {nights[0]["time"][:10]} to '
-                    f'{nights[-1]["time"][:10]}; foretold for {told["time"]}, arcsec', 'term',
+                    f'{nights[-1]["time"][:10]}; foretold for {predicted["time"]}, arcsec', 'term',
                     'foretold', 'last night', 'wanders per √day', 'scatter by night')
     for name in document['terms']:
-        last = nights[-1]
-        out.add_row(name, f'{told["terms_arcsec"][name]:+.1f} ± {told["sigma_arcsec"][name]:.1f}',
-                    f'{last["terms_arcsec"][name]:+.1f} ± {last["sigma_arcsec"][name]:.1f}',
-                    f'{wander[name]["walk_arcsec_per_root_day"]:.2f}',
-                    f'{wander[name]["night_arcsec"]:.1f}')
+        out.add_row(name, *(f'{of["terms_arcsec"][name]:+.1f} ± {of["sigma_arcsec"][name]:.1f}'
+                            for of in (predicted, nights[-1])),
+                    f'{drift[name]["walk_arcsec_per_root_day"]:.2f}',
+                    f'{drift[name]["night_arcsec"]:.1f}')
     return [out]

@@ -56,13 +56,13 @@ def run(args):
     console.print(f'{counts[SOLVED]} of {total} images solved, {counts[FAILED]} not, on '
                   f'{counts[HUNG]} the solver hung')
     print_files(console, {'run': out})
-    mistaken, notes = _judged(out) if counts[SOLVED] else (False, [])
+    mistaken, notes = _column_doubts(out) if counts[SOLVED] else (False, [])
     print_lines(console, 'note', notes)
     write_outputs(console, args, {**counts, 'images': total, 'run': out})
     return 0 if counts[SOLVED] == total and not mistaken else 1
 
 
-def _judged(path):
+def _column_doubts(path):
     """Whether clock, site or readings of a run are wrong, and what is said of them, lines."""
     from calibration.analysis.diagnosis import MistakenColumns, check_columns, naming_columns
     from calibration.report.wording import wording

@@ -38,7 +38,7 @@ def run(args):
     if args.log is None:
         _graph(args)
     else:
-        _tell(args, _log(args).state())
+        _print_state(args, _log(args).state())
 
 
 def _log(args):
@@ -55,7 +55,7 @@ def _log(args):
     return of_log(bag, args.namespace, end)
 
 
-def _tell(args, state):
+def _print_state(args, state):
     """The state, once."""
     from ..dashboard.terminal_view import Dashboard
     from .console import new_console
@@ -71,14 +71,14 @@ def _graph(args):
     number = domain.join(args.domain).number
     graph = GraphClient(number, args.namespace, 'watch')
     try:
-        heard = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
+        messages = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
         if args.once or args.json or not sys.stdout.isatty():
-            if not graph.spin_until(lambda: heard.any, FOUND):
+            if not graph.spin_until(lambda: messages.any, FOUND):
                 raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
             graph.spin_for(TOLD)
-            _tell(args, heard.state(time.monotonic()))
+            _print_state(args, messages.state(time.monotonic()))
         else:
-            _dashboard(graph, heard)
+            _dashboard(graph, messages)
     finally:
         graph.close()
 
@@ -100,19 +100,19 @@ def listen(graph, source, namespace):
     from msg_tools import topics
 
     from ..dashboard.graph_state import HEARD, LastMessages
-    heard = LastMessages(source, namespace)
+    messages = LastMessages(source, namespace)
     # of a thousand readings a second the last is enough, and a clock is as fast
     latest = topics.make_qos(1, reliable=False)
     for topic in HEARD:
         fast = topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.CLOCK, topics.REQUEST)
         graph.node.create_subscription(
             topic.message, topic.name,
-            lambda message, name=topic.name: heard.take(name, message, arrived=time.monotonic()),
+            lambda message, name=topic.name: messages.take(name, message, arrived=time.monotonic()),
             latest if fast else topic.qos)
-    return heard
+    return messages
 
 
-def _dashboard(graph, heard):
+def _dashboard(graph, messages):
     """Draw until Ctrl-C, SIGTERM or SIGHUP."""
     from rich.live import Live
 
@@ -125,8 +125,9 @@ def _dashboard(graph, heard):
             vertical_overflow='crop') as live:
         while True:
             graph.spin_for(TAKING)
-            if not heard.any and not lost and time.monotonic() - begin > FOUND:
+            if not messages.any and not lost and time.monotonic() - begin > FOUND:
                 lost = f'; nothing is said here yet{graph.where_else()}'
-            note = 'Ctrl-C ends' + ('' if heard.any else lost)
-            live.update(Dashboard(heard.state(time.monotonic()), note, whole=False), refresh=True)
+            note = 'Ctrl-C ends' + ('' if messages.any else lost)
+            live.update(Dashboard(messages.state(time.monotonic()), note, whole=False),
+                        refresh=True)
             time.sleep(PICTURE - TAKING)

@@ -22,10 +22,10 @@ def run(args):
     from telescope_mount.zero_file import zero_file_causes
 
     from .console import new_console, print_lines, write_outputs
-    judged = zero_file_causes(args.file)
+    document = zero_file_causes(args.file)
     console = new_console()
-    console.print(season_table(judged))
-    for line in season_lines(judged):
+    console.print(season_table(document))
+    for line in season_lines(document):
         console.print(line, markup=False)
-    print_lines(console, 'note', judged['notes'])
-    write_outputs(console, args, judged, 'verdict')
+    print_lines(console, 'note', document['notes'])
+    write_outputs(console, args, document, 'verdict')

@@ -112,7 +112,7 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
 
 def _write(folder, nights, origin, latest):
     """table1.csv, zeros.csv, gps.json, report.json, observations.csv; `Written`."""
-    from calibration.report.zero_season_report import judge_season, write_season
+    from calibration.report.zero_season_report import write_season, zero_season
     from msg_tools import topics
     from pointing_model.runs.formats import write_csv
     from pointing_model.runs.formats.cells import write_rows
@@ -123,7 +123,7 @@ def _write(folder, nights, origin, latest):
     calibrated = json.loads(latest[topics.CALIBRATION_REPORT.name].data)
     report = compare_with_paper(calibrated['nights'], nights)
     report.update(origin)
-    report['zeros'] = judge_season(calibrated['power_ons'], calibrated['zero_expected'])
+    report['zeros'] = zero_season(calibrated['power_ons'], calibrated['zero_expected'])
     files, incomplete = {name: folder / name for name in FILES}, []
 
     def write_table(path):

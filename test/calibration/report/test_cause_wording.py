@@ -6,8 +6,8 @@ import numpy as np
 from documents import CAUSES, causes_of, contended, document
 
 from calibration.report.cause_wording import (
+    alternatives_sentence,
     causes_sentence,
-    contenders_sentence,
     first_check,
     open_causes,
 )
@@ -116,7 +116,7 @@ def test_a_check_tests_all_causes_that_it_looks_at():
 def test_what_contends_with_an_effect_is_named_and_why_it_lost():
     row = contended()
     told = document([], mount='equatorial')
-    text = contenders_sentence(row, row['causes'][0]['cause'])
+    text = alternatives_sentence(row, row['causes'][0]['cause'])
     assert 'Line of sight swings is not excluded: alone it explains the rows as well (ΔBIC 111, ' \
         'against 110) and it was chosen instead 50 of the 150 times' in text
     assert text.endswith('but with all effects in the model it is 45 behind in ΔBIC.')
@@ -124,8 +124,9 @@ def test_what_contends_with_an_effect_is_named_and_why_it_lost():
     assert 'for "line of sight swings": what turns with the polar axis' in first_check(told, row)
     closed = contended(open=False, instead=0)
     assert open_causes(closed) == 1 and 'swings' not in first_check(told, closed)
-    assert contenders_sentence(closed, '').startswith('Line of sight swings lost its place: alone')
-    assert contenders_sentence({'contenders': []}, '') == ''
+    assert alternatives_sentence(closed, '').startswith(
+        'Line of sight swings lost its place: alone')
+    assert alternatives_sentence({'contenders': []}, '') == ''
 
 
 def test_a_german_mount_has_no_fork():
