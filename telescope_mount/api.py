@@ -103,7 +103,25 @@ class Run:
         return f'<Run {source}: {len(self)} rows, {self.rows.mount.kind}>'
 
 
-class Fit:
+class _Found:
+    """What `Fit` and `RunDiagnosis` have in common: their `result`."""
+
+    @property
+    def model(self):
+        """The `pointing_model.model.PointingModel`, with the effects that were found."""
+        return self.result.model
+
+    @property
+    def used(self):
+        """Which rows were used and are no outliers, ndarray of bool, shape (n,)."""
+        return self.result.weights > 0.0
+
+    def save(self, path):
+        """Write the model (.json, .yaml), as ``--save`` of the command does."""
+        self.model.save(path)
+
+
+class Fit(_Found):
     """What `fit` found.
 
     Attributes
@@ -117,11 +135,6 @@ class Fit:
 
     def __init__(self, run, result, document):
         self.run, self.result, self.document = run, result, document
-
-    @property
-    def model(self):
-        """The `pointing_model.model.PointingModel`."""
-        return self.result.model
 
     @property
     def terms_arcsec(self):
@@ -161,15 +174,6 @@ class Fit:
         """What the terms leave on the sky along both axes, arcsec, shape (2, n); NaN: not used."""
         return np.array((self.result.residual_x, self.result.residual_y)) / ARCSEC
 
-    @property
-    def used(self):
-        """Which rows of `run` were used, ndarray of bool, shape (n,)."""
-        return self.result.weights > 0.0
-
-    def save(self, path):
-        """Write the model (.json, .yaml), as ``fit --save`` does."""
-        self.model.save(path)
-
     def __repr__(self):
         sigmas = self.sigmas_arcsec
         terms = ''.join(f'{name:>8} {value:+10.2f} ' + (
@@ -179,7 +183,7 @@ class Fit:
                 f'{self.rms_before_arcsec:.2f}" -> {self.rms_arcsec:.2f}"')
 
 
-class RunDiagnosis:
+class RunDiagnosis(_Found):
     """What `diagnose` found.
 
     Attributes
@@ -217,11 +221,6 @@ class RunDiagnosis:
         return self.document['effects']
 
     @property
-    def model(self):
-        """The `pointing_model.model.PointingModel` with what was found."""
-        return self.result.model
-
-    @property
     def rms_before_arcsec(self):
         """Radial RMS on the sky that the declared model leaves on the rows fitted, arcsec."""
         return self.document['before']['rms_arcsec']
@@ -247,11 +246,6 @@ class RunDiagnosis:
         return self.result.residual_after / ARCSEC
 
     @property
-    def used(self):
-        """Which rows of the residuals are no outliers, ndarray of bool, shape (n,)."""
-        return self.result.weights > 0.0
-
-    @property
     def az_deg(self):
         """First angle of the catalogue place of the residuals' rows, degrees, shape (n,)."""
         return self.result.observations.run['az'] / DEG
@@ -260,10 +254,6 @@ class RunDiagnosis:
     def el_deg(self):
         """Second angle of the same, degrees, shape (n,)."""
         return self.result.observations.run['el'] / DEG
-
-    def save(self, path):
-        """Write the model with what was found (.json, .yaml), as ``diagnose --save`` does."""
-        self.model.save(path)
 
     def write_page(self, path):
         """Write the HTML page, as ``diagnose --report`` does."""

@@ -172,7 +172,7 @@ def show(written, console):
     """The terms as they stand in the file, and what is lost."""
     from calibration.report.tables import new_table
 
-    from .commands.console import print_files, print_lines
+    from .commands.console import print_all, print_files, print_lines
     exported = written.exported
     if exported is not None:
         program = exported.program
@@ -180,12 +180,10 @@ def show(written, console):
         for name, value, unit in exported.listed():
             table.add_row(name, f'{value:+.4f}' if unit else f'{value:+.6g}', unit)
         console.print(table)
-        for line in sentences(exported):
-            console.print(line, markup=False)
+        print_all(console, sentences(exported))
         if program.name == 'katpoint':
             from pointing_model.runs.model_files.katpoint import description
-            console.print(f'description: {description(exported.terms)}', markup=False,
-                          soft_wrap=True)
+            console.print(f'description: {description(exported.terms)}', soft_wrap=True)
     print_lines(console, 'note', written.notes)
     print_files(console, {written.program: written.path})
 

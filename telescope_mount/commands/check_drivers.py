@@ -39,7 +39,7 @@ def run(args):
     from .. import domain
     from ..drivers.listener import check_drivers
     from ..drivers.samples import WRONG
-    from .console import new_console
+    from .console import new_console, print_all
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)
@@ -48,8 +48,7 @@ def run(args):
     findings = check_drivers(mount, number, args.namespace, args.seconds, args.nudge * DEG,
                              args.home, sky, args.params, args.star)
     console = new_console()
-    for level, of, text in findings:
-        console.print(f'{level:<6} {of}: {text}', markup=False)
+    print_all(console, (f'{level:<6} {of}: {text}' for level, of, text in findings))
     wrong = sum(finding.level == WRONG for finding in findings)
     console.print(f'{wrong} wrong' if wrong else 'nothing wrong')
     if args.json is not None:

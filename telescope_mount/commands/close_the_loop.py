@@ -47,7 +47,7 @@ def run(args):
 
     from ..loop import ALL, close_all, close_the_loop
     from ..loop_tables import all_table, loop_sentences, loop_tables
-    from .console import ProgressLine, end_of_night, new_console, print_lines
+    from .console import ProgressLine, end_of_night, new_console, print_all, print_lines
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     if args.file is None:
@@ -73,9 +73,8 @@ def run(args):
     if 'scenarios' in report:
         console.print(all_table(report))
         return end_of_night(console, args.json, report)
-    console.print(used_sentence(report), markup=False)
-    for table in loop_tables(report):
-        console.print(table)
+    console.print(used_sentence(report))
+    print_all(console, loop_tables(report))
     print_lines(console, 'note', [text for text in (
         expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
     return end_of_night(console, args.json, report)

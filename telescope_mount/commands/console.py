@@ -199,10 +199,15 @@ def _clock(seconds):
     return f'{hours}:{minutes:02d}:{seconds:02d}' if hours else f'{minutes}:{seconds:02d}'
 
 
+def print_all(console, parts):
+    """Tables and lines."""
+    for part in parts:
+        console.print(part)
+
+
 def print_lines(console, kind, lines):
     """Lines that begin with what they are: a note, an alarm, a loss."""
-    for line in lines:
-        console.print(f'{kind}: {line}')
+    print_all(console, (f'{kind}: {line}' for line in lines))
 
 
 def print_files(console, files, width=13):
@@ -216,8 +221,7 @@ def print_calibration(console, report):
     from calibration.report.row_wording import expected_sentence
     from calibration.report.tables import night_tables
     if 'steps' in report:
-        for table in night_tables(report):
-            console.print(table)
+        print_all(console, night_tables(report))
         if report.get('expected'):
             console.print(expected_sentence(report))
         zeros = report['changes'] or report['zeros']

@@ -1,11 +1,10 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
-import argparse
 from pathlib import Path
 
 from .. import interrupt
 from . import options
-from .console import ProgressLine, new_console, print_lines, write_outputs
+from .console import ProgressLine, new_console, print_all, print_lines, write_outputs
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -25,7 +24,7 @@ def add(commands):
                         'model file, ours or of another program, whose terms are fitted anew')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
                         'or session fits for itself (default: of several, IA,IE and what pays)')
-    parser.add_argument('--sessions', type=_hours, metavar='HOURS',
+    parser.add_argument('--sessions', type=options.gap_hours, metavar='HOURS',
                         help='a gap longer than this begins a session, with terms of its own; '
                         'none: take runs as they are (default: gaps of hours, if the rows say so)')
     parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
@@ -99,11 +98,10 @@ def _run(args):
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=on, jobs=args.jobs or cores(),
-                         first_answer=lambda first: console.print(wording(first), markup=False))
+                         first_answer=lambda first: console.print(wording(first)))
     found.whole = not (base and base.held is not None)
     document = diagnosis_document(found)
-    for each in diagnosis_tables(found, document):
-        console.print(each)
+    print_all(console, diagnosis_tables(found, document))
     if base:
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
@@ -129,12 +127,3 @@ def _base_file(text, mount):
                 raise
     from calibration.analysis.base_model import BaseModel
     return BaseModel.read(text, mount)
-
-
-def _hours(text):
-    """Hours of a gap; none: 0."""
-    try:
-        return 0.0 if text == 'none' else float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f'{text!r}: write a number of hours, or none') from None

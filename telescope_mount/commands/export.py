@@ -2,7 +2,7 @@
 
 import math
 import re
-from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 
 from msg_tools.output import beside
@@ -53,7 +53,7 @@ def add(commands):
 
 def run(args):
     """Read, write, say what was left out."""
-    from .console import new_console, print_lines, write_outputs
+    from .console import new_console, print_all, print_lines, write_outputs
     console = new_console()
     if args.to:
         _run_model(args, console)
@@ -74,8 +74,7 @@ def run(args):
                          **options.place_of(args))
     from calibration.analysis.diagnosis.row_counts import row_word
     from calibration.report.row_wording import left_out_lines
-    for line in left_out_lines(written.meta['excluded'], word=row_word(written)):
-        console.print(line)
+    print_all(console, left_out_lines(written.meta['excluded'], word=row_word(written)))
     print_lines(console, 'note', written.meta['notes'])
     console.print(f'{len(written)} observations: {args.out}', soft_wrap=True)
     write_outputs(console, args, {'observations': len(written), 'file': args.out, **{
@@ -238,11 +237,8 @@ def export_topics(source, out, topics, *, form='csv', start=None, end=None, over
         def rows(name=name):
             return (_flat(m) for m in bag.messages(name, low, high, decode=True))
         columns = _columns(rows())
-        files[path] = 0
-        with beside(path) as part, _table(part, form, columns) as write:
-            for row in rows():
-                write(row)
-                files[path] += 1
+        with beside(path) as part:
+            files[path] = _write_table(part, form, columns, rows())
     return files, bag.problems
 
 
@@ -324,35 +320,28 @@ def _columns(rows):
     return columns
 
 
-@contextmanager
-def _table(part, form, columns):
-    """A function that writes a row."""
+def _write_table(part, form, columns, rows):
+    """Write rows, dicts; how many they were."""
     from pointing_model.runs.formats.cells import write_rows
+    count = 0
     if form == 'csv':
         with open(part, 'w', newline='', encoding='utf-8') as stream:
             write_rows(stream, [columns])
-            yield lambda row: write_rows(stream, [[row.get(name, '') for name in columns]])
-        return
+            for row in rows:
+                write_rows(stream, [[row.get(name, '') for name in columns]])
+                count += 1
+        return count
     pyarrow, parquet = _parquet()
     kinds = {int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_()}
     schema = pyarrow.schema([
         (name, kinds.get(kind, pyarrow.string())) for name, kind in columns.items()])
-    waiting = []
-
-    def flush():
-        writer.write_table(pyarrow.table(
-            {name: [_as(kind, row.get(name)) for row in waiting]
-             for name, kind in columns.items()}, schema=schema))
-        waiting.clear()
-
-    def write(row):
-        waiting.append(row)
-        if len(waiting) >= _BATCH:
-            flush()
     with parquet.ParquetWriter(part, schema) as writer:
-        yield write
-        if waiting:
-            flush()
+        while batch := list(islice(rows, _BATCH)):
+            count += len(batch)
+            writer.write_table(pyarrow.table(
+                {name: [_as(kind, row.get(name)) for row in batch]
+                 for name, kind in columns.items()}, schema=schema))
+    return count
 
 
 def _as(kind, value):

@@ -57,7 +57,7 @@ def _run(args):
     from msg_tools.output import write_text
 
     from ..runs import load_run
-    from .console import new_console, write_outputs
+    from .console import new_console, print_all, write_outputs
     with naming_columns():
         # in logs of ours the zeros of the power-ons are known, and taken off
         run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
@@ -70,8 +70,7 @@ def _run(args):
                     harmonics=choice_of(harmonics), predict=args.predict, source=args.file,
                     most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
-    for each in fit_tables(found):
-        console.print(each)
+    print_all(console, fit_tables(found))
 
     def write_page(path):
         from calibration.report.fit_page import render_fit

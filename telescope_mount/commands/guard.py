@@ -1,5 +1,7 @@
 """The command ``guard``: what the mount may do, and a hand to stop it, where there is no `ros2`."""
 
+from contextlib import closing
+
 from . import options
 
 #: see `telescope_mount.ros`
@@ -27,21 +29,18 @@ def run(args):
 
     from .. import domain
     from ..graph_client import GraphClient
-    graph = GraphClient(domain.join(args.domain).number, args.namespace, 'guard_client')
-    try:
+    with closing(GraphClient(domain.join(args.domain).number, args.namespace,
+                             'guard_client')) as graph:
         if args.verb:
             done, text = graph.trigger(args.verb)
             _answer(args, {'done': done, 'said': text},
-                  text if done else f'{args.verb} refused: {text}')
+                    text if done else f'{args.verb} refused: {text}')
             return int(not done)
         status = graph.last(topics.GUARD_STATUS)
         if status is None:
             raise ValueError(f'no guard in {args.namespace}{graph.where_else()}')
         _answer(args, {row.key: row.value for row in status.values} | {'said': status.message},
-              sentence(status))
-    finally:
-        graph.close()
-    return 0
+                sentence(status))
 
 
 def _answer(args, document, text):

@@ -24,11 +24,10 @@ def add(commands):
 
 def run(args):
     """Read and print."""
-    from .console import new_console, write_outputs
+    from .console import new_console, print_all, write_outputs
     info = log_info(args.log, quick=args.quick)
     console = new_console()
-    for part in info_tables(info):
-        console.print(part)
+    print_all(console, info_tables(info))
 
     def write_page(path):
         from calibration.report.night_page import write_page_of_log

@@ -1,5 +1,7 @@
 """The command ``lifecycle``: what `ros2 lifecycle` does, where there is no `ros2`."""
 
+from contextlib import closing
+
 from . import options
 
 #: see `telescope_mount.ros`
@@ -26,23 +28,16 @@ def run(args):
     """List, or change."""
     from .. import domain
     from ..graph_client import GraphClient
-    from .console import new_console
+    from .console import new_console, print_all
     if args.node and not args.transition:
         raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')
-    console = new_console()
-    nodes = GraphClient(domain.join(args.domain).number, args.namespace, 'lifecycle')
-    try:
-        if args.node:
-            done = nodes.change(args.node, args.transition)
-            states = {args.node: nodes.state(args.node)}
-            console.print(f'{args.node}: {states[args.node]}' + (
-                '' if done else f'; the transition {args.transition} was not made'))
-        else:
-            done, states = True, {name: nodes.state(name) for name in nodes.managed()}
-            for name, state in states.items():
-                console.print(f'{name}: {state}')
-        if args.json:
-            options.write_json(args.json, states)
-    finally:
-        nodes.close()
+    with closing(GraphClient(domain.join(args.domain).number, args.namespace,
+                             'lifecycle')) as nodes:
+        done = not args.node or nodes.change(args.node, args.transition)
+        states = {name: nodes.state(name) for name in (
+            [args.node] if args.node else nodes.managed())}
+    more = '' if done else f'; the transition {args.transition} was not made'
+    print_all(new_console(), (f'{name}: {state}{more}' for name, state in states.items()))
+    if args.json:
+        options.write_json(args.json, states)
     return int(not done)

@@ -1,7 +1,5 @@
 """The command ``night``."""
 
-from functools import partial
-
 from . import options
 
 #: see `telescope_mount.ros`
@@ -77,7 +75,7 @@ def run(args):
     console = new_console()
 
     def hold_up(text):
-        console.print(f'held up: {text}' if text else 'goes on', markup=False)
+        console.print(f'held up: {text}' if text else 'goes on')
 
     with ProgressLine(console) as progress:
         report = run_night(
@@ -88,7 +86,7 @@ def run(args):
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
             calibration=calibration, progress=progress, say=hold_up, track=track,
             discrimination=discrimination,
-            note=partial(console.print, markup=False), of_server={
+            note=console.print, of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)
     print_calibration(console, report)

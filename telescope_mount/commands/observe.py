@@ -56,6 +56,6 @@ def run(args):
             inclinometer=args.inclinometer, exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
             progress=progress, say=hold_up,
-            note=lambda text: console.print(text, markup=False))
+            note=console.print)
     print_calibration(console, report)
     return end_of_night(console, args.json, report)

@@ -38,24 +38,39 @@ def real(low, high, unit=''):
     return _within(float, low, high, f'{low:g} to {high:g} {unit}'.rstrip())
 
 
+def _with_reason(parse):
+    """A type for ``add_argument`` that tells why `parse` takes a text for none of its kind."""
+    def parsed(text):
+        try:
+            return parse(text)
+        except (ValueError, OSError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+    return parsed
+
+
+@_with_reason
 def utc(text):
     """A type for ``add_argument``: an ISO 8601 date."""
     if text:
         from msg_tools.iso_time import iso_seconds
-        try:
-            iso_seconds(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+        iso_seconds(text)
     return text
 
 
+@_with_reason
 def horizon(text):
     """A type for ``add_argument``: corners of a skyline, or a file of them."""
     from pointing_model.sky.skyline import parse_horizon
+    return parse_horizon(text)
+
+
+@_with_reason
+def gap_hours(text):
+    """A type for ``add_argument``: hours of a gap; none: 0."""
     try:
-        return parse_horizon(text)
-    except (ValueError, OSError) as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+        return 0.0 if text == 'none' else float(text)
+    except ValueError:
+        raise ValueError(f'{text!r}: write a number of hours, or none') from None
 
 
 def names(text):

@@ -70,8 +70,7 @@ def run(args):
         progress('looking for what moves the terms')
         result = judge_season(season, declared=declared, tonight=tonight, causes=causes)
     document = worded(result.document())
-    for table in _tables(document):
-        console.print(table)
+    console.print(_table(document))
     print_lines(console, 'found', worded(result.findings())
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
@@ -93,7 +92,7 @@ def _files(paths):
             yield path
 
 
-def _tables(document):
+def _table(document):
     from calibration.report.tables import new_table
     nights = document['nights']
     predicted, drift = document['tonight'], document['wander']
@@ -105,4 +104,4 @@ def _tables(document):
                             for of in (predicted, nights[-1])),
                     f'{drift[name]["walk_arcsec_per_root_day"]:.2f}',
                     f'{drift[name]["night_arcsec"]:.1f}')
-    return [out]
+    return out

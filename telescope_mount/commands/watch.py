@@ -2,7 +2,7 @@
 
 import sys
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 
 from . import options
 
@@ -69,8 +69,7 @@ def _graph(args):
     ros.check('watch')
     from ..graph_client import GraphClient
     number = domain.join(args.domain).number
-    graph = GraphClient(number, args.namespace, 'watch')
-    try:
+    with closing(GraphClient(number, args.namespace, 'watch')) as graph:
         messages = listen(graph, f'graph in {args.namespace}, domain {number}', args.namespace)
         if args.once or args.json or not sys.stdout.isatty():
             if not graph.spin_until(lambda: messages.any, FOUND):
@@ -79,8 +78,6 @@ def _graph(args):
             _print_state(args, messages.state(time.monotonic()))
         else:
             _dashboard(graph, messages)
-    finally:
-        graph.close()
 
 
 def listen(graph, source, namespace):

@@ -21,11 +21,10 @@ def run(args):
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.zero_file import zero_file_causes
 
-    from .console import new_console, print_lines, write_outputs
+    from .console import new_console, print_all, print_lines, write_outputs
     document = zero_file_causes(args.file)
     console = new_console()
     console.print(season_table(document))
-    for line in season_lines(document):
-        console.print(line, markup=False)
+    print_all(console, season_lines(document))
     print_lines(console, 'note', document['notes'])
     write_outputs(console, args, document, 'verdict')

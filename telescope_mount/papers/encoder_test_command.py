@@ -26,6 +26,7 @@ def run(args):
     from ..commands.console import (
         ProgressLine,
         new_console,
+        print_all,
         print_files,
         print_lines,
         write_outputs,
@@ -37,8 +38,7 @@ def run(args):
     args.out.mkdir(parents=True, exist_ok=True)
     with ProgressLine(first='turning the disc') as progress:
         report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
-    for table in encoder_test.tables(report):
-        console.print(table)
+    print_all(console, encoder_test.tables(report))
     print_lines(console, 'note', encoder_test.notes(report))
     write_outputs(console, args, report, 'figures')
     figures = [args.json] if isinstance(args.json, Path) else []

@@ -41,7 +41,7 @@ def run(args):
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.papers.table_1 import experiment_tables
 
-    from ..commands.console import ProgressLine, end_of_night, new_console, print_lines
+    from ..commands.console import ProgressLine, end_of_night, new_console, print_all, print_lines
     from .experiment import run_experiment
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
@@ -51,8 +51,7 @@ def run(args):
             args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
             satellite=args.satellite, nights=args.nights, scenario=args.scenario,
             domain_number=args.domain, progress=progress)
-    for table in experiment_tables(report):
-        console.print(table)
+    print_all(console, experiment_tables(report))
     console.print(season_table(report['zeros']))
     print_lines(console, 'zeros', season_lines(report['zeros']))
     print_lines(console, 'alarm', report['alarms'])
