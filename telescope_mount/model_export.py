@@ -10,7 +10,7 @@ MODEL = 'model'
 
 
 @dataclass
-class Written:
+class ModelExport:
     """What was written.
 
     Attributes
@@ -65,7 +65,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
     Returns
     -------
-    Written
+    ModelExport
 
     Raises
     ------
@@ -88,11 +88,11 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     notes = [*loaded.notes, *remarks, *_open_notes(model)]
     if to == MODEL:
         model.save(path)
-        return Written(path, to, None, notes)
+        return ModelExport(path, to, None, notes)
     facts = {'caption': f'telescope_mount, {source.name}'}
     if to == coefficient_table.NAME:
         write_text(path, coefficient_table.write(model, facts['caption']))
-        return Written(path, to, None, notes)
+        return ModelExport(path, to, None, notes)
     from pointing_model.runs.model_files import export
     context, place = None, ''
     if sky is not None:
@@ -102,7 +102,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         facts['site'] = site.latitude, site.longitude
     exported = export(model, PROGRAMS[to], context, place, facts)
     write_text(path, exported.text)
-    return Written(path, to, exported, [*notes, *exported.notes])
+    return ModelExport(path, to, exported, [*notes, *exported.notes])
 
 
 def _open_notes(model):

@@ -12,7 +12,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 
 from . import page_parts as html
-from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, svg
+from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, padded, svg
 from .figure_wording import choice_sentence, floor_words, spread_sentence
 from .observation_wording import WHY_LATER, counterweight_up, enough
 
@@ -130,13 +130,12 @@ def _spread(driver):
 
 def _panel(driver, top, height, limit, x_label, y_label, title):
     """Residuals up to a limit against a driver: a panel with its axes."""
-    values = driver.values[np.isfinite(driver.values)]
-    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    pad, places, texts = 0.03 * (high - low), None, None
+    places = texts = None
+    span = padded(driver.values, 0.03)
     if driver.levels:
-        pad, places = 0.5, sorted(driver.levels)
-        texts = [driver.levels[k] for k in places]
-    panel = Panel((58, top, 350, height), (low - pad, high + pad), (-limit, limit))
+        places = sorted(driver.levels)
+        texts, span = [driver.levels[k] for k in places], (places[0] - 0.5, places[-1] + 0.5)
+    panel = Panel((58, top, 350, height), span, (-limit, limit))
     panel.axes(x_label, y_label, title, places, texts)
     return panel
 

@@ -12,7 +12,7 @@ from . import observation_wording as observations
 from . import row_wording
 from .effect_wording import effect_summaries, effect_title
 from .figure_wording import choice_sentence, floor_words
-from .tables import new_table
+from .tables import decimals, new_table
 from .verdict_wording import verdict_sentences
 from .wording import paragraph, wording
 
@@ -42,9 +42,9 @@ def diagnosis_tables(found, document):
     spread = document['after']['cv_spread']
     if spread and spread['partitions'] > 1:
         out.append(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '
-                   f'{_number(spread["min_arcsec"])} to {_number(spread["max_arcsec"])} arcsec')
+                   f'{decimals(spread["min_arcsec"])} to {decimals(spread["max_arcsec"])} arcsec')
     out += filter(None, [choice_sentence(document), row_wording.expected_sentence(document)])
-    out.append(f'{floor_words(document)}: {_number(document["noise_floor_arcsec"])} arcsec radial '
+    out.append(f'{floor_words(document)}: {decimals(document["noise_floor_arcsec"])} arcsec radial '
                '(what is left, corrected for the number of coefficients)\n')
     if found.effects:
         out.append(_effects(found, document, names))
@@ -75,7 +75,7 @@ def _errors(found, document, axes):
             ('runs held out', *(value for part in parts for value in (
                 None, None, part['holdout_rms_arcsec'])))):
         if values[2] is not None:
-            errors.add_row(label, *('' if v is None else _number(v) for v in values))
+            errors.add_row(label, *('' if v is None else decimals(v) for v in values))
     return errors
 
 
@@ -87,8 +87,8 @@ def _effects(found, document, names):
         acts = dict(zip(('az', 'el'), names.columns)).get(effect['axes'], effect['axes'])
         out.add_row(effect_title(one, names.axes), acts,
                     driver_word(effect['driver']).replace('_', ' '),
-                    _number(effect['p_family'], 4), _number(effect['delta_bic'], 1),
-                    _number(effect['removes_rms_arcsec']), _number(effect['cv_gain_arcsec']))
+                    decimals(effect['p_family'], 4), decimals(effect['delta_bic'], 1),
+                    decimals(effect['removes_rms_arcsec']), decimals(effect['cv_gain_arcsec']))
     return out
 
 
@@ -101,7 +101,3 @@ def _proposals(document):
         names = ' from '.join(causes.get(name) or readable(name) for name in separates)
         yield (f'next, to tell {names} ({observations.enough(group)}): observe '
                + '; '.join(observations.place_words(item, kind) for item in group))
-
-
-def _number(value, digits=2):
-    return '-' if value is None else f'{value:.{digits}f}'

@@ -256,6 +256,13 @@ def limit_of(*values):
     return float(max(min(size.max(), 4.0 * np.quantile(size, 0.9)), 1e-3)) * 1.08
 
 
+def padded(values, part, least=0.0):
+    """Limits of some values with a part of their span, or of `least`, beside them."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    room = part * max(high - low, least)
+    return low - room, high + room
+
+
 #: angles of the second and of the first axis that are drawn, deg
 _EACH, _ROUND = np.arange(-60.0, 61.0, 30.0), np.arange(-150.0, 181.0, 30.0)
 

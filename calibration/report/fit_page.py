@@ -68,7 +68,7 @@ def render_fit(found, document):
         html.section('What was left out, and why', exclusions(document['excluded'], limit=40)),
         html.section('Notes', html.listed(document['notes'])),
         provenance_section([
-            ('site', site_text(site_degrees(run.meta.get('site')))), ('mount', run.mount.kind),
+            ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
             [source] if source else ()),
         html.FOOTER]

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .drawing import Panel, limit_of, svg
+from .drawing import Panel, limit_of, padded, svg
 from .night_document import BOTH, RAW, steps_of
 from .page_parts import figure, folded, listed, number, pair, section, subsection, table
 
@@ -98,9 +98,7 @@ def _agreement(run, axes):
         if not good.any():
             continue
         limit = limit_of(difference[good])
-        room = 0.02 * max(float(np.ptp(x[good])), 1e-3)
-        panel = Panel((56, 24, 372, 130), (float(x[good].min()) - room,
-                                           float(x[good].max()) + room), (-limit, limit))
+        panel = Panel((56, 24, 372, 130), padded(x[good], 0.02, 1e-3), (-limit, limit))
         panel.axes('hours since the first row' if 'time' in run else 'row', 'arcsec', axis)
         panel.points(x[good], difference[good], 'third')
         spread = 1.4826 * float(np.median(np.abs(difference[good])))

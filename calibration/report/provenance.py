@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.runs.run import known_site
 
 from .drawing import clean
 from .page_parts import Markup, definitions, section, table
@@ -104,7 +105,7 @@ def about(obs, sources):
     """
     caption = str(obs.run.meta.get('caption') or '').strip()
     name = caption or (PurePath(sources[0]).stem if sources else '')
-    return ', '.join(filter(None, [name, _date(obs), _site(obs.run.meta.get('site'))]))
+    return ', '.join(filter(None, [name, _date(obs), _site(obs.run.meta)]))
 
 
 def axes_note(context):
@@ -142,16 +143,16 @@ def _date(obs):
     return first if first == last else f'{first} to {last}'
 
 
-def _site(site):
+def _site(meta):
     """Latitude and longitude."""
-    known = site_degrees(site)
+    known = site_degrees(meta)
     return ' '.join(f'{abs(known[key]):.2f}° {ways[known[key] < 0.0]}' for key, ways in (
         ('latitude_deg', 'NS'), ('longitude_deg', 'EW')) if key in known)
 
 
-def site_degrees(site):
-    """Of a `Site`, a dict with its attributes or None: what `site_text` takes."""
-    given = site if isinstance(site, dict) else vars(site) if site else {}
+def site_degrees(meta):
+    """What `site_text` takes, by the ``meta`` of a run."""
+    given = known_site(meta)
     return {f'{name}_{unit}': given[name] / size for name, unit, size in (
         ('latitude', 'deg', DEG), ('longitude', 'deg', DEG), ('height', 'm', 1.0))
             if given.get(name) is not None}

@@ -11,7 +11,7 @@ from pointing_model.effects.base import arcsec
 from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
-from .drawing import Panel, SkyMap, clean, limit_of, svg, text, thin, ticks
+from .drawing import Panel, SkyMap, clean, limit_of, padded, svg, text, thin, ticks
 from .page_parts import figure, legend, number, pair, section
 from .star_table import WHENS, group_name, stars_table
 
@@ -353,13 +353,10 @@ def marks_legend(data):
 def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
     """Both components against something, one below the other."""
     used, values = data.used, data.of(when)
-    shown = np.asarray(x)[data.known]
-    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
-    room = 0.02 * (high - low)
-    parts = []
+    span, parts = padded(np.asarray(x)[data.known], 0.02), []
     for axis, title in enumerate(data.axes):
         limit = limit_of(values[axis][used] if used.any() else values[axis])
-        panel = Panel((56, 24 + 146 * axis, 372, 110), (low - room, high + room), (-limit, limit))
+        panel = Panel((56, 24 + 146 * axis, 372, 110), span, (-limit, limit))
         panel.axes(label if axis else '', 'arcsec', f'{title}, {when}')
         for at in gaps:
             panel.parts.append(f'<path class="gap" d="M{float(panel.x(at)):.1f} {panel.top}'

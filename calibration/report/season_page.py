@@ -6,7 +6,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ..analysis.season.season_judgement import date_of
-from .drawing import Panel, clean, svg, text
+from .drawing import Panel, clean, padded, svg, text
 from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
 from .wording import worded
@@ -82,10 +82,8 @@ def _panel(result, i):
     spread = np.sqrt(result.covariance[i, i]) / ARCSEC
     reach = [predicted - spread, predicted, predicted + spread]
     ends = np.concatenate([values, level - wide, level + wide, reach])
-    pad = 0.06 * max(float(np.ptp(ends)), 1.0)
-    room = 0.02 * max(tonight - years[0], 0.02)
-    panel = Panel((64, 22, _WIDTH - 84, _HEIGHT - 62), (years[0] - room, tonight + room),
-                  (float(ends.min()) - pad, float(ends.max()) + pad))
+    panel = Panel((64, 22, _WIDTH - 84, _HEIGHT - 62), padded([years[0], tonight], 0.02, 0.02),
+                  padded(ends, 0.06, 1.0))
     whole = tonight - years[0] > 2.0
     shown = (np.arange(np.ceil(years[0]), np.floor(tonight) + 1.0) if whole
              else np.linspace(years[0], tonight, 5))

@@ -22,6 +22,11 @@ def new_table(title, *columns):
     return out
 
 
+def decimals(value, digits=2):
+    """A number for a table; what is not known is a dash."""
+    return '-' if value is None else f'{value:.{digits}f}'
+
+
 def _angle(value, sigma):
     return f'{value:+9.2f} ± {sigma:.2f}'
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .drawing import Panel, svg
+from .drawing import Panel, padded, svg
 from .page_parts import cards, figure, legend, pair, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
 from .wording import worded
@@ -60,17 +60,12 @@ def render_track(tracked, files):
     return whole('A mount that was followed', body, 'Tracking of a telescope mount')
 
 
-def _span(hours):
-    room = 0.02 * max(float(np.ptp(hours)), 0.01)
-    return float(hours.min()) - room, float(hours.max()) + room
-
-
 def _misses(tracked, hours):
     before, after = (np.hypot(*v.T) / ARCSEC for v in (tracked.evening, tracked.live))
     expected = np.sqrt(np.sum(tracked.sigma**2, axis=1)) / ARCSEC
     top = 1.1 * max(float(np.quantile(before, 0.95)), float(np.quantile(after, 0.95)),
                     float(np.quantile(expected, 0.9)))
-    panel = Panel((64, 12, _WIDTH - 84, 230), _span(hours), (0.0, top))
+    panel = Panel((64, 12, _WIDTH - 84, 230), padded(hours, 0.02, 0.01), (0.0, top))
     panel.axes('hours since the first star', 'missed by, arcsec')
     panel.points(hours, before, 'before')
     panel.points(hours, after, 'after')
@@ -118,9 +113,8 @@ def innovations_figure(squares):
 def _term(tracked, hours, i):
     back = tracked.smoothed
     value, wide = back.terms[:, i] / ARCSEC, 2.0 * back.sigma[:, i] / ARCSEC
-    low, high = float((value - wide).min()), float((value + wide).max())
-    pad = 0.06 * max(high - low, 0.5)
-    panel = Panel((64, 22, _WIDTH - 84, 110), _span(hours), (low - pad, high + pad))
+    panel = Panel((64, 22, _WIDTH - 84, 110), padded(hours, 0.02, 0.01),
+                  padded([value - wide, value + wide], 0.06, 0.5))
     panel.axes('hours', '', back.names[i])
     panel.band(hours, value - wide, value + wide)
     panel.line(hours, value, 'level')

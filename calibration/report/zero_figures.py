@@ -6,7 +6,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 
-from .drawing import Panel, svg
+from .drawing import Panel, padded, svg
 from .page_parts import figure, legend, listed, number, pair, section, table
 
 AXES = ('az', 'el')
@@ -139,12 +139,8 @@ def _against(rows, i, values, label, axes):
         if len(known):
             series.append((y - known[0], style))
     sigma = np.array([row[axis]['sigma'] or np.nan for row in rows])
-    all_ = np.concatenate([y for y, _ in series] or [np.zeros(1)])
-    all_ = all_[np.isfinite(all_)]
-    low, high = (float(all_.min()), float(all_.max())) if len(all_) else (0.0, 1.0)
-    pad, room = 0.12 * max(high - low, 1.0), 0.08 * max(float(np.ptp(x)), 1e-3)
-    panel = Panel((56, 24, 372, 180), (float(x.min()) - room, float(x.max()) + room),
-                  (low - pad, high + pad))
+    panel = Panel((56, 24, 372, 180), padded(x, 0.08, 1e-3), padded(
+        [y for y, _ in series] or [0.0], 0.12, 1.0))
     whole = label == 'power-on' and len(x) <= 14
     panel.axes(label, 'arcsec', axes[i], x if whole else None,
                [f'{v:g}' for v in x] if whole else None)

@@ -5,7 +5,7 @@ from pointing_model.runs.formats.cells import write_rows
 
 from ..analysis.zero.zero_causes import AXES, zero_causes
 from ..analysis.zero.zero_season import season_from_rows
-from .tables import new_table
+from .tables import decimals, new_table
 from .wording import worded
 from .zero_wording import COVARIATES
 
@@ -67,13 +67,13 @@ def season_table(document):
         filter(None, (axis['verdict'], ' or '.join(axis['alike'])))))
     for driver in dict.fromkeys(c['driver'] for axis in axes for c in axis['causes']):
         row(COVARIATES[driver], lambda axis, driver=driver: _slope(axis['causes'], driver))
-    row('p over all drivers and both axes', lambda axis: _number(axis['p'], '.3f'))
-    row('zeros, std, arcsec', lambda axis: _number(axis['std_arcsec']))
-    row('unexplained, arcsec', lambda axis: _number(axis['unexplained_arcsec']))
+    row('p over all drivers and both axes', lambda axis: decimals(axis['p'], 3))
+    row('zeros, std, arcsec', lambda axis: decimals(axis['std_arcsec']))
+    row('unexplained, arcsec', lambda axis: decimals(axis['unexplained_arcsec']))
     row('night left out, without causes, arcsec',
-        lambda axis: _number(axis.get('left_out_before_arcsec')))
+        lambda axis: decimals(axis.get('left_out_before_arcsec')))
     row('night left out, with them, arcsec',
-        lambda axis: _number(axis.get('left_out_after_arcsec')))
+        lambda axis: decimals(axis.get('left_out_after_arcsec')))
     if document['tonight']:
         tonight = [document['tonight'][name] for name in AXES]
         row('tonight, foretold, arcsec',
@@ -87,17 +87,13 @@ def season_table(document):
 def _slope(causes, driver):
     for cause in causes:
         if cause['driver'] == driver:
-            return _value(cause['slope_arcsec'], cause['sigma_arcsec'], '.2f',
+            return _value(cause['slope_arcsec'], cause['sigma_arcsec'], 2,
                           f' arcsec/{cause["unit"]}')
     return '-'
 
 
-def _value(value, sigma, form='.1f', unit=''):
-    return f'{value:+{form}} ± {_number(sigma, form)}{unit}'
-
-
-def _number(value, form='.2f'):
-    return '-' if value is None else format(value, form)
+def _value(value, sigma, digits=1, unit=''):
+    return f'{value:+.{digits}f} ± {decimals(sigma, digits)}{unit}'
 
 
 def season_lines(document):

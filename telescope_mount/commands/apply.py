@@ -94,23 +94,21 @@ def _apply(model, args):
     out = np.stack(turned(model, context, zero, args.reverse)) / DEG
     notes += [*_zero_notes(model, applied, columns.get('run'), args.zero), *_unknown(
         model, context, out, args.reverse)]
-    notes += [f'cells left empty in row{"s" * int((reasons == why).sum() > 1)} '
-              f'{_listed(lines[reasons == why])}: {why}' for why in dict.fromkeys(reasons[~used])]
+    notes += [f'cells left empty in {_rows(lines[reasons == why])}: {why}'
+              for why in dict.fromkeys(reasons[~used])]
     bad = ~np.isfinite(out).all(axis=0) & used
     out[:, ~used] = np.nan
     if bad.any():
-        notes.append(f'the mount cannot look there, nearer to its zenith than its axes allow: '
-                     f'cells left empty in row{"s" * int(bad.sum() > 1)} '
-                     + _listed(lines[bad]))
+        notes.append('the mount cannot look there, nearer to its zenith than its axes allow: '
+                     f'cells left empty in {_rows(lines[bad])}')
     seen = used & ~bad
     at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
     notes += _open(model, at * DEG, lines[seen])
     # the first axis, of what is catalogue place and of the reading alike
     up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.two_sided)
     if up.any():
-        notes.append(f'the counterweight is up in row{"s" * int(up.sum() > 1)} '
-                     f'{_listed(lines[up])}: with it down the mount looks there '
-                     'through the pole, at hour angle + 180, 180 - declination')
+        notes.append(f'the counterweight is up in {_rows(lines[up])}: with it down the mount looks '
+                     'there through the pole, at hour angle + 180, 180 - declination')
     names = places if args.reverse else readings
     if set(names) & set(header):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
@@ -255,7 +253,7 @@ def _open(model, places, lines):
     rows = model.is_open(*places)
     if not rows.any():
         return []
-    where = f'row{"s" * int(rows.sum() > 1)} {_listed(lines[rows])}'
+    where = _rows(lines[rows])
     names = (*model.undetermined, *model.undetermined_harmonics)
     if names:
         return [f'the prediction is of unknown error in {where}: it rests on terms that the stars '
@@ -264,9 +262,10 @@ def _open(model, places, lines):
             'the pier']
 
 
-def _listed(lines, limit=20):
-    texts = [str(n) for n in lines[:limit]]
-    return ', '.join(texts) + (f', ... ({len(lines)} rows)' if len(lines) > limit else '')
+def _rows(lines, limit=20):
+    texts = ', '.join(str(n) for n in lines[:limit])
+    more = f', ... ({len(lines)} rows)' * (len(lines) > limit)
+    return f'row{"s" * (len(lines) > 1)} {texts}{more}'
 
 
 def _write(stream, header, rows, delimiter):

@@ -85,8 +85,7 @@ def run(args):
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
             calibration=calibration, progress=progress, say=hold_up, track=track,
-            discrimination=discrimination,
-            note=console.print, of_server={
+            apart=discrimination, note=console.print, of_server={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
                 'exposure': args.exposure} if of_server else None)
     print_calibration(console, report)
