@@ -3,9 +3,26 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from msg_tools.output import write_text
+import numpy as np
 
-#: ``--to``: our own document besides
+from calibration.analysis.fit_result import undetermined_terms
+from calibration.report.tables import new_table
+from calibration.report.wording import wording
+from msg_tools.output import write_text
+from msg_tools.units import ARCSEC
+from pointing_model.context import Context
+from pointing_model.effects.base import driver_word, readable
+from pointing_model.model_application import zeros_of_rows
+from pointing_model.mounts import ALTAZ
+from pointing_model.rms import rms_arcsec
+from pointing_model.runs.model_files import PROGRAMS, coefficient_table, export, read_model
+from pointing_model.runs.model_files.katpoint import description
+from pointing_model.zero import active_zeros
+
+from .commands.console import print_all, print_files, print_lines
+from .runs import load_run
+
+#: ``--to``: our own document
 MODEL = 'model'
 
 
@@ -35,11 +52,6 @@ class ModelExport:
         return {**self.exported.to_dict(), 'file': str(self.path), 'notes': self.notes}
 
 
-def programs():
-    """Names that ``--to`` takes."""
-    return ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', MODEL)
-
-
 def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
                  **options):
     """Write a model as another program reads it.
@@ -50,7 +62,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         Any file that `pointing_model.runs.model_files.read_model` reads.
     path : str or Path
     to : str
-        Of `programs`.
+        Of `commands.export.PROGRAMS`.
     sky : str or Path, optional
         A run: what the program cannot hold is refitted on its directions, with what drives the
         model's effects there, and the loss is told on them. By default the sky above 20 degrees.
@@ -74,8 +86,6 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     OSError
         One cannot be read or written.
     """
-    from pointing_model.mounts import ALTAZ
-    from pointing_model.runs.model_files import PROGRAMS, coefficient_table, read_model
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the model it is made from')
@@ -93,7 +103,6 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     if to == coefficient_table.NAME:
         write_text(path, coefficient_table.write(model, facts['caption']))
         return ModelExport(path, to, None, notes)
-    from pointing_model.runs.model_files import export
     context, place = None, ''
     if sky is not None:
         context, place, more = _sky_of(sky, model, {**options, 'mount': mount, 'site': site})
@@ -107,8 +116,6 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 def _open_notes(model):
     """What no file of another program tells: which terms nobody knows."""
-    from calibration.analysis.fit_result import undetermined_terms
-    from calibration.report.wording import wording
     notes = [wording(undetermined_terms(model.undetermined, model.terms))] \
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
@@ -119,11 +126,6 @@ def _open_notes(model):
 
 def _with_zero(model, wanted):
     """The model with a zero in its indices, and what is said of it."""
-    import numpy as np
-
-    from msg_tools.units import ARCSEC
-    from pointing_model.model_application import zeros_of_rows
-    from pointing_model.zero import active_zeros
     (az, el), applied = zeros_of_rows(model, wanted)
     known = active_zeros(model)
     if not applied:
@@ -148,12 +150,6 @@ def _with_zero(model, wanted):
 
 def _sky_of(path, model, options):
     """Context of a run's rows, what it is in words, and what the file may tell of the run."""
-    import numpy as np
-
-    from pointing_model.context import Context
-    from pointing_model.rms import rms_arcsec
-
-    from .runs import load_run
     run = load_run(path, **options)
     if not run.mount.agrees(model.mount):
         raise ValueError(f'{path} is a run of another mount ({run.mount.kind}) than the model '
@@ -170,9 +166,6 @@ def _sky_of(path, model, options):
 
 def show(written, console):
     """The terms as they stand in the file, and what is lost."""
-    from calibration.report.tables import new_table
-
-    from .commands.console import print_all, print_files, print_lines
     exported = written.exported
     if exported is not None:
         program = exported.program
@@ -182,7 +175,6 @@ def show(written, console):
         console.print(table)
         print_all(console, sentences(exported))
         if program.name == 'katpoint':
-            from pointing_model.runs.model_files.katpoint import description
             console.print(f'description: {description(exported.terms)}', soft_wrap=True)
     print_lines(console, 'note', written.notes)
     print_files(console, {written.program: written.path})
@@ -220,7 +212,6 @@ def sentences(exported):
 
 def _part(text):
     """A part of a model that a program does not hold, for people."""
-    from pointing_model.effects.base import driver_word, readable
     name, _, needs = text.removesuffix(')').partition(' (follows ')
     words = dict.fromkeys(map(driver_word, needs.split(', '))) if needs else ()
     return readable(name) + (f' (follows {", ".join(words)})' if words else '')

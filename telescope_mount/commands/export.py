@@ -7,9 +7,10 @@ from pathlib import Path
 
 from msg_tools.output import beside
 
-from .. import model_export
 from . import options
 
+#: names that ``--to`` takes; the last is our own document
+PROGRAMS = ('tpoint', 'katpoint', 'rts2', 'spk', 'indi', 'onstepx', 'table', 'model')
 #: an array with more elements than this is no table column each: its length is written
 MAX_COLUMNS = 64
 _BATCH = 5000
@@ -26,9 +27,9 @@ def add(commands):
     parser.add_argument('file', type=options.log_path, metavar='RUN', help='with --to a model')
     parser.add_argument('out', type=Path, metavar='OUT',
                         help='file, .csv or .parquet; with --topics a folder')
-    parser.add_argument('--to', choices=model_export.programs(), metavar='PROGRAM',
+    parser.add_argument('--to', choices=PROGRAMS, metavar='PROGRAM',
                         help='the program that shall read the model: '
-                        + ', '.join(model_export.programs()))
+                        + ', '.join(PROGRAMS))
     parser.add_argument('--sky', type=options.log_path, metavar='RUN',
                         help='what the program cannot hold is '
                         'refitted and told on the directions of this run (default: a uniform sky '
@@ -83,6 +84,7 @@ def run(args):
 
 def _run_model(args, console):
     """Write a model for another program, say what it holds."""
+    from .. import model_export
     _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
     options.check_target(args.out)
     if not _same(args.out, args.file):

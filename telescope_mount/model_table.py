@@ -1,0 +1,211 @@
+"""A table of directions with what a model makes of them: for the command ``apply``."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.context import UNKNOWN, Context
+from pointing_model.effects.base import readable
+from pointing_model.model_application import turned, zeros_of_rows
+from pointing_model.runs.formats.cells import Cells
+from pointing_model.runs.formats.csv import CSV_NAMES
+from pointing_model.runs.formats.rows import Rows, decimal_points, is_number
+from pointing_model.runs.formats.run_table import content, lines_of, own_name
+from pointing_model.runs.run import COLUMNS, column_name
+from pointing_model.zero import active_zeros
+from pointing_model.zero_drift import KEY
+
+
+def apply_to_table(model, args):
+    """Turn the directions of a table into encoder angles, or back.
+
+    Parameters
+    ----------
+    model : PointingModel
+    args : argparse.Namespace
+        Of the command.
+
+    Returns
+    -------
+    rows : list of sequence
+        Header and cells.
+    delimiter : str
+    notes : list of str
+    """
+    table = _table(args.file)
+    header, lines, reasons = table.header, table.lines, table.reasons
+    rows = [table.column(i) for i in range(len(header))]
+    cells = dict(zip(header, rows))
+    places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
+                        for part in ('', '_enc'))
+    pair = readings if args.reverse else places
+    columns, notes = _drivers(table, cells, pair, places, args)
+    az, el = (_angles(table, column, cells) for column in pair)
+    _check(table, pair, az, el, args.reverse or not model.mount.vertical, cells)
+    # rows that are left out go along, somewhere, and their cells stay empty
+    used = reasons == 0
+    az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
+    place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
+    context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
+    if 'run' in columns and used.any():
+        columns['run'] = np.where(used, columns['run'], columns['run'][used][0])
+    zero, applied = zeros_of_rows(model, args.zero, columns.get('run'))
+    out = np.stack(turned(model, context, zero, args.reverse)) / DEG
+    notes += [*_zero_notes(model, applied, columns.get('run'), args.zero), *_unknown(
+        model, context, out, args.reverse)]
+    notes += [f'cells left empty in {_rows(lines[reasons == why])}: {why}'
+              for why in dict.fromkeys(reasons[~used])]
+    bad = ~np.isfinite(out).all(axis=0) & used
+    out[:, ~used] = np.nan
+    if bad.any():
+        notes.append('the mount cannot look there, nearer to its zenith than its axes allow: '
+                     f'cells left empty in {_rows(lines[bad])}')
+    seen = used & ~bad
+    at = np.array([az, el])[:, seen] if not args.reverse else out[:, seen]
+    notes += _open(model, at * DEG, lines[seen])
+    # the first axis, of what is catalogue place and of the reading alike
+    up = (np.mod(az, 360.0) > 180.0) & used & (model.mount.two_sided)
+    if up.any():
+        notes.append(f'the counterweight is up in {_rows(lines[up])}: with it down the mount looks '
+                     'there through the pole, at hour angle + 180, 180 - declination')
+    names = places if args.reverse else readings
+    if set(names) & set(header):
+        names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
+        notes.append(f'the file has angles of that side already: those of the model are in '
+                     f'{", ".join(names)}')
+    texts = [['' if v != v else repr(v) for v in column] for column in out.tolist()]
+    if any(decimal_points(cells[column]) is not cells[column] for column in pair):
+        texts = [[text.replace('.', ',') for text in column] for column in texts]
+    return [[*header, *names], *zip(*rows, *texts)], table.delimiter, notes
+
+
+def _table(file):
+    """The cells."""
+    if file == '-':
+        name = 'standard input'
+        if sys.stdin.isatty():
+            print('directions are read from the terminal; end with Ctrl-D', file=sys.stderr)
+        data = sys.stdin.buffer.read()
+    else:
+        name, data = file, Path(file).read_bytes()
+    lines = lines_of(name, data) if data.strip() else []
+    if not content(lines):
+        raise ValueError(f'{name} is empty; it needs a header row, as az_deg,el_deg')
+    return Cells(name, lines)
+
+
+def _angles(table, column, cells):
+    """A column of angles; ValueError where it is missing, or most cells are no numbers."""
+    if column not in cells:
+        there = ', '.join(c[:40] for c in list(cells)[:40])
+        raise ValueError(f'{table.path}: no column {column}; the file has {there}')
+    values = table.floats(column, cells[column])
+    empty = np.flatnonzero(~np.isfinite(values) & (table.reasons == 0))
+    table.refuse(column, [cell or 'empty' for cell in cells[column]],
+                 {int(i): 'is no angle' for i in empty})
+    return values
+
+
+def _check(table, pair, az, el, beyond, cells):
+    """Refuse what is no direction in degrees."""
+    # a tube past the zenith or through the pole
+    with np.errstate(invalid='ignore'):
+        bad = (el < (-180.0 if beyond else -90.0)) | (el > (180.0 if beyond else 90.0))
+    table.refuse(pair[1], cells[pair[1]], {
+        int(i): 'is no such angle in degrees' for i in np.flatnonzero(bad)})
+    az, el = az[table.reasons == 0], el[table.reasons == 0]
+    if len(el) >= 3 and np.abs(el).max() <= 1.6 and np.abs(az).max() <= 6.3 and np.ptp(el) > 0.05:
+        raise ValueError(f'{table.path}: {pair[0]}, {pair[1]} never exceed '
+                         f'{max(np.abs(az).max(), np.abs(el).max()):.3g}: they look like radians; '
+                         'give degrees')
+
+
+def _drivers(table, cells, pair, places, args):
+    """What the effects may follow, in SI by the names in memory; remarks."""
+    given = {}
+    for text in args.given:
+        key, equals, value = text.partition('=')
+        if not equals or not key.strip():
+            raise ValueError(f'--set {text}: write COLUMN=VALUE, as temperature_c=4.5')
+        given[key.strip()] = value.strip()
+    if args.time is not None:
+        given['time'] = args.time
+    cells = {**cells, **{key: [value] * len(table) for key, value in given.items()}}
+    out, notes = {}, []
+    for column, values in cells.items():
+        if column in pair or column in places or not column:
+            continue
+        known = CSV_NAMES.get(column)
+        # what is given for all rows costs all
+        rows = Rows('the options', table.lines, strict=True) if column in given else table
+        if column == 'time':
+            out['time'] = rows.times(column, values)
+        elif known == 'star' and not all(map(is_number, values)):
+            continue
+        elif known in COLUMNS:
+            numbers = rows.floats(column, values)
+            rows.refuse(column, values, {
+                int(i): 'is not finite' for i in np.flatnonzero(np.isinf(numbers))})
+            out[known] = numbers * COLUMNS[known][1]
+        elif values and all(not v or is_number(v) for v in decimal_points(values)):
+            out[own_name(column, cells, notes)] = rows.floats(column, values)
+        elif column in given:
+            raise ValueError(f'--set {column}={given[column]}: is not a number')
+    if 'star' in out:
+        out['star'] = np.nan_to_num(out['star']).astype(np.int64)
+    return out, notes
+
+
+def _zero_notes(model, applied, run, wanted):
+    """What was done with the zeros that the model carries."""
+    if not active_zeros(model):
+        return []
+    if not applied:
+        return [f'the {len(active_zeros(model))} zeros that the model carries are not applied '
+                '(--zero none)']
+    zeros = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
+                     f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
+    more = f', ... ({len(applied)} runs)' if len(applied) > 6 else ''
+    notes = [f'zero applied, {zeros}{more}']
+    if KEY in model.provenance:
+        notes.append('the zero of this model follows the absolute encoder; here it stands where it '
+                     'was set')
+    return notes
+
+
+def _unknown(model, context, out, reverse):
+    """Which effects count as zero, and why."""
+    if not model.effects:
+        return []
+    if reverse:
+        context = context.at(*np.nan_to_num(out * DEG), az_raw=context.az, el_raw=context.el)
+    notes = []
+    needs = {e.effect.name: e.effect.requires for e in model.effects}
+    for effect, rows in model.unknown(context.az, context.el, context).items():
+        count = int(np.count_nonzero(rows))
+        where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
+        reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
+        notes.append(f'{readable(effect)} counts as zero in {where}: {"; ".join(reasons)}')
+    return notes
+
+
+def _open(model, places, lines):
+    """Rows whose prediction rests on what the stars of the fit did not determine."""
+    rows = model.is_open(*places)
+    if not rows.any():
+        return []
+    where = _rows(lines[rows])
+    names = (*model.undetermined, *model.undetermined_harmonics)
+    if names:
+        return [f'the prediction is of unknown error in {where}: it rests on terms that the stars '
+                f'of the fit did not determine ({", ".join(names)})']
+    return [f'the prediction is of unknown error in {where}: no row of the fit is on this side of '
+            'the pier']
+
+
+def _rows(lines, limit=20):
+    texts = ', '.join(str(n) for n in lines[:limit])
+    more = f', ... ({len(lines)} rows)' * (len(lines) > limit)
+    return f'row{"s" * (len(lines) > 1)} {texts}{more}'
