@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
@@ -81,8 +80,8 @@ class Calibration(MountNode):
         self.subscribe(topics.IN_FORCE, waiting(self._on_active))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
                            ('judge', self._work_blind_check)):
-            self.create_service(Trigger, name, partial(self._answer, work))
-        self.create_service(Trigger, 'diagnose', self._on_diagnose)
+            self.serve(name, partial(self._answer, work), once=True)
+        self.serve('diagnose', self._work_diagnosis, once=True)
         self.serve('~/cancel', self._long.cancel)
         self.every(1.0, self._tell_stage)
         self._say('knows nothing of the night yet: no observation, no zero, no model')
@@ -186,22 +185,20 @@ class Calibration(MountNode):
             level, self.get_fully_qualified_name(), text,
             **{**self._state.rows.taken.rows(), **values}))
 
-    def _answer(self, work, request, response):
+    def _answer(self, work):
         """What `work` has done, or why it could not."""
         try:
             self._refuse_beside_another()
-            response.message = work()
-            response.success = True
+            return True, work()
         except (ValueError, np.linalg.LinAlgError) as err:
-            self._refuse(response, err)
-        return response
+            return self._refusal(err)
 
-    def _refuse(self, response, error):
+    def _refusal(self, error):
         """Why a service has not done its work; the report of a fit is published all the same."""
-        response.message = str(error)
         if isinstance(error, Contradiction) and error.report is not None:
             self._publish(topics.CALIBRATION_REPORT, error.report)
-        self._say(response.message)
+        self._say(str(error))
+        return False, str(error)
 
     def _work_zero(self):
         if self._state.tracked is not None:
@@ -267,7 +264,7 @@ class Calibration(MountNode):
             raise ValueError(f'{self._long.name} is under way: wait for its end, or call '
                              'calibration/cancel')
 
-    async def _on_diagnose(self, request, response):
+    async def _work_diagnosis(self):
         """Seconds or more: in a thread; what is found counts only when it is done."""
         state, until = self._state, self.value('diagnosed_at')
         site = site_of(self.value('site'))
@@ -278,12 +275,12 @@ class Calibration(MountNode):
                 state.find_effects, self.value('alpha'), site, until))
             state.apply(found, site, until)
             self._publish_request()  # before its model
-            response.message, response.success = self._diagnosed(found), True
+            answer = True, self._diagnosed(found)
         except (ValueError, np.linalg.LinAlgError) as err:
-            self._refuse(response, err)
+            answer = self._refusal(err)
         self._long.caught_up(lambda call, err: self.reject(call.__name__, str(err)))
         give_back()
-        return response
+        return answer
 
     def _publish_request(self):
         """How causes stand, if there is anything new."""

@@ -100,11 +100,11 @@ class StarObserver(MountNode):
         self.subscribe(topics.APART, self._on_apart)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
-        self.create_service(Trigger, 'observe', partial(self._on_observe, False))
-        self.create_service(Trigger, '~/anew', partial(self._on_observe, True))
+        self.serve('observe', partial(self._observe, False), once=True)
+        self.serve('~/anew', partial(self._observe, True), once=True)
         for service, verb in (('zero', 'zero'), ('zero_on_polaris', 'polaris'),
                               ('zero_on_stars', 'zero_on_stars')):
-            self.create_service(Trigger, service, partial(self._on_zero, verb))
+            self.serve(service, partial(self._zero, verb), once=True)
         if self.value('autostart') and not over:
             self._sequencer.start(self.value('plan'))
         self.serve('~/cancel', self._on_cancel)
@@ -243,23 +243,22 @@ class StarObserver(MountNode):
                                     convert.from_stamp(self._given.header.stamp), left,
                                     self._forgotten)
 
-    def _on_observe(self, anew, request, response):
+    def _observe(self, anew):
         plan = self.value('plan')
         where = '' if anew else self._sequencer.stopped_at(plan)
-        return self._begin(response, plan, f'plan goes on at {where}: {{}}; to begin it anew call '
+        return self._begin(plan, f'plan goes on at {where}: {{}}; to begin it anew call '
                            'star_observer/anew' if where else 'plan started: {}', anew)
 
-    def _on_zero(self, verb, request, response):
+    def _zero(self, verb):
         return self._begin(
-            response, f'{verb} {self.value("polaris_exposures")}, calibrate_zero',
+            f'{verb} {self.value("polaris_exposures")}, calibrate_zero',
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
-    def _begin(self, response, plan, answer, anew=True):
+    def _begin(self, plan, answer, anew=True):
         why = 'a plan is under way' if self._sequencer.busy else self.guard.ends
-        response.success, response.message = not why, why or answer.format(plan)
-        if response.success:
+        if not why:
             self._sequencer.start(plan, anew)
-        return response
+        return not why, why or answer.format(plan)
 
     # --- messages out: what the sequencer asks for --------------------------------------------
 
