@@ -190,9 +190,7 @@ class Mount:
         first, second : ndarray
             Radians, both in -pi to pi.
         """
-        place = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az),
-                          np.sin(el) * np.ones_like(az)])
-        x, y, z = np.tensordot(np.array(self.frame), place, 1)
+        x, y, z = np.tensordot(np.array(self.frame), _unit_vector(az, el), 1)
         return through_pole(np.arctan2(x, y), np.arctan2(z, np.hypot(x, y)), beyond)
 
     def on_travel(self, first, second):
@@ -267,8 +265,7 @@ class Mount:
 
     def direction(self, first, second):
         """East, north and up of a direction, shape (3, ...)."""
-        place = np.array([np.cos(second) * np.sin(first), np.cos(second) * np.cos(first),
-                          np.sin(second) * np.ones_like(first)])
+        place = _unit_vector(first, second)
         return place if self.vertical else np.tensordot(np.array(self.frame).T, place, 1)
 
     def tangents(self, first, second):
@@ -292,6 +289,11 @@ def _with_errors(mount, errors):
 
 #: azimuth from north through east, elevation
 ALTAZ = Mount()
+
+
+def _unit_vector(az, el):
+    return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az),
+                     np.sin(el) * np.ones_like(az)])
 
 
 def through_pole(first, second, beyond):

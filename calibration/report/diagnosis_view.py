@@ -8,8 +8,7 @@ import numpy as np
 from calibration.analysis.diagnosis.page_figures import correlations, effect_offsets, its_own
 from calibration.analysis.diagnosis.row_counts import row_word
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import arcsec, readable
-from pointing_model.effects.words import coefficient_word
+from pointing_model.effects.base import arcsec, coefficient_word, readable
 from pointing_model.mounts import is_beyond
 
 from .cause_wording import plain_name, still_open

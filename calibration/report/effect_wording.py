@@ -5,8 +5,7 @@ import numpy as np
 from calibration.analysis.diagnosis.page_figures import effect_offsets, ends, over_the_rows
 from msg_tools.units import ARCSEC, covered
 from pointing_model.effects import Amount
-from pointing_model.effects.base import arcsec
-from pointing_model.effects.words import common_shape
+from pointing_model.effects.base import arcsec, common_shape
 from pointing_model.mount_kinds import USUAL
 
 from . import cause_wording

@@ -18,7 +18,7 @@ from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import SET_WIDTH, choose, search, settled
 from msg_tools.units import ARCSEC
-from pointing_model.effects.words import coefficient_word
+from pointing_model.effects.base import coefficient_word
 
 from .diagnosis_result import cause_entry
 

@@ -218,11 +218,7 @@ def _run_numbers(cells, meta):
     values = _numbers_or_text(cells)
     if values.dtype.kind != 'U':
         return values
-    names = list(dict.fromkeys(cells))
-    meta['notes'].append('runs are numbered: ' + ', '.join(
-        f'{i} {name[:40]!r}' for i, name in enumerate(names, 1)))
-    number = {name: i for i, name in enumerate(names, 1)}
-    return np.array([number[cell] for cell in cells])
+    return run_table.numbered_runs(cells, meta['notes'])
 
 
 def _time(table, cells, meta):

@@ -16,7 +16,7 @@ from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.run import COLUMNS, column_name
 
 from .declared import declare
-from .run_table import Table, own_name
+from .run_table import Table, numbered_runs, own_name
 
 _SAME_SITE = 0.01  # deg: sites of two images
 _TEXT = ('star', 'block', 'run', 'pier_side')
@@ -196,8 +196,5 @@ def _columns(rows, mapping, meta):
         columns[name] = np.array([np.nan if v is None or isinstance(v, str) else v
                                   for v in values], float)
     if 'run' in columns and columns['run'].dtype.kind == 'U':
-        kinds = {text: i for i, text in enumerate(dict.fromkeys(columns['run'].tolist()), 1)}
-        meta['notes'].append('runs are numbered: '
-                             + ', '.join(f'{i} {text!r}' for text, i in kinds.items()))
-        columns['run'] = np.array([kinds[text] for text in columns['run'].tolist()])
+        columns['run'] = numbered_runs(columns['run'].tolist(), meta['notes'])
     return columns

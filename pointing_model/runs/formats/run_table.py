@@ -143,6 +143,14 @@ def own_name(name, taken, notes):
     return new
 
 
+def numbered_runs(names, notes):
+    """Numbers of runs that have names, counted in the order they appear; a note says which."""
+    numbers = {name: i for i, name in enumerate(dict.fromkeys(names), 1)}
+    notes.append('runs are numbered: ' + ', '.join(
+        f'{i} {name[:40]!r}' for name, i in numbers.items()))
+    return np.array([numbers[name] for name in names])
+
+
 def sidereal_name(values, taken, notes):
     """Name under which a column ``lst`` is kept, by its unit.
 

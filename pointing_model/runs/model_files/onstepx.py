@@ -7,14 +7,13 @@ mount before its indices.
 """
 
 import re
-from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .program import ModelFile, Program, number_of
+from .program import ModelFile, Program, for_celestial, number_of
 from .term_columns import OF_TERM, TERM_OF, column, summed
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
@@ -112,11 +111,8 @@ def _read(path, text):
 
 def _for_mount(mount):
     """OnStepX of an equatorial mount, on both sides of the pier."""
-    if not mount.celestial:
-        raise ValueError(f'OnStepX has no models of a mount that is {mount.kind}')
     terms = {name: row for name, row in _EQUATORIAL.items()
              if name != 'dfCor' or not mount.two_sided}
-    own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
     index = tuple((name, ()) for name in mount.names.index)
 
     def read(path, text):
@@ -127,9 +123,8 @@ def _for_mount(mount):
                              f'{mount.kind}')
         found.terms = {name: value for name, value in found.terms.items() if name in terms}
         return found
-    return replace(
-        ONSTEPX, own=own.get, candidates=tuple(own), mount=mount, read=read,
-        column=lambda name: [((terms[name][0], ()), float(terms[name][1]))],
+    return for_celestial(
+        ONSTEPX, mount, terms, read=read,
         encoder=lambda values, az, el: _encoder(values, az, el, mount, index))
 
 

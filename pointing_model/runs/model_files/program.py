@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -173,6 +173,34 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
 
 
 # ------------------------------------------------------------------------------- reading of files
+
+def for_celestial(program, mount, terms, **changes):
+    """A program with terms of an equatorial mount.
+
+    Parameters
+    ----------
+    program : Program
+    mount : Mount
+    terms : dict of str to (str, int)
+        The program's name -> our term, and our value for a unit of theirs.
+    **changes
+        Of the other attributes of `Program`.
+
+    Returns
+    -------
+    Program
+
+    Raises
+    ------
+    ValueError
+        The mount is no equatorial one.
+    """
+    if not mount.celestial:
+        raise ValueError(f'{program.title} has no models of a mount that is {mount.kind}')
+    own = {(term, ()): [(name, float(sign))] for name, (term, sign) in terms.items()}
+    return replace(program, own=own.get, candidates=tuple(own), mount=mount,
+                   column=lambda name: [((terms[name][0], ()), float(terms[name][1]))], **changes)
+
 
 EQUATORIAL = re.compile(r'I[HD]|CH|NP|M[AE]|FO|DA[FB]|[HD]CE[CS]|P[HDX]\w+|H[HDXP][SC]\w+')
 

@@ -7,12 +7,11 @@ in the west (the example of its manual shows it), A - 180 degrees.
 """
 
 import re
-from dataclasses import replace
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
-from .program import ModelFile, Program, first_order, number_of
+from .program import ModelFile, Program, first_order, for_celestial, number_of
 from .term_columns import OF_TERM, column
 
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
@@ -122,13 +121,8 @@ def _write_gem(sheet):
 
 def _for_mount(mount):
     """gpoint of an equatorial mount: nine terms, in first order."""
-    if not mount.celestial:
-        raise ValueError(f'RTS2 has no models of a mount that is {mount.kind}')
-    of = {name: (own, float(sign)) for own, (name, sign) in _GEM.items()}
-    return replace(
-        RTS2, own=lambda key: [of[key[0]]] if key[0] in of else None,
-        column=lambda name: [((_GEM[name][0], ()), float(_GEM[name][1]))],
-        candidates=tuple((name, ()) for name in of), mount=mount, write=_write_gem,
+    return for_celestial(
+        RTS2, mount, _GEM, write=_write_gem,
         encoder=lambda values, az, el: first_order(values, az, el, mount),
         read=lambda path, text: _read(path, text, mount))
 

@@ -7,14 +7,13 @@ published VD is an angle, to be given as TF cos E at each target.
 """
 
 import re
-from dataclasses import replace
 
 import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ, is_beyond
 
-from .program import ModelFile, Program, number_of
+from .program import ModelFile, Program, for_celestial, number_of
 from .term_columns import OF_TERM
 
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
@@ -84,10 +83,10 @@ def _drooped(roll, pitch, mount, tel, p, sn, cn, side=1.0):
     return np.stack([(tel[0] - xi * tel[1]) / f, (tel[1] + xi * tel[0]) / f, eta / f])
 
 
-def _encoder(values, az, el, mount=ALTAZ, own=_OWN):
+def _encoder(values, az, el, mount=ALTAZ, own=_OWN.get):
     p = dict.fromkeys(_MEMBERS, 0.0)
     for key, value in values.items():
-        for name, share in own[key]:
+        for name, share in own(key):
             p[name] += share * value
     attitude = _attitude(mount, p['pan'], p['paw'])
     sn, cn = np.sin(p['pnp']), np.cos(p['pnp'])
@@ -148,13 +147,10 @@ def _read(path, text):
 
 def _for_mount(mount):
     """SPK of an equatorial mount, on both sides of the pier."""
-    if not mount.celestial:
-        raise ValueError(f'SPK has no models of a mount that is {mount.kind}')
-    own = {(name, ()): [(member, float(sign))] for member, (name, sign) in _EQUATORIAL.items()}
-    return replace(
-        SPK, own=own.get, candidates=tuple(own), mount=mount,
-        column=lambda member: [((_EQUATORIAL[member][0], ()), float(_EQUATORIAL[member][1]))],
-        encoder=lambda values, az, el: _encoder(values, az, el, mount, own))
+    made = for_celestial(
+        SPK, mount, _EQUATORIAL,
+        encoder=lambda values, az, el: _encoder(values, az, el, mount, made.own))
+    return made
 
 
 def _looks_like(text):

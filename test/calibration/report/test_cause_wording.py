@@ -13,7 +13,7 @@ from calibration.report.cause_wording import (
 )
 from calibration.report.effect_wording import effect_title
 from pointing_model.effects import effect
-from pointing_model.effects.words import coefficient_word, common_shape
+from pointing_model.effects.base import coefficient_word, common_shape
 from pointing_model.mount_kinds import KINDS
 
 
