@@ -43,7 +43,7 @@ def drawn_run(reading, seed):
     truth = rng.normal(size=2 * COUNT) * DRAWN
     az = rng.uniform(0.0, 2.0 * np.pi, STARS)
     el = np.arcsin(rng.uniform(np.sin(LOWEST), np.sin(85.0 * DEG), STARS))
-    mount = PointingModel({}, None, Harmonics.of_degree(
+    mount = PointingModel({}, None, Harmonics.from_degree(
         4, reading, truth, np.zeros((2 * COUNT,) * 2)))
     az_enc, el_enc = mount.sky_to_encoder(az, el)
     x, y = rng.normal(size=(2, STARS)) * NOISE

@@ -94,7 +94,7 @@ def mmt_losses():
     from pointing_model.runs.formats import read_run
     folder = Path(__file__).resolve().parents[1] / 'calibration' / 'data'
     run = read_run(folder / 'mmt_2021-08-21.csv')
-    model, sky = fit_terms(run).model, Context.of_run(run)
+    model, sky = fit_terms(run).model, Context.from_run(run)
     return {name: export(model, PROGRAMS[name], sky, 'the night', SITE).loss for name in HELD}
 
 

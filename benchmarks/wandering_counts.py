@@ -105,7 +105,7 @@ class WanderingNight(Night):
 def candidate_of(model):
     """The active one, as a published model says."""
     return ModelWithZeros(model, Zeros.from_list(model.provenance['zeros_in_force']),
-                          Following.of(model))
+                          Following.from_model(model))
 
 
 def one_night(rows):
@@ -144,7 +144,7 @@ def one_night(rows):
             'first_verdict': found.document['verdict'], 'applied': judged.document['applied'],
             'refused': [n for e in judged.document['refused'] for n in e['effects']],
             'taken_back': judged.document['judged']['taken_back'],
-            'follows': list(Following.of(models[-1]).axes),
+            'follows': list(Following.from_model(models[-1]).axes),
             'alarms': session.report['witnesses']['alarms']}
 
 

@@ -279,7 +279,7 @@ class CalibrationState:
             self.tracked = TrackedNight.of_model(model)
             self._track_rows()
             return
-        zeros, follows = active_zeros(model), Following.of(model)
+        zeros, follows = active_zeros(model), Following.from_model(model)
         self.model, self._errors = model, model.mount.errors
         if zeros:
             self.active, self.since = ModelWithZeros(model, zeros, follows), len(self.rows)

@@ -251,7 +251,7 @@ class ActiveCalibration:
         self.zero, self.zero_stamp = NO_ZERO, 0
         self.refused = self.refused_stamp = 0
         self.power_on = None
-        self._follows, self._difference, self._stopped = Following.of(model), None, False
+        self._follows, self._difference, self._stopped = Following.from_model(model), None, False
         self.thermometer, self.inclinometer = Gauge(), Gauge()
         self._next_model = self._next_zero = None  # each waits for the other
 
@@ -276,7 +276,7 @@ class ActiveCalibration:
 
     def _put_in_force(self, model, name, text):
         self.model, self.model_name, self.model_text = model, name, text
-        self._follows, self._stopped = Following.of(model), False
+        self._follows, self._stopped = Following.from_model(model), False
         self.models += 1
         stamp = model.provenance.get('last_stamp_ns')
         self.model_stamp = stamp if isinstance(stamp, int) else 0

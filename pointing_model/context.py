@@ -100,7 +100,7 @@ class Context:
     ``pier_side`` (-1 through the pole, else 1; of mounts that go there), ``counterweight`` (of
     German mounts: what it pulls across the first axis, 1 to -1), and the angles of the axes by
     their names (``hour_angle``, ``declination``) beside azimuth and elevation.
-    The row before is the one before in time where the time of all rows is known. `of_run` adds
+    The row before is the one before in time where the time of all rows is known. `from_run` adds
     ``run_hours`` (since the first row of the same run, h): single rows do not tell it.
     """
 
@@ -121,7 +121,7 @@ class Context:
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
     @classmethod
-    def of_run(cls, run, encoder='enc'):
+    def from_run(cls, run, encoder='enc'):
         """The context of a run's rows.
 
         Parameters

@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .context import Context
-from .effects import Effect, of_document, to_document
+from .effects import Effect, effect_from_document, to_document
 from .mounts import ALTAZ
 
 
@@ -80,7 +80,7 @@ class FittedEffect:
             It is damaged.
         """
         values = row['coefficients']
-        effect = of_document(row)
+        effect = effect_from_document(row)
         names = tuple(v['name'] for v in values)
         if names != effect.coefficient_names:
             raise ValueError(f'effect {effect.name} has coefficients '
@@ -103,7 +103,7 @@ def as_context(context, az, el, mount=ALTAZ):
     if context is None or isinstance(context, dict):
         return Context(az, el, context, mount=mount)
     if not isinstance(context, Context):
-        context = Context.of_run(context)
+        context = Context.from_run(context)
     return context.at(az, el)
 
 

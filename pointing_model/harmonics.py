@@ -156,7 +156,7 @@ class Harmonics:
             object.__setattr__(self, name, value / unit * unit)
 
     @classmethod
-    def of_degree(cls, degree, interpretation, p, covariance):
+    def from_degree(cls, degree, interpretation, p, covariance):
         """The series that ends with `degree`; what is beyond it is zero.
 
         Parameters
@@ -210,7 +210,7 @@ class Harmonics:
         """With `change`, shape (k,), rad, added to `coefficients`, and another covariance."""
         at = _places(self.degree)
         p = np.concatenate((self.coef_x, self.coef_y))[at] + change
-        return Harmonics.of_degree(self.degree, self.interpretation, p, covariance)
+        return Harmonics.from_degree(self.degree, self.interpretation, p, covariance)
 
     def same_as(self, other):
         """Whether both predict the same."""

@@ -342,7 +342,7 @@ class PointingModel:
             (encoder - model) in azimuth x cos E, and in elevation, radians.
         """
         az, el = run['az'], run['el']
-        context = Context.of_run(run, encoder) if self.effects else None
+        context = Context.from_run(run, encoder) if self.effects else None
         az_enc, el_enc = self.sky_to_encoder(az, el, context)
         zero_az, zero_el = zero.of_rows(run)
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)

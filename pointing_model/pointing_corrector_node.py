@@ -45,7 +45,7 @@ class PointingCorrector(MountNode):
 
     def _follow(self):
         """Hear both encoders from the first model on whose zero follows one of them."""
-        if not Following.of(self._active.model) or self._difference is not None:
+        if not Following.from_model(self._active.model) or self._difference is not None:
             return
         self._difference = Difference()
         self.subscribe(topics.INCREMENTAL, lambda message: self._on_reading(

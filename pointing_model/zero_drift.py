@@ -177,7 +177,7 @@ class Following:
         } for name, axis in self.axes.items()}
 
     @classmethod
-    def of(cls, model):
+    def from_model(cls, model):
         """That a model goes with, as its provenance tells; ValueError where that is damaged."""
         entries = {} if model is None else model.provenance.get(KEY) or {}
         try:

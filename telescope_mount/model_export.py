@@ -157,7 +157,7 @@ def _sky_of(path, model, options):
     x, y = model.residuals(run)
     # the median is the zero of the run, if it has another one than the model
     left = rms_arcsec(x - np.nanmedian(x), y - np.nanmedian(y))
-    context = Context.of_run(run)
+    context = Context.from_run(run)
     facts = {'observations': len(run), 'rms_arcsec': left.radial}
     if None not in (context.latitude, context.longitude):
         facts['site'] = context.latitude, context.longitude

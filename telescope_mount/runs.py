@@ -94,7 +94,7 @@ def _worded(run):
 
 def _drivers(path, run, names):
     """Names of columns of the user's own, as they are kept."""
-    own = Context.of_run(run).own_columns()
+    own = Context.from_run(run).own_columns()
     kept = [f'column_{name}' if f'column_{name}' in own else name for name in names]
     missing = [name for name, there in zip(names, kept) if there not in own]
     if missing:

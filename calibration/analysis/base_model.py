@@ -99,7 +99,7 @@ class BaseModel:
 
         from pointing_model.context import Context
         from pointing_model.runs.run import PointingRun
-        context = Context.of_run(run, encoder)
+        context = Context.from_run(run, encoder)
         x, y = held.offsets(run['az'], run['el'], context)
         columns = dict(run.columns)
         az, el = f'az_{encoder}', f'el_{encoder}'

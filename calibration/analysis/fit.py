@@ -262,7 +262,7 @@ def _beyond(held, turned, used, run, encoder):
     """Rows with the encoder angles that a held model leaves, but for its terms `turned`."""
     known = replace(held, terms={n: v for n, v in held.terms.items() if n not in turned},
                     covariance=None)
-    context = Context.of_run(run, encoder) if known.effects else None
+    context = Context.from_run(run, encoder) if known.effects else None
     x, y = (v[used.rows] for v in known.offsets(run['az'], run['el'], context))
     left = wrap(used.az_enc - used.az) * np.cos(used.el) - x
     return used._replace(
@@ -345,7 +345,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     k = len(names)
     used = usable(run, encoder, zero)
     if held is not None:
-        context = Context.of_run(run, encoder) if held.effects else None
+        context = Context.from_run(run, encoder) if held.effects else None
         at = np.stack(held.sky_to_encoder(run['az'], run['el'], context))
         used = used.only(np.isfinite(at[:, used.rows]).all(axis=0), UNREACHABLE)
         at_az, at_el = at[:, used.rows]
@@ -365,7 +365,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
                 found.weights / np.square(used.sigmas.reshape(2, -1)))
             covariance = _without_taken(covariance, np.asarray(design), weights, rcond, after, run,
                                         used)
-        harmonics = Harmonics.of_degree(degree, interpretation, p[:k], covariance)
+        harmonics = Harmonics.from_degree(degree, interpretation, p[:k], covariance)
         if held is None:
             return PointingModel({}, None, harmonics, facts, mount=run.mount)
         facts = {**facts, 'terms': held.provenance}

@@ -55,7 +55,7 @@ def refitted(model, rows, effects, seen=None):
     use = np.isfinite(left).all(axis=0)
     if seen is not None:
         use &= seen
-    context = Context.of_run(rows)
+    context = Context.from_run(rows)
     names = tuple(name for name in model.terms if name not in model.held)
     series, of_series = model.harmonics, np.empty((0, 2, len(rows)))
     if series is not None:

@@ -252,7 +252,7 @@ def residuals_of(run, model, report, split_seed=None):
         Without exposures for a zero.
     """
     stars = ~is_for_zero(run) if 'star' in run else np.ones(len(run), bool)
-    rows = Following.of(model).corrected(run).select(stars) if len(run) else run
+    rows = Following.from_model(model).corrected(run).select(stars) if len(run) else run
     measured = Zeros.from_list(report.get('zeros') or [])
     active = active_zeros(model) or Zeros.from_list(report.get('zeros_in_force') or [])
     plain = PointingModel({}, mount=rows.mount)

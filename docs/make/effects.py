@@ -58,7 +58,7 @@ def run_of(kind):
 def rows_of(kind):
     """Cause, driver, what to look at; one row for effects that differ in an order or an axis."""
     found = {}
-    for effect in dictionary(Context.of_run(run_of(kind)))[0]:
+    for effect in dictionary(Context.from_run(run_of(kind)))[0]:
         key = effect.form, effect.look_at, re.sub(r'_?(az|el|azimuth|elevation|hour_angle|'
                                                   r'declination)\b', '', effect.driver)
         found.setdefault(key, []).append(effect)

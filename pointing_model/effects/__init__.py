@@ -12,16 +12,16 @@ Hipparcos-2 (proper motion); first-order geometry otherwise.
 from importlib import import_module
 from pkgutil import iter_modules
 
-from .base import Amount, Effect, effect, of_document, of_mount, to_document
-from .changing import changes
+from .base import Amount, Effect, effect, effect_from_document, for_mount, to_document
 from .curves import smooths
 from .drifts import steps
 from .graduation import PERIODS, declared_graduation, period_of
+from .modulation import changes
 from .pier import by_side, direct
 
 __all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'direct',
            'effect',
-           'of_document', 'period_of', 'smooths', 'steps', 'to_document']
+           'effect_from_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)
             for name in sorted(module.name for module in iter_modules(__path__))]
@@ -58,7 +58,7 @@ def dictionary(context, lacking=(), own=()):
               for o in module.propose(context, tuple(lacking), tuple(own))]
     offers.sort(key=_place)
     untestable = [(o.what, o.reason) for o in offers if o.reason]
-    effects = of_mount([e for o in offers for e in o.effects], context.mount)
+    effects = for_mount([e for o in offers for e in o.effects], context.mount)
     if context.mount.vertical:
         return effects, untestable
     sided, reason = by_side(effects, context)

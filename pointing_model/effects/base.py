@@ -247,7 +247,7 @@ def effect(form, **parameters):
         raise ValueError(f'effect {form} with wrong parameters {parameters}: {error}') from None
 
 
-def of_mount(effects, mount):
+def for_mount(effects, mount):
     """Effects under the names that they have at a mount.
 
     Parameters
@@ -265,11 +265,11 @@ def of_mount(effects, mount):
 
 
 def to_document(effect):
-    """What `of_document` builds it from again: ``family`` (the form) and ``parameters``."""
+    """What `effect_from_document` builds it from: ``family`` (the form) and ``parameters``."""
     return {'family': effect.form, 'parameters': effect.parameters}
 
 
-def of_document(row):
+def effect_from_document(row):
     """The effect of a JSON document's entry with ``family`` and ``parameters``."""
     return effect(row['family'], **row['parameters'])
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
 
-from .base import Effect, driver_word, effect, form, of_mount, the
+from .base import Effect, driver_word, effect, for_mount, form, the
 
 _TURN = 2.0 * np.pi
 _LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is told as a curve
@@ -152,7 +152,7 @@ def smooths(context):
             continue
         for axis, factor in (('az', 'cosE'), ('az', '1'), ('el', '1')):
             out += _smooths_of(axis, driver, factor, values, driver == first)
-    return of_mount(out, context.mount)
+    return for_mount(out, context.mount)
 
 
 def _smooths_of(axis, driver, factor, values, closed):

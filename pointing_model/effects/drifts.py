@@ -12,8 +12,8 @@ from .base import (
     arcsec,
     driver_word,
     effect,
+    for_mount,
     form,
-    of_mount,
     offer,
     on_axis,
     the,
@@ -211,7 +211,7 @@ def steps(context, limit=32):
     between = places_of_steps(context, driver)
     if len(between) > limit:
         between = between[np.linspace(0, len(between) - 1, limit).round().astype(int)]
-    return of_mount([effect('step', axis=axis, at=float(t), driver=driver)
+    return for_mount([effect('step', axis=axis, at=float(t), driver=driver)
                      for axis in AXES for t in between], context.mount)
 
 

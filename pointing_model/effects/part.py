@@ -1,12 +1,12 @@
 """Some coefficients of an effect alone: what only has to predict need not have the others."""
 
-from .base import Effect, effect, form, of_document, to_document
+from .base import Effect, effect, effect_from_document, form, to_document
 
 
 @form
 def _part(of, keep):
     """An effect (its document) with the coefficients `keep` (their places) only."""
-    whole = of_document(of)
+    whole = effect_from_document(of)
     names = tuple(whole.coefficient_names[i] for i in keep)
     tpoint = (whole.tpoint or '').split()
     tpoint = ' '.join(tpoint[i] for i in keep) if len(tpoint) == len(whole.coefficient_names) \

@@ -16,8 +16,8 @@ from .base import (
     Offer,
     arcsec,
     effect,
+    effect_from_document,
     form,
-    of_document,
     readable,
     single_rows,
     to_document,
@@ -32,7 +32,7 @@ _SAME_ON_BOTH = ('clock', 'latitude')
 @form
 def _by_side(of):
     """An effect (its document), with the other sign through the pole."""
-    whole = of_document(of)
+    whole = effect_from_document(of)
     tpoint = whole.tpoint
 
     def columns(c):
@@ -93,7 +93,7 @@ def _by_counterweight(of, play):
     Where bearings have play the axis lies on one side of it or the other; else it bends. Near the
     meridian that is as the side of the pier; below the pole the counterweight hangs the other way.
     """
-    whole = of_document(of)
+    whole = effect_from_document(of)
     how = 'by' if play else 'with'
 
     def columns(c):

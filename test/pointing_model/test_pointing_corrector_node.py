@@ -98,7 +98,7 @@ def test_what_rests_on_undetermined_terms_has_no_sigma_and_is_told(graph):
 @pytest.mark.parametrize('terms', [{}, MODEL.terms])
 def test_harmonics_are_in_the_demand_and_in_its_sigma(graph, terms):
     rng = np.random.default_rng(1)
-    model = PointingModel(terms, harmonics=Harmonics.of_degree(
+    model = PointingModel(terms, harmonics=Harmonics.from_degree(
         2, 'printed', rng.normal(size=14) * 10 * ARCSEC, np.eye(14) * ARCSEC**2))
     desk = Desk(graph, model, ZERO)
     angles, _, sigma = desk(TIMES, SKY, RATES)

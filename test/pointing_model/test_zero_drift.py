@@ -74,17 +74,17 @@ def test_a_blind_row_is_corrected_by_what_was_known_before():
 
 def test_it_travels_in_the_model():
     model = PointingModel({'IA': 1e-5}, provenance={KEY: ELEVATION.document()})
-    again = Following.of(PointingModel.from_json(model.to_json()))
+    again = Following.from_model(PointingModel.from_json(model.to_json()))
     assert list(again.axes) == ['el'] and again.axes['el'].references.keys() == {1, 2}
     np.testing.assert_allclose(again.axes['el'].discs, DISCS)
     np.testing.assert_allclose(again.sigma() / ARCSEC, [0.0, 0.5])
     told = json.loads(model.to_json())['provenance'][KEY]['elevation']
     assert told['follows'] == 'absolute encoder'
     assert told['reference'][0] == {'run': 1, 'difference_arcsec': pytest.approx(8.0)}
-    assert not Following.of(None) and not Following.of(PointingModel({}))
+    assert not Following.from_model(None) and not Following.from_model(PointingModel({}))
     for damaged in ({'elevation': {}}, {'azimuth': 3}, {'elevation': {'discs_arcsec': {}}}):
         with pytest.raises(ValueError, match='zero_follows of the model is damaged'):
-            Following.of(PointingModel({}, provenance={KEY: damaged}))
+            Following.from_model(PointingModel({}, provenance={KEY: damaged}))
 
 
 def in_force(zero=(5.0, 6.0)):
@@ -137,7 +137,7 @@ def test_a_power_on_of_the_absolute_encoder_stops_it():
     rows['el_abs'][2:] += 60.0 * ARCSEC
     off = (rows['el_enc'] - follows.corrected(rows)['el_enc']) / ARCSEC
     np.testing.assert_allclose(off, moved[[0, 1, 1, 1, 1]] / ARCSEC, atol=1e-6)
-    again = Following.of(PointingModel({}, provenance={
+    again = Following.from_model(PointingModel({}, provenance={
         KEY: json.loads(json.dumps(follows.document()))}))
     assert again.axes['el'].starts == {1: 1000.5}
 

@@ -267,7 +267,7 @@ def observations(runs, encoder='enc'):
         raise ValueError(f'none of {len(run)} observations can be used'
                          + (f' (row {bad[0]["row"]}: {bad[0]["reason"]})' if bad else ''))
     # the context first: what a row inherits from the one before is lost with the selection
-    context = Context.of_run(run, encoder)
+    context = Context.from_run(run, encoder)
     if bad:
         context, run = context.select(rows), run.select(rows)
     return Observations(run, encoder, label[rows], names, context,

@@ -115,7 +115,7 @@ def _clock(run, written, place, some):
     """Sidereal time where each row has one, else None, and whether it is that of the site."""
     lst = None
     if len(run) and (place[some] >= 0).all():
-        lst = Context.of_run(run).get('lst')
+        lst = Context.from_run(run).get('lst')
     if lst is not None:
         return _whole(np.asarray(lst, float)[place[some]]), True
     for name, unit in (('lst_h', np.pi / 12.0), ('time', _SIDEREAL)):

@@ -276,7 +276,7 @@ def _axis_drift(night, axis, events, budget, also):
 
 def _sides(night, axis):
     """What a coupling that winds up, or play, does to the difference: a column for each memory."""
-    context, name = Context.of_run(night.rows), SHORT[axis]
+    context, name = Context.from_run(night.rows), SHORT[axis]
     play = [effect('hysteresis', axis=name, shape='1', memory_deg=memory)
             for memory in (0.0, *MEMORIES)]
     return [np.nan_to_num(np.broadcast_to(one.of(context)[0][axis], len(night.run)))

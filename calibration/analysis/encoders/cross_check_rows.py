@@ -225,7 +225,7 @@ class CrossCheckNight:
         for fitted in model.effects:
             axis = {'az': 0, 'el': 1}.get(fitted.effect.axes)
             if axis is not None:
-                column = fitted.offsets(Context.of_run(self.rows))[axis]
+                column = fitted.offsets(Context.from_run(self.rows))[axis]
                 column = column / (self.cos_el if axis == 0 else 1.0)
                 fit = robust_fit(GroupColumns.of(self.run, common=column[None]),
                                  self.difference[axis])

@@ -130,7 +130,7 @@ def track_run(run, model=None, first=None, names=None, progress=None):
                 time.append(float(one['time'][0]))
                 live.append(update.innovation)
                 sigma.append(np.sqrt(np.diag(update.covariance)))
-                context = Context.of_run(one) if model.effects else None
+                context = Context.from_run(one) if model.effects else None
                 base = model.offsets(one['az'], one['el'], context)
                 evening.append([float(o[0] - b[0]) for o, b in zip(one.offsets(), base)])
     if len(rows) < 3:

@@ -197,7 +197,7 @@ class TrackedNight:
                     self._lean['sigma'])))
             update = self._take_star(stamp, (
                 float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
-                f'{own["star"][0]:.0f}', Context.of_run(own) if self._evening.effects else None))
+                f'{own["star"][0]:.0f}', Context.from_run(own) if self._evening.effects else None))
             self.updates.append(update)
             self._note(update)
         return self.updates

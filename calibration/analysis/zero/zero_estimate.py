@@ -177,7 +177,7 @@ def _collected(groups, names, model, encoder):
     for number, (run, name) in enumerate(zip(groups, names)):
         found = usable(run, encoder)
         if is_a_model(model):
-            context = Context.of_run(run, encoder) if effects else None
+            context = Context.from_run(run, encoder) if effects else None
             at = np.stack(model.sky_to_encoder(run['az'], run['el'], context))
             found = found.only(np.isfinite(at[:, found.rows]).all(axis=0), UNREACHABLE)
         count = len(found.rows)
@@ -194,7 +194,7 @@ def _collected(groups, names, model, encoder):
         stars += star.max() + 1
     az, el, enc, sigmas, group, star = zip(*parts)
     given = all(s is not None for s in sigmas)
-    context = Context.of_run(PointingRun.concatenate(contexts), encoder) if effects else None
+    context = Context.from_run(PointingRun.concatenate(contexts), encoder) if effects else None
     return ZeroRows(np.concatenate(az), np.concatenate(el), np.concatenate(enc, axis=1),
                     np.concatenate(sigmas, axis=1) / ARCSEC if given else None, context,
                     np.concatenate(group), np.concatenate(star), mount)

@@ -10,7 +10,7 @@ from pointing_model.runs.run import column_name, known_site
 
 from . import equinox
 from .checks import PAIRS
-from .declared import standard_pressure
+from .declarations import standard_pressure
 from .pier_side import through_the_pole
 from .solve_columns import are_images, refuse_hours
 

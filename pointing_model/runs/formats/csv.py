@@ -13,7 +13,7 @@ from pointing_model.runs.run import COLUMNS, column_name, known_site
 from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
-from .declared import NUMBERS, declarations
+from .declarations import NUMBERS, declarations
 from .rows import CLOCK, UNKNOWN, decimal_points, is_number
 from .run_table import Table, content
 

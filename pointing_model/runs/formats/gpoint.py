@@ -8,7 +8,7 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
-from .declared import declarations
+from .declarations import declarations
 from .rows import YEAR_1900, YEAR_2100, WordRows, is_number
 from .run_table import NoObservations, Table, content
 

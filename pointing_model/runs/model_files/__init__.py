@@ -19,7 +19,7 @@ from .program import Program
 from .rts2 import RTS2
 from .spk import SPK
 from .tpoint import TPOINT
-from .transfer import Exported, ExportLoss, export, imported, loss_of, of_mount, uniform_sky
+from .transfer import Exported, ExportLoss, export, imported, loss_of, program_for, uniform_sky
 
 __all__ = ['PROGRAMS', 'ExportLoss', 'Exported', 'ImportedModel', 'Program', 'export', 'loss_of',
            'read_model', 'table', 'uniform_sky']
@@ -83,7 +83,7 @@ def read_model(path, mount=ALTAZ):
         return ImportedModel(coefficient_table.read(path, text, mount), coefficient_table.NAME)
     for program in PROGRAMS.values():
         if program.looks_like(text):
-            program = of_mount(program, mount)
+            program = program_for(program, mount)
             found = program.read(path, text)
             model, loss = imported(program, found, path)
             notes = list(found.notes)

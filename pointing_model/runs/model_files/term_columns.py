@@ -176,7 +176,7 @@ def _of_harmonics(harmonics):
     return out
 
 
-def of_model(model):
+def model_columns(model):
     """A model as a sum of columns, as far as it is one.
 
     Parameters

@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.terms import stacked_design
 
 from .program import Program, Sheet, model_of, rotations
-from .term_columns import OF_TERM, TERM_OF, of_model, on_sky
+from .term_columns import OF_TERM, TERM_OF, model_columns, on_sky
 
 #: a loss below is none, arcsec
 HELD = 1e-3
@@ -174,7 +174,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
                          'parts, which go through the pole with it, and those of this model act '
                          'on the sky, the same on both sides of the pier: keep it in a file of '
                          'ours (--to model, or --to table)')
-    program, given = of_mount(program, model.mount), sky is not None
+    program, given = program_for(program, model.mount), sky is not None
     if not given:
         sky, sky_name = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
@@ -185,7 +185,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     # which way the axes came, or how warm it was that night, is no matter of the direction
     still = replace(model, effects=[e for e in model.effects if not e.effect.requires])
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
-    values, sigma, left = of_model(model)
+    values, sigma, left = model_columns(model)
     values = {key: value for key, value in values.items() if value or (
               key in TERM_OF or not model.mount.vertical) and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
@@ -196,7 +196,8 @@ def export(model, program, sky=None, sky_name='', facts=None):
     # rotations in another order than ours are never ours by name alone
     if program.geometry is None or not still_direct.largest <= HELD:
         refitted = True
-        taken, added = _refit(program, aim, taken, sky, bool(lacking) or len(of_model(still)[2]))
+        taken, added = _refit(program, aim, taken, sky,
+                              bool(lacking) or len(model_columns(still)[2]))
     if program.whole:
         taken = _to_whole(program, taken, sky)
     terms, errors = {}, {}
@@ -233,7 +234,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
                     [n for key in added for n, _ in program.own(key)], left, notes, sky_name)
 
 
-def of_mount(program, mount):
+def program_for(program, mount):
     """The program with the terms of a mount; ValueError where it has none."""
     if mount.vertical:
         return program

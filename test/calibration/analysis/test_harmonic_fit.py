@@ -41,7 +41,7 @@ def observed(mount, n=60, seed=0, noise=1.0, runs=1):
 def harmonic_mount(reading='zenith', degree=4, seed=1, size=3.0, terms=()):
     k = len(names_of(degree))
     p = np.random.default_rng(seed).normal(size=k) * size * ARCSEC
-    return PointingModel(dict(terms), None, Harmonics.of_degree(
+    return PointingModel(dict(terms), None, Harmonics.from_degree(
         degree, reading, p, np.zeros((k, k))))
 
 

@@ -94,7 +94,8 @@ def test_the_end_and_some_of_the_others_are_left_out():
 def test_harmonics_are_fitted_again_with_the_terms():
     """They had taken a part of what another effect does, and give it back."""
     rng = np.random.default_rng(3)
-    series = Harmonics.of_degree(2, 'printed', rng.normal(size=14) * 4 * ARCSEC, np.zeros((14, 14)))
+    series = Harmonics.from_degree(2, 'printed', rng.normal(size=14) * 4 * ARCSEC,
+                                   np.zeros((14, 14)))
     mount = replace(MOUNT, harmonics=series)
     observed = rows(5, 0.0, noise=0.1)
     x, y = series.offsets(observed['az'], observed['el'])

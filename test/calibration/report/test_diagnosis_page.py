@@ -274,7 +274,7 @@ def test_every_form_has_words():
                'pier_side': run['approach_az'], 'miss_x': run['az'], 'miss_y': run['el'],
                'run': np.arange(40) % 3, 'star': np.arange(40) + 1, 'fan': run['el']}
     columns.pop(EVIL)
-    context = Context.of_run(PointingRun(columns, {'site': {'latitude': 0.6, 'longitude': 0.1}}))
+    context = Context.from_run(PointingRun(columns, {'site': {'latitude': 0.6, 'longitude': 0.1}}))
     effects = dictionary(context)[0] + steps(context)[:1] + smooths(context)[:30]
     effects += changes(effects[0], context)
     assert len({e.form for e in effects}) > 14

@@ -16,7 +16,7 @@ from pointing_model.effects import (
     declared_graduation,
     dictionary,
     effect,
-    of_document,
+    effect_from_document,
     smooths,
     steps,
     to_document,
@@ -85,7 +85,7 @@ def test_every_effect_comes_back_from_its_document():
     change = [c for e in effects[::8] for c in changes(e, context)]
     assert {c.driver for c in change} == {'time', 'temperature'}
     for e in effects + change + steps(context)[:2] + smooths(context)[::40]:
-        again = of_document(json.loads(json.dumps(to_document(e))))
+        again = effect_from_document(json.loads(json.dumps(to_document(e))))
         assert again == e
         columns = e.columns(context)
         assert columns.shape == (len(e.coefficient_names), 2, len(context))

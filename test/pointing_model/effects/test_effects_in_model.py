@@ -114,7 +114,7 @@ def run_at(az, el, noise=1.0, seed=3, **columns):
 
 
 def offered(run):
-    return {e.name for e in dictionary(Context.of_run(run))[0]}
+    return {e.name for e in dictionary(Context.from_run(run))[0]}
 
 
 def test_stars_at_one_elevation_show_no_subdivision_of_its_encoder():
@@ -139,7 +139,7 @@ def test_an_encoder_that_stays_shows_no_subdivision(fixed, noise):
     names = offered(run)
     assert 'elevation_subdivision_grating_1' in names
     assert not any(name.startswith('azimuth_subdivision') for name in names)
-    reasons = dict(dictionary(Context.of_run(run))[1])
+    reasons = dict(dictionary(Context.from_run(run))[1])
     assert 'noise alone' in reasons['azimuth encoder subdivision (grating)']
 
 
@@ -150,13 +150,13 @@ def test_a_level_of_single_rows_carries_no_effect():
                          ([np.nan, -1.0, -1.0, -1.0], True)):
         sign = np.append(first, np.ones(40 - len(first)))
         run = run_at(az, el, approach_el=sign, pier_side=sign)
-        names, reasons = offered(run), dict(dictionary(Context.of_run(run))[1])
+        names, reasons = offered(run), dict(dictionary(Context.from_run(run))[1])
         for name in ('elevation_hysteresis', 'elevation_hysteresis_memory_3deg'):
             assert (name in names) == shown, first
         assert ('elevation hysteresis' in reasons) != shown
         assert ('pier_side_az' in names) == shown
         assert ('pier_side' in reasons) != shown
-    assert dict(dictionary(Context.of_run(run_at(
+    assert dict(dictionary(Context.from_run(run_at(
         az, el, approach_el=np.append(0.0, np.ones(39)))))[1])['elevation hysteresis'] == \
         'direction of approach in elevation is -1 in only 0 of 40 rows'
 
@@ -164,17 +164,17 @@ def test_a_level_of_single_rows_carries_no_effect():
 def test_the_row_before_is_the_one_before_in_time():
     columns = make_columns()
     columns['run'] = np.repeat([4, 9], 30)
-    sorted_run = Context.of_run(PointingRun(columns))
+    sorted_run = Context.from_run(PointingRun(columns))
     rows = np.random.default_rng(6).permutation(60)
     mixed = {name: v[rows] for name, v in columns.items()}
     for name in ('order', 'travel_az', 'travel_el', 'before_az', 'before_el', 'run_hours'):
-        np.testing.assert_array_equal(Context.of_run(PointingRun(mixed)).get(name),
+        np.testing.assert_array_equal(Context.from_run(PointingRun(mixed)).get(name),
                                       sorted_run.get(name)[rows], name)
     assert np.isnan(sorted_run.get('travel_az')[[0, 30]]).all()
     # a time that is not known in some row: the order of the rows
     mixed['time'] = np.append(np.nan, mixed['time'][1:])
     mixed['run'] = columns['run']
-    travel = Context.of_run(PointingRun(mixed)).get('travel_el')
+    travel = Context.from_run(PointingRun(mixed)).get('travel_el')
     np.testing.assert_allclose(travel[1:30], np.abs(np.diff(mixed['el_enc'][:30])))
     assert np.isnan(travel[[0, 30]]).all()
 
@@ -190,7 +190,7 @@ def make_nights(gap_hours, n=30, nights=3):
 
 def test_a_drift_of_every_night_has_a_driver_of_its_own():
     run = make_nights(24.0)
-    context = Context.of_run(run)
+    context = Context.from_run(run)
     hours = context.get('run_hours')
     assert (hours[::30] == 0.0).all() and hours.max() < 2.0
     assert hours[40] == pytest.approx((run['time'][40] - run['time'][30]) / 3600.0)
@@ -209,7 +209,7 @@ def test_a_drift_of_every_night_has_a_driver_of_its_own():
     assert drift.unit == 'arcsec/h'
     # another night, alone; a pointing does not know when its run began
     alone = PointingRun({n: v[30:60] for n, v in run.columns.items() if n != 'run'})
-    np.testing.assert_allclose(drift.columns(Context.of_run(alone)),
+    np.testing.assert_allclose(drift.columns(Context.from_run(alone)),
                                drift.columns(context)[..., 30:60], atol=1e-12)
     assert not drift.columns(Context(0.3, 0.5, {'time': 1.6e9})).any()
     later = context.at(context.az, context.el, time=run['time'] + 3600.0)
@@ -222,7 +222,7 @@ def test_a_drift_of_every_night_has_a_driver_of_its_own():
     PointingRun({n: v for n, v in make_nights(24.0).columns.items() if n != 'run'}),
     PointingRun({n: v for n, v in make_nights(24.0).columns.items() if n != 'time'})])
 def test_one_night_and_one_run_have_one_clock(run):
-    context = Context.of_run(run)
+    context = Context.from_run(run)
     candidates = dictionary(context)[0] + smooths(context)
     assert not [e.name for e in candidates if e.driver == 'run_hours']
 
@@ -243,7 +243,7 @@ def test_changes_are_offered_of_what_does_not_change_already():
         of_time = e.driver in ('time', 'temperature', 'run') or e.kind == 'smooth'
         assert bool(changes(e, context)) is not of_time, e.name
         assert not any(changes(c, context) for c in changes(e, context))
-    nights = Context.of_run(make_nights(24.0))
+    nights = Context.from_run(make_nights(24.0))
     assert 'run_hours' in {c.driver for e in dictionary(nights)[0] for c in changes(e, nights)}
 
 

@@ -5,7 +5,14 @@ import pytest
 
 from msg_tools.units import DEG
 from pointing_model.context import Context
-from pointing_model.effects import dictionary, effect, of_document, smooths, steps, to_document
+from pointing_model.effects import (
+    dictionary,
+    effect,
+    effect_from_document,
+    smooths,
+    steps,
+    to_document,
+)
 from pointing_model.effects.part import parts
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 
@@ -72,7 +79,7 @@ def test_tpoint_names_are_those_of_the_catalogue():
 def test_documents_bring_every_effect_back():
     c = context()
     for e in [*dictionary(c)[0], *smooths(c)[:20], *steps(c)[:4]]:
-        back = of_document(to_document(e))
+        back = effect_from_document(to_document(e))
         assert back.name == e.name
         np.testing.assert_array_equal(back.columns(c), e.columns(c))
 
@@ -90,7 +97,7 @@ def test_each_effect_of_the_direction_also_differs_by_side():
     side = np.where(is_beyond(c.el), -1.0, 1.0)
     for name in ('fork_flexure', 'declination_encoder_1', 'ID', 'CH', 'NP', 'TF', 'refraction'):
         sided = effects[f'{name}_by_side']
-        whole = of_document(sided.parameters['of'])
+        whole = effect_from_document(sided.parameters['of'])
         np.testing.assert_allclose(sided.columns(c), whole.columns(c) * side)
     assert 'hour_angle_zero_with_time_by_side' not in effects
 
@@ -146,7 +153,7 @@ def test_parts_are_single_coefficients():
     single = parts(wobble)
     assert [p.tpoint for p in single] == wobble.tpoint.split()
     np.testing.assert_array_equal(np.vstack([p.columns(c) for p in single]), wobble.columns(c))
-    back = of_document(to_document(single[1]))
+    back = effect_from_document(to_document(single[1]))
     np.testing.assert_array_equal(back.columns(c), single[1].columns(c))
 
 

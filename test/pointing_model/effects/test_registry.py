@@ -15,7 +15,7 @@ from pointing_model.effects import (
     base,
     dictionary,
     effect,
-    of_document,
+    effect_from_document,
     to_document,
 )
 from pointing_model.effects.base import arcsec
@@ -63,7 +63,7 @@ def test_a_new_effect_is_one_function_and_one_offer(context, swing):
     assert new.parameters == {'order': 2, 'scale': 1.0}
     assert ('swing of the third order', 'nobody asked') in untestable
     assert new.clause(Amount(np.array([-2.0]))) == 'The tube swings by 2.00″'
-    assert of_document(json.loads(json.dumps(to_document(new)))) == new
+    assert effect_from_document(json.loads(json.dumps(to_document(new)))) == new
     model = PointingModel({'IA': 0.0}, effects=[FittedEffect(new, np.array([3.0 * ARCSEC]))])
     again = PointingModel.from_json(model.to_json())
     assert again.offsets(0.3, 0.5)[0] == pytest.approx(3.0 * ARCSEC * np.cos(0.6))

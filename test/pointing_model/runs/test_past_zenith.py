@@ -189,13 +189,13 @@ def test_a_model_is_applied_beyond_the_zenith():
 
 def test_what_follows_the_sky_knows_no_side():
     run = beyond_zenith()
-    context = Context.of_run(run)
+    context = Context.from_run(run)
     place = through_pole(run['az'], run['el'], is_beyond(run['el']))
     az, el = context.on_horizon()
     np.testing.assert_allclose(el, place[1], atol=1e-12)
     assert np.abs(wrap(az - place[0])).max() < 1e-12
     assert set(context.get('pier_side')) == {-1.0, 1.0}
-    assert Context.of_run(beyond_zenith(part=0.0)).get('pier_side') is None
+    assert Context.from_run(beyond_zenith(part=0.0)).get('pier_side') is None
 
 
 def test_it_is_the_same_mount_as_one_in_a_free_frame():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.runs.formats.declared import declarations
+from pointing_model.runs.formats.declarations import declarations
 from pointing_model.runs.plate_solves.frames import ICRS, KNOWN, parse_frame, to_icrs
 from pointing_model.sky.places import (
     DEFAULT_SITE,

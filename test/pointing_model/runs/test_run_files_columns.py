@@ -55,7 +55,7 @@ def test_names_that_the_diagnosis_makes_are_renamed(read, name):
     run = read(table(f'{HEADER},{name}', (10, 20, 10, 20, 1), (30, 40, 30, 40, 2)))
     assert run[f'column_{name}'].tolist() == [1, 2] and name not in run
     assert noted(run, f'{name!r} is kept as', f'column_{name}')
-    assert f'column_{name}' in context.Context.of_run(run).own_columns()
+    assert f'column_{name}' in context.Context.from_run(run).own_columns()
 
 
 @pytest.mark.parametrize('name, cause', [
@@ -65,10 +65,10 @@ def test_names_that_the_diagnosis_makes_are_renamed(read, name):
     ('column7', False), ('rms', False), ('fit_error_mag', False), ('okchannels', False)])
 def test_a_column_is_a_driver_if_its_name_is_that_of_a_cause(read, name, cause):
     run = read(table(f'{HEADER},{name}', (10, 20, 10, 20, 1), (30, 40, 30, 40, 2)))
-    drivers = context.Context.of_run(run)
+    drivers = context.Context.from_run(run)
     assert (drivers.extra(), drivers.left_out()) == (([name], []) if cause else ([], [name]))
     run.meta['drivers'] = (name,)
-    named = context.Context.of_run(run)
+    named = context.Context.from_run(run)
     assert named.extra() == [name] == named.select([0]).extra() and not named.left_out()
 
 

@@ -322,5 +322,5 @@ def test_notes_and_reasons_are_in_the_words_of_the_mount(read, tmp_path):
     run = read_run(tmp_path / 'german.csv')
     text = ' '.join(run.meta['notes'])
     assert 'direction of approach in hour angle and declination' in text and 'approach_' not in text
-    reasons = ' '.join(reason for _, reason in dictionary(Context.of_run(run))[1])
+    reasons = ' '.join(reason for _, reason in dictionary(Context.from_run(run))[1])
     assert not set(reasons.split()) & {'az_rate', 'approach_az', 'azimuth', 'elevation'}

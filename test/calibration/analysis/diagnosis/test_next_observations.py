@@ -75,7 +75,7 @@ def test_nothing_is_proposed_behind_the_skyline(mount):
             run.meta['skyline'], kept = (), run.meta['skyline']
         else:
             run.meta['skyline'] = kept
-        az, el = _grid(SimpleNamespace(context=Context.of_run(run)))[0].on_horizon()
+        az, el = _grid(SimpleNamespace(context=Context.from_run(run)))[0].on_horizon()
         behind = (np.mod(az, 2.0 * np.pi) > 89.0 * DEG) & (
             np.mod(az, 2.0 * np.pi) < 181.0 * DEG) & (el < 60.0 * DEG)
         places[known] = len(az), int(behind.sum())

@@ -189,13 +189,13 @@ def test_a_night_whose_counts_drift_points_as_a_quiet_one():
     rows = night(5, path, kept=120)
     night_session = session(rows, blind=90)
     model, report = night_session.fit()
-    follows = Following.of(model)
+    follows = Following.from_model(model)
     assert list(follows.axes) == ['el'] and KEY in report
     found = night_session.diagnose()
     assert found.document['verdict'] == 'none' and found.document[KEY] == follows.document()
     assert found.document['notes'][0].startswith(
         'the counts of the elevation encoder drift against the absolute encoder: electromagnetic')
-    assert Following.of(found.model).document() == follows.document()
+    assert Following.from_model(found.model).document() == follows.document()
     blind = follows.corrected(rows).select(np.arange(136, 226))
     left = np.hypot(*found.model.residuals(blind, zero=found.chosen.zeros.newest)) / ARCSEC
     # 1.41 of the stars, 0.7 of the way to them
@@ -206,7 +206,7 @@ def test_a_night_whose_counts_drift_points_as_a_quiet_one():
     raw = np.hypot(*plain_model.residuals(
         rows.select(np.arange(136, 226)), zero=without.active_zeros.newest)) / ARCSEC
     assert np.sqrt(np.mean(raw**2)) > 2.5
-    assert not Following.of(plain_model)
+    assert not Following.from_model(plain_model)
 
 
 def test_a_disc_off_its_axis_that_the_model_lacks_is_no_alarm():
@@ -226,9 +226,9 @@ def test_what_the_blind_stars_have_seen_decides_too():
     rows = night(5, path, kept=120)
     night_session = session(rows, blind=60)
     model, _ = night_session.fit()
-    assert not Following.of(model)
+    assert not Following.from_model(model)
     found = night_session.diagnose()
-    assert list(Following.of(found.model).axes) == ['el'] and found.document['published']
+    assert list(Following.from_model(found.model).axes) == ['el'] and found.document['published']
     night_session.add(rows.select(np.arange(166, 226)), 1000)
     judged = night_session.check_on_blind_stars().document['judged']
     assert judged['rows'] == 60 and not judged['taken_back']

@@ -15,7 +15,7 @@ from pointing_model.mounts import Mount
 from pointing_model.runs.model_files import (
     PROGRAMS,
     export,
-    of_mount,
+    program_for,
     read_model,
     uniform_sky,
 )
@@ -59,7 +59,7 @@ def test_tpoints_signs_are_those_of_its_corrections():
               'MA': (-ch * sd, sh), 'TF': tf, 'TX': tf / sin_el, 'FO': (0, ch),
               'DAF': (-sin_el, 0), 'HCES': (sh * cd, 0), 'HCEC': (ch * cd, 0), 'DCES': (0, sd),
               'DCEC': (0, cd)}
-    program = of_mount(PROGRAMS['tpoint'], FORK)
+    program = program_for(PROGRAMS['tpoint'], FORK)
     from pointing_model.terms import Trig
     for name, expected in theirs.items():
         ((own, share),) = program.column(name)

@@ -22,7 +22,7 @@ from pointing_model.runs.model_files import (
 from pointing_model.runs.model_files import (
     coefficient_table as table,
 )
-from pointing_model.runs.model_files.term_columns import OF_TERM, of_model, on_sky, summed
+from pointing_model.runs.model_files.term_columns import OF_TERM, model_columns, on_sky, summed
 from pointing_model.runs.model_files.tpoint import columns_of
 from pointing_model.terms import PHYSICAL, TERMS, Trig
 
@@ -85,7 +85,7 @@ def test_effects_and_harmonics_are_the_sum_of_their_columns():
     series = Harmonics('zenith', *rng.normal(size=(2, COUNT)) * ARCSEC,
                        np.zeros((2 * COUNT, 2 * COUNT)))
     model = PointingModel(SEVEN, None, series, geometry='first_order', effects=effects)
-    values, _, left = of_model(model)
+    values, _, left = model_columns(model)
     assert left == []
     difference = summed(values, SKY.az, SKY.el) - np.stack(model.offsets(SKY.az, SKY.el))
     assert np.abs(difference).max() < 1e-9 * ARCSEC

@@ -3,7 +3,7 @@
 They are no part of the dictionary: an effect is offered with its changes once it is found.
 """
 
-from .base import Effect, effect, form, of_document, readable, to_document
+from .base import Effect, effect, effect_from_document, form, readable, to_document
 from .drifts import SYMBOLS, UNITS, about, clock, progress
 
 #: an effect of these is a change already, or a moment
@@ -14,7 +14,7 @@ _WITH = {'run_hours': 'the time since the start of each run', 'order': 'the orde
 @form
 def _changing(of, driver, origin=0.0, scale=1.0, within=None):
     """An effect (its document) x (driver - origin) / scale; the driver is held within `within`."""
-    whole = of_document(of)
+    whole = effect_from_document(of)
     with_ = _WITH.get(driver, driver)
 
     def columns(c):
