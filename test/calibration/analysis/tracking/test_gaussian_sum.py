@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
+from tracking_stars import choose
 
 from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.motion_causes import TrackingSettings
 from calibration.analysis.tracking.smoother import smooth
 from calibration.analysis.tracking.tracker import Tracker
-from calibration.analysis.tracking.warm_start import choose
 from calibration.estimation.gaussian_sum import GaussianSum, PossibleJump
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
