@@ -59,17 +59,10 @@ class Calibration(MountNode):
         self._taken_up = []  # from others, after a start in the middle of a night
         self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
         self._expected_of = None  # the power-on whose expected zero is published
-        self._pubs = {
-            topics.ZERO.name: self.publisher(topics.ZERO),
-            topics.ZERO_EXPECTED.name: self.publisher(topics.ZERO_EXPECTED),
-            topics.MODEL.name: self.publisher(topics.MODEL),
-            topics.CALIBRATION_REPORT.name: self.publisher(topics.CALIBRATION_REPORT),
-            topics.DIAGNOSIS.name: self.publisher(topics.DIAGNOSIS),
-            topics.CALIBRATION_STATUS.name: self.publisher(topics.CALIBRATION_STATUS),
-            topics.CALIBRATION_TABLE.name: self.publisher(topics.CALIBRATION_TABLE),
-            topics.TRACKING.name: self.publisher(topics.TRACKING),
-            topics.APART.name: self.publisher(topics.APART),
-        }
+        self._pubs = {topic.name: self.publisher(topic) for topic in (
+            topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
+            topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
+            topics.TRACKING, topics.APART)}
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         waiting = self._long.waiting

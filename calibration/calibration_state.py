@@ -212,26 +212,14 @@ class CalibrationState:
         run : int
             The newest of them.
         zero : MeasuredZero
-            Its zero, for pointing with the active model, else relative to the reference.
+            Its zero, for pointing with the active model; without one, or of a power-on that is
+            calibrated by itself, relative to the reference.
 
         Raises
         ------
         ValueError
             No usable exposure for a zero in the newest power-on.
         """
-        newest, exposures = self._measure_zeros()
-        if self.model is None:
-            return newest, self.zeros[newest]
-        if self.active is not None:
-            exposures = self.active.follows.corrected(exposures)
-        return newest, zero_from_exposures(exposures, self.model, run=newest)
-
-    def zero_of_reference(self):
-        """As `calibrate_zero`, relative to the reference even where a model is active."""
-        newest, _ = self._measure_zeros()
-        return newest, self.zeros[newest]
-
-    def _measure_zeros(self):
         rows = self.observations()
         newest = self.rows.newest if self.number is None else self.number
         zeros, exposures = night_zeros(rows, self.reference, newest)
@@ -241,7 +229,11 @@ class CalibrationState:
             raise ValueError('; '.join([
                 f'Polaris was not observed since power-on {newest}, nor stars for its zero; point '
                 'at them first', *reasons(rows)]))
-        return newest, exposures[newest]
+        if self.model is None or self.number is not None:
+            return newest, self.zeros[newest]
+        follows = self.active.follows if self.active is not None else Following()
+        return newest, zero_from_exposures(
+            follows.corrected(exposures[newest]), self.model, run=newest)
 
     def zero_of_model(self):
         """The newest active zero, as well known as its exposures, or else its stars, say.

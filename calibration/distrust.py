@@ -38,36 +38,33 @@ def distrusted(rows):
     ndarray of bool, shape (n,)
         Of a camera that was frozen, or that was mirrored or turned amid the night.
     """
-    return _frozen(rows) | _turned(rows)[0]
+    return np.logical_or.reduce([np.zeros(len(rows), bool), *(bad for bad, _ in _faults(rows))])
 
 
-def _are_of_observer(rows):
+def _is_of_observer(rows):
     return all(name in rows for name in ('encoder_start', 'miss_x', 'miss_y'))
 
 
-def _frozen(rows):
-    if not _are_of_observer(rows):
-        return np.zeros(len(rows), bool)
-    return frozen_rows(rows['miss_x'], rows['miss_y'])
-
-
-def _turned(rows):
-    """Which rows are of a camera that was turned, and how."""
-    wrong = np.zeros(len(rows), bool)
-    if not _are_of_observer(rows) or 'run' not in rows:
-        return wrong, ''
-    # a satellite is off by its elements
-    stars = np.flatnonzero((np.asarray(rows.get('star', wrong)) >= 0) & ~_frozen(rows))
-    wrong[stars], sense = turned_rows(rows.select(stars))
-    return wrong, sense
+def _faults(rows):
+    """Masks of the rows that an instrument has falsified, and how it has, in words."""
+    if not _is_of_observer(rows):
+        return []
+    frozen = frozen_rows(rows['miss_x'], rows['miss_y'])
+    out = [(frozen, FROZEN_CAMERA.format(SAME_ROWS))]
+    if 'run' in rows:
+        turned = np.zeros(len(rows), bool)
+        # a satellite is off by its elements
+        stars = np.flatnonzero((np.asarray(rows.get('star', turned)) >= 0) & ~frozen)
+        turned[stars], sense = turned_rows(rows.select(stars))
+        out.append((turned, TURNED_CAMERA.format(sense)))
+    return out
 
 
 def reasons(rows):
     """What `distrusted` says of the rows, sentences; empty where all can be used."""
-    turned, sense = _turned(rows)
     return [f'{len(bad)} of {len(rows)} observations left out, rows {bad[0]} to {bad[-1]}: {why}'
-            for bad, why in ((np.flatnonzero(_frozen(rows)), FROZEN_CAMERA.format(SAME_ROWS)),
-                             (np.flatnonzero(turned), TURNED_CAMERA.format(sense))) if len(bad)]
+            for bad, why in ((np.flatnonzero(mask), why) for mask, why in _faults(rows))
+            if len(bad)]
 
 
 def notes_of(rows):
@@ -88,7 +85,7 @@ def notes_of(rows):
         Sentences; empty where there is nothing to say.
     """
     out, bad = reasons(rows), distrusted(rows)
-    if not _are_of_observer(rows):
+    if not _is_of_observer(rows):
         return out
     miss = np.stack((rows['miss_x'], rows['miss_y']))[:, ~bad]
     miss = miss[:, np.isfinite(miss).all(axis=0)]

@@ -157,57 +157,26 @@ def report_of(night, zeros, reference, harmonics, seed, notes):
 def expected_error(night, zeros, harmonics):
     """Error to be expected on fresh stars, as `Diagnosis.expected`, or None.
 
+    Where the zero of the newest power-on is as uncertain as a few stars leave it, with the variance
+    of that zero.
+
     Parameters
     ----------
     night : NightFit
     zeros, harmonics
         With which it was made.
     """
-    if night.misfits:
-        return None
-    expected = expected_of_fit(night.rows, night.chosen.zeros, harmonics.base(
-        night.harmonics and night.harmonics['degree']))
-    newest = night.chosen.zeros.newest
-    return expected if newest.run in zeros else with_zero(expected, newest, night.stars)
-
-
-def expected_of_fit(rows, zeros, base='physical'):
-    """Error to be expected of a fit on fresh stars, as `Diagnosis.expected`, or None.
-
-    Parameters
-    ----------
-    rows : PointingRun
-        That were fitted, with columns `star` and `run`.
-    zeros : Zeros
-        That belong to the fit.
-    base : str
-        What was fitted, see `diagnosis.base.Base.parse`.
-    """
     from .analysis.diagnosis.expected_error import expected_error_of_terms
-    stars = rows.select(~is_for_zero(rows))
-    return expected_error_of_terms(without_zeros(stars, zeros), base) if len(stars) else None
-
-
-def with_zero(expected, zero, rows):
-    """The error to be expected where the zero is as uncertain as a few stars leave it.
-
-    Parameters
-    ----------
-    expected : dict or None
-        As of `expected_of_fit`.
-    zero : RunZero
-        Of the power-on in which is pointed, with its covariance.
-    rows : PointingRun
-        Where: as these lie on the sky.
-
-    Returns
-    -------
-    dict or None
-        With the variance of the zero; the upper limit with three times as much, which it exceeds
-        in one case of twenty where both axes are as uncertain, in one of twelve where one is alone.
-    """
-    if expected is None or not np.isfinite(zero.sigma).all():
+    stars, newest = night.stars, night.chosen.zeros.newest
+    if night.misfits or not len(stars):
+        return None
+    expected = expected_error_of_terms(without_zeros(stars, night.chosen.zeros), harmonics.base(
+        night.harmonics and night.harmonics['degree']))
+    if expected is None or newest.run in zeros or not np.isfinite(newest.sigma).all():
         return expected
-    more = float(np.mean(np.cos(rows['el'])**2) * zero.sigma[0]**2 + zero.sigma[1]**2) / ARCSEC**2
+    more = float(np.mean(np.cos(stars['el'])**2) * newest.sigma[0]**2
+                 + newest.sigma[1]**2) / ARCSEC**2
+    # it exceeds three times as much in one case of twenty where both axes are as uncertain, in one
+    # of twelve where one is alone
     return {**expected, 'rms_arcsec': float(np.sqrt(expected['rms_arcsec']**2 + more)),
             'high_arcsec': float(np.sqrt(expected['high_arcsec']**2 + 3.0 * more))}

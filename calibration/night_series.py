@@ -155,10 +155,6 @@ class NightSeries(CalibrationState):
                     self.fit()
         return count
 
-    def calibrate_zero(self):
-        """Zero of tonight relative to its reference; see `CalibrationState.calibrate_zero`."""
-        return self.zero_of_reference()
-
     def fit(self, homings=()):
         """Fit tonight, and judge tonight's stars by the model of the earlier night.
 

@@ -370,7 +370,7 @@ def short_diagnosis(monkeypatch):
 @pytest.fixture
 def nothing_expected(monkeypatch):
     """A fit that does not say what is to be expected of it: a third of its time."""
-    monkeypatch.setattr('calibration.night_fit.expected_of_fit', lambda *args: None)
+    monkeypatch.setattr('calibration.calibration_state.expected_error', lambda *args: None)
 
 
 @pytest.fixture

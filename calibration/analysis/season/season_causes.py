@@ -75,10 +75,7 @@ class Cause(NamedTuple):
 
     def columns_of(self, day, values, k):
         """The same of a night to come, shape (k, c)."""
-        out = np.zeros((k, len(self.terms), self.shape.shape[1]))
-        for place, term in enumerate(self.terms):
-            out[term, place] = self.tonight(day, values)
-        return out.reshape(k, -1)
+        return self._replace(shape=np.array([self.tonight(day, values)])).columns(k)[0]
 
 
 class SeasonChoice(NamedTuple):

@@ -30,6 +30,11 @@ CHANCES = (0.4, 0.3, 0.15, 0.15)
 FARTHER = ((1.0, 0.7), (3.0, 0.3))
 #: 1 sigma of what is as it was: zeros, lean, others, rad
 _STILL = (1.0 * ARCSEC, 0.5 * ARCSEC, 0.2 * ARCSEC)
+#: zeros and lean that move do so as they have scattered from run to run, and by that at least, 1
+#: sigma, rad
+_LEAST_ZERO, _LEAST_LEAN = 20.0 * ARCSEC, 5.0 * ARCSEC
+#: part of wrong stars, and what they miss by, rad
+_WRONG, _WRONG_SIGMA = 0.02, 300.0 * ARCSEC
 #: stars that a night begins with
 STARS = 5
 #: columns are first order about the terms: offsets are taken again about where they went
@@ -60,8 +65,7 @@ class NightStart:
         return max(self.chances, key=self.chances.get)
 
 
-def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
-          wrong_sigma=300.0 * ARCSEC, chances=CHANCES, sizes=None):
+def begin(past, columns, offsets, *, mount=ALTAZ):
     """Tonight's terms from a few stars and the past.
 
     Parameters
@@ -73,15 +77,6 @@ def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
     offsets : ndarray, shape (n, 2)
         rad.
     mount : Mount
-    noise : float, optional
-        1 sigma of a star, rad; that of the past by default.
-    wrong, wrong_sigma : float
-        Part of wrong stars and what they miss by, rad.
-    chances : sequence of float, length 4
-        Of `HYPOTHESES`.
-    sizes : (float, float), optional
-        1 sigma by which zeros and lean move when they do, rad; by default as they have scattered
-        from run to run, 20 and 5 arcsec at least.
 
     Returns
     -------
@@ -92,24 +87,22 @@ def begin(past, columns, offsets, *, mount=ALTAZ, noise=None, wrong=0.02,
     index = [names.index(name) for name in mount.names.index if name in names]
     lean = [names.index(mount.names.named(name)) for name in ('AN', 'AW')
             if mount.names.named(name) in names]
-    if sizes is None:
-        sizes = (max(scatter[index].max(initial=0.0), 20.0 * ARCSEC),
-                 max(scatter[lean].max(initial=0.0), 5.0 * ARCSEC))
     still = np.full(len(names), _STILL[2])
     still[index], still[lean] = _STILL[:2]
     zeros, leans = np.zeros((2, len(names)))
-    zeros[index], leans[lean] = sizes
+    zeros[index] = scatter[index].max(initial=_LEAST_ZERO)
+    leans[lean] = scatter[lean].max(initial=_LEAST_LEAN)
     as_it_was = past.last_covariance + np.diag(still**2)
     moved = as_it_was + np.diag(zeros**2)
     wide = [past.covariance * scale**2 + np.diag(still**2) for scale, _ in FARTHER]
-    shares = [*chances[:3], *(chances[3] * share for _, share in FARTHER)]
+    shares = [*CHANCES[:3], *(CHANCES[3] * share for _, share in FARTHER)]
     start = GaussianSum(
         [past.last] * 3 + [past.mean] * len(wide),
         [as_it_was, moved, moved + np.diag(leans**2), *wide],
-        np.zeros((len(shares), len(names), len(names))), shares, outliers=wrong,
-        outlier_sigma=wrong_sigma, depth=len(offsets) + 1, most=64)
+        np.zeros((len(shares), len(names), len(names))), shares, outliers=_WRONG,
+        outlier_sigma=_WRONG_SIGMA, depth=len(offsets) + 1, most=64)
     for column, offset in zip(columns, offsets):
-        start.observe(column, offset, np.full(2, noise or past.noise))
+        start.observe(column, offset, np.full(2, past.noise))
     mean, covariance = start.estimate()
     weights = start.rate_weights()
     return NightStart(dict(zip(names, mean.tolist())), covariance,

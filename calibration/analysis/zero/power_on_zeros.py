@@ -165,42 +165,6 @@ def _model_name(model):
     return f'the model of {source}' if source else 'a model'
 
 
-def power_on_zeros(parts, reference, *, encoder='enc'):
-    """The zero of each power-on from its exposures.
-
-    Parameters
-    ----------
-    parts : dict of int to PointingRun
-        Number of the power-on -> its exposures for a zero, at least one.
-    reference : PointingModel
-        Of an earlier night; one without terms: none.
-    encoder : {'enc', 'abs'}
-
-    Returns
-    -------
-    dict of int to MeasuredZero
-        Where stars were exposed and there is no reference, of all power-ons together.
-
-    Raises
-    ------
-    ValueError
-        A power-on has no usable exposure, or too few.
-    """
-    if _are_alone(parts, reference):
-        return {number: zero_from_exposures(part, reference, encoder=encoder, run=number)
-                for number, part in parts.items()}
-    found = estimate_zeros(list(parts.values()), [f'power-on {number}' for number in parts], None,
-                           encoder)
-    each = np.eye(2 * len(parts)).reshape(len(parts), 2, -1)
-    return {number: _measured(found, each[place], place, number, NO_MODEL)
-            for place, number in enumerate(parts)}
-
-
-def _are_alone(parts, reference):
-    """Whether the zero of each power-on has nothing to do with others; see `power_on_zeros`."""
-    return is_a_model(reference) or not any(is_marked(part).any() for part in parts.values())
-
-
 def night_zeros(rows, reference, needed=None):
     """The zero of each power-on that has enough exposures for one.
 
@@ -216,6 +180,7 @@ def night_zeros(rows, reference, needed=None):
     Returns
     -------
     zeros : dict of int to MeasuredZero
+        Where stars were exposed and there is no reference, of all power-ons together.
     parts : dict of int to PointingRun
         The exposures.
 
@@ -228,11 +193,15 @@ def night_zeros(rows, reference, needed=None):
     zeros, parts = {}, {}
     for number, part in zero_exposures_by_run(rows):
         with nullcontext() if number == needed else suppress(ValueError):
-            zeros[number] = power_on_zeros({number: part}, reference)[number]
+            zeros[number] = zero_from_exposures(part, reference, run=number)
             parts[number] = part
-    if not _are_alone(parts, reference):
-        zeros = power_on_zeros(parts, reference)
-    return zeros, parts
+    if is_a_model(reference) or not any(is_marked(part).any() for part in parts.values()):
+        return zeros, parts
+    found = estimate_zeros(list(parts.values()), [f'power-on {number}' for number in parts], None,
+                           'enc')
+    each = np.eye(2 * len(parts)).reshape(len(parts), 2, -1)
+    return {number: _measured(found, each[place], place, number, NO_MODEL)
+            for place, number in enumerate(parts)}, parts
 
 
 def zero_changes(rows, numbers, model):
