@@ -101,7 +101,8 @@ class Calibration(MountNode):
             run = self._rows(message)
             new = self._state.add_table(run, convert.from_stamp(message.header.stamp))
             if new > 1:  # it may overtake its last row
-                self._take_up_rows()
+                self._taken_up = [rows_sentence(self._state.rows.taken, self._state.zeros)]
+                self._say_taken_up()
             else:
                 self._say('collecting')
 
@@ -117,10 +118,6 @@ class Calibration(MountNode):
         self._send_zero(zero)
         self._publish(topics.TRACKING, worded(night.document()))
         self._say(last_update(night))
-
-    def _take_up_rows(self):
-        self._taken_up = [rows_sentence(self._state.rows.taken, self._state.zeros)]
-        self._say_taken_up()
 
     def _say_taken_up(self):
         self._say(restart_sentence(self._taken_up, self._state.model))
@@ -158,7 +155,7 @@ class Calibration(MountNode):
     def _on_homing(self, message):
         self._marks = cloud_to_homing(message)
         self._marks_stamp = convert.from_stamp(message.header.stamp)
-        if self.value('reference_age'):
+        if self._state.season is not None:
             self._state.season.update_marks(axis_homings(self._marks, 0))
 
     def _marks_unknown(self):
@@ -216,9 +213,10 @@ class Calibration(MountNode):
 
     def _expect_zero(self):
         """Once a power-on, from what the nights before it followed."""
-        if not self.value('reference_age') or self._state.rows.newest == self._expected_of:
+        number = self._state.rows.newest
+        if self._state.season is None or number == self._expected_of:
             return
-        self._expected_of = number = self._state.rows.newest
+        self._expected_of = number
         if expected := self._state.expect():
             self._publish(topics.ZERO_EXPECTED, expected_to_joints(
                 expected, number, self._state.last_stamp, self._state.mount.names.keys))

@@ -70,6 +70,9 @@ class TrackerUpdate:
         What is decided now, also of the stars before.
     consistency : Finding or None
         Where the filter has just found itself over- or under-confident.
+    row : tuple or None
+        As the filter took it: columns (m, n), and values (m,) beyond the terms of `Tracker.plain`
+        and 1 sigma of their noise (m,), rad.
     """
 
     stamp: int
@@ -81,6 +84,7 @@ class TrackerUpdate:
     chances: dict | None = None
     events: tuple = ()
     consistency: Finding | None = None
+    row: tuple | None = None
 
     @property
     def nis(self):

@@ -93,9 +93,6 @@ class TrackingSettings:
     depth: int = 4
 
     def __post_init__(self):
-        for name in ('zeros', 'tilts'):
-            object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
-        object.__setattr__(self, 'jumps', tuple((float(s), float(p)) for s, p in self.jumps))
         sizes = (*self.zeros, *self.tilts, *self.walks.values(), *self.memory_h.values(),
                  *(v for pair in self.jumps for v in pair), self.turn_h, self.gap_h,
                  self.wrong_sigma)
@@ -168,26 +165,25 @@ def rate_hypotheses(names, mount, sensors, settings):
     still = {name: settings.walks.get(name, OTHERS) for name in names
              if name not in index and name not in lean}
     base = np.diag([still.get(name, 0.0) ** 2 for name in states])
-    who = {TUBE: _shapes(states, [{name: 1.0} for name in index])}
+    who = {TUBE: _spread(states, [{name: 1.0} for name in index])}
     if 'difference' in sensors:
-        who[INCREMENTAL] = _shapes(states, [
+        who[INCREMENTAL] = _spread(states, [
             {name: 1.0, f'difference_{i}': -1.0} for i, name in enumerate(index, 1)])
-        base += QUIET**2 * _square(_shapes(states, [{'difference_1': 1.0},
-                                                    {'difference_2': 1.0}]))
+        base += QUIET**2 * _spread(states, [{'difference_1': 1.0}, {'difference_2': 1.0}])
     tilts = [{name: 1.0} for name in lean if name in states]
     if 'inclinometer' in sensors:
+        base += QUIET**2 * _spread(states, [{'lean_north': 1.0}, {'lean_west': 1.0}])
+        base += OTHERS**2 * _spread(states, tilts)
         tilts = [{**shape, shown: 1.0} for shape, shown in zip(
             lean_of_base(mount), ('lean_north', 'lean_west'))]
-        base += QUIET**2 * _square(_shapes(states, [{'lean_north': 1.0}, {'lean_west': 1.0}]))
-        base += OTHERS**2 * _square(_shapes(states, [{name: 1.0} for name in lean]))
-    tilted = _square(_shapes(states, tilts))
+    tilted = _spread(states, tilts)
     rates, facts = [], []
     for zero in settings.zeros:
-        for name, shapes in who.items():
+        for name, moved in who.items():
             for tilt in settings.tilts if tilts else settings.tilts[:1]:
-                quiet = sum((QUIET**2 * _square(other) for key, other in who.items()
-                             if key != name), np.zeros_like(base))
-                rates.append(base + zero**2 * _square(shapes) + quiet + tilt**2 * tilted)
+                quiet = sum((QUIET**2 * other for key, other in who.items() if key != name),
+                            np.zeros_like(base))
+                rates.append(base + zero**2 * moved + quiet + tilt**2 * tilted)
                 facts.append({'zero': zero, 'tilt': tilt, 'who': name if len(who) > 1 else ''})
     return np.array(rates), facts
 
@@ -203,15 +199,14 @@ def jumps_of(names, mount, sensors, settings):
             shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
                       f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
         for name, shape in shapes.items():
-            out += [PossibleJump(name, _shapes(states, [shape])[0], sigma, often)
+            out += [PossibleJump(name, _direction(states, shape), sigma, often)
                     for sigma, often in settings.jumps]
     if 'inclinometer' in sensors:
-        for way, shape, shown in zip(('north', 'west'), lean_of_base(mount),
-                                     ('lean_north', 'lean_west')):
-            full = _shapes(states, [{**shape, shown: 1.0}])[0]
-            out += [PossibleJump(f'{PIER}, north or south' if way == 'north'
-                             else f'{PIER}, east or west',
-                         full, sigma, often) for sigma, often in PIER_JUMPS]
+        for way, shape, shown in zip(('north or south', 'east or west'),
+                                     lean_of_base(mount), ('lean_north', 'lean_west')):
+            full = _direction(states, {**shape, shown: 1.0})
+            out += [PossibleJump(f'{PIER}, {way}', full, sigma, often)
+                    for sigma, often in PIER_JUMPS]
     return out
 
 
@@ -253,19 +248,15 @@ def power_on_change(states, mount, axes, sigma):
     ndarray, shape (n, n)
         rad^2.
     """
-    return sigma**2 * sum((_square(_shapes(states, [
-        {mount.names.index[axis]: 1.0, f'difference_{axis + 1}': -1.0}])) for axis in axes),
-        np.zeros((len(states), len(states))))
+    return sigma**2 * _spread(states, [
+        {mount.names.index[axis]: 1.0, f'difference_{axis + 1}': -1.0} for axis in axes])
 
 
-def _shapes(states, shapes):
-    out = np.zeros((len(shapes), len(states)))
-    for row, shape in zip(out, shapes):
-        for name, value in shape.items():
-            if name in states:
-                row[states.index(name)] = value
-    return out
+def _direction(states, shape):
+    return np.array([shape.get(name, 0.0) for name in states])
 
 
-def _square(shapes):
-    return shapes.T @ shapes
+def _spread(states, shapes):
+    """Covariance of states that move by independent steps of 1 along each of some shapes."""
+    steps = np.array([_direction(states, shape) for shape in shapes]).reshape(-1, len(states))
+    return steps.T @ steps

@@ -22,8 +22,6 @@ _ANYTHING = 3600.0 * ARCSEC
 #: hypotheses of the rates that the night has ruled out cost time and change nothing
 _LEAST = 1e-4
 _POWER_ON = ((0, 1), 60.0 * ARCSEC)
-_SHOWN = {'difference': lambda axis, value: ([f'difference_{axis + 1}'], [value]),
-          'inclinometer': lambda north, west: (['lean_north', 'lean_west'], [north, west])}
 
 
 @dataclass(frozen=True)
@@ -70,10 +68,11 @@ def smooth(tracker, night):
     SmoothedNight
     """
     live = deepcopy(tracker)
-    rows, jumps, decided = [], [], {}
+    rows, jumps, decided, k = [], [], {}, len(live.plain.terms)
     for measurement in night:
-        number, since, noise = live.stars, live.stamp, live.consistency.noise
-        if not live.update(measurement).taken:
+        number, since = live.stars, live.stamp
+        update = live.update(measurement)
+        if not update.taken:
             continue
         hours = (measurement.stamp - tracker.stamp) / HOUR
         if (measurement.stamp - since) / HOUR >= live.settings.gap_h:
@@ -83,14 +82,16 @@ def smooth(tracker, night):
             jumps.append(Jump(hours, power_on_change(
                 live.states, live.mount, *values, *_POWER_ON[len(values):])))
         else:
-            rows.append(_Row(number, measurement.what == 'star', measurement.stamp, hours,
-                             *_linear(live, measurement, tracker.plain, noise)))
+            columns, value, noise = update.row
+            moved = np.zeros(len(live.states))
+            moved[:k] = _values(live.plain) - _values(tracker.plain)
+            rows.append(_Row(number, update.what == 'star', update.stamp, hours, columns,
+                             value + columns @ moved, np.square(noise)))
         first = max(number - live.settings.depth + 1, 0)
         decided |= {k: (live.chances(k), live.filter.chance(k)) for k in range(first, number + 1)}
     events = _events(live, rows, jumps, decided)
     means, covariances = _path(tracker, live, rows, jumps)
     stars = [i for i, row in enumerate(rows) if row.is_star]
-    k = len(live.plain.terms)
     return SmoothedNight(
         np.array([rows[i].stamp for i in stars], dtype=np.int64), tuple(live.plain.terms),
         _values(tracker.plain) + means[stars][:, :k],
@@ -99,7 +100,10 @@ def smooth(tracker, night):
 
 @dataclass
 class _Row:
-    """A measurement, linear in the states beyond the terms of the evening."""
+    """A measurement, linear in the states beyond the terms of the evening.
+
+    In first order about where the live tracker has the terms.
+    """
 
     number: int  # of the star that it is, or comes before
     is_star: bool
@@ -108,22 +112,6 @@ class _Row:
     columns: np.ndarray
     value: np.ndarray
     variance: np.ndarray
-
-
-def _linear(live, measurement, evening, noise):
-    """Columns, values and variances, in first order about where the live one has the terms."""
-    if measurement.what == 'star':
-        az, el, x, y, sigma = measurement.values[:5]
-        context = measurement.values[6] if len(measurement.values) > 6 else None
-        columns = live.columns(np.atleast_1d(az), np.atleast_1d(el))[0]
-        moved = np.zeros(len(live.states))
-        moved[:len(evening.terms)] = _values(live.plain) - _values(evening)
-        value = np.array([x, y]) - live.plain.offsets(az, el, context) + columns @ moved
-        return columns, value, np.square(np.broadcast_to(sigma, (2,)) * noise)
-    names, values = _SHOWN[measurement.what](*measurement.values[:-1])
-    return (np.eye(len(live.states))[[live.states.index(name) for name in names]],
-            np.array([v - live.reference[name] for name, v in zip(names, values)]),
-            np.full(len(names), measurement.values[-1] ** 2))
 
 
 def _values(model):

@@ -73,28 +73,27 @@ class TrackedNight:
     """
 
     def __init__(self, model, zero, stamp, noise=None, difference=None, lean=None, rates=None):
-        self._begin(json.loads(model.to_json()), zero, int(stamp), noise or _noise_of(model),
-                    difference, lean, rates or model.provenance.get(RATES))
-
-    def _begin(self, document, zero, stamp, noise, difference, lean, rates):
         # what is written down and read again is the model, here as anywhere else
-        self._document, self._evening = document, from_document(document)
+        self._document = json.loads(model.to_json())
+        self._evening = from_document(self._document)
         # as it comes back from the column of times
         self._began, self.zero, self._first_zero = _rounded(stamp * 1e-9), zero, zero
+        self._rates = rates or model.provenance.get(RATES)
+        noise = noise or _noise_of(model)
         self._noise, self._difference, self._lean = tuple(noise), difference, lean
         self._absolute_start = difference and difference['absolute_start']
         self._last, self._taken = [], self._began  # rows; stamp of the last one
         self._events, self._nis = [], []  # what was called; of stars before which nothing happened
         self.updates, self.measurements, self._at_first = [], None, None
-        self._rates = rates
         self._sensors = [name for name, known in (
             ('difference', difference), ('inclinometer', lean)) if known]
         self._tracker = self._tracker_of(self._evening, self._began)
         past = Past.of_model(self._evening)
         self._warm_start = None if past is None else WarmStart(self._evening, past)
         self._started = None  # how likely each hypothesis of the warm start was
-        for axis, apart in enumerate(difference['apart'] if difference else ()):
-            self._tracker.difference(self._began, axis, apart, difference['sigma'][axis])
+        for axis in (0, 1) if difference else ():
+            self._tracker.difference(self._began, axis, difference['apart'][axis],
+                                     difference['sigma'][axis])
         if lean:
             self._tracker.inclinometer(self._began, *lean['lean'], lean['sigma'])
 
@@ -133,14 +132,13 @@ class TrackedNight:
         kept = model.provenance.get(KEY)
         if not isinstance(kept, dict) or 'evening' not in kept:
             raise ValueError('a model that was not tracked')
-        begun, out = kept['evening'], cls.__new__(cls)
+        begun = kept['evening']
         try:
             zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
-            out._begin(begun['model'], zero, begun['stamp'], begun['noise'], begun['difference'],
-                       begun['lean'], begun.get('rates'))
+            return cls(from_document(begun['model']), zero, begun['stamp'], begun['noise'],
+                       begun['difference'], begun['lean'], begun.get('rates'))
         except (KeyError, TypeError) as err:
             raise ValueError(f'the evening of a tracked model is damaged: {err}') from None
-        return out
 
     def keep(self):
         """Keep measurements from now on, for `smoothed`."""
@@ -192,9 +190,8 @@ class TrackedNight:
             if self._difference:
                 self._take_difference(own, stamp)
             if self._lean and 'lean_north' in own and np.isfinite(own['lean_north'][0]):
-                self._take_sensor(self._update('inclinometer', stamp, (
-                    float(own['lean_north'][0]), float(own['lean_west'][0]),
-                    self._lean['sigma'])))
+                self._take_sensor('inclinometer', stamp, (
+                    float(own['lean_north'][0]), float(own['lean_west'][0]), self._lean['sigma']))
             update = self._take_star(stamp, (
                 float(own['az'][0]), float(own['el'][0]), *self._offsets(own), self._noise,
                 f'{own["star"][0]:.0f}', Context.from_run(own) if self._evening.effects else None))
@@ -288,8 +285,9 @@ class TrackedNight:
             self.measurements.append(measurement)
         return self._tracker.update(measurement)
 
-    def _take_sensor(self, update):
-        """Of a sensor: what it makes known of the star before."""
+    def _take_sensor(self, what, stamp, values):
+        """A reading of a sensor counts among the updates where it makes something known."""
+        update = self._update(what, stamp, values)
         if update.events:
             self.updates.append(update)
             self._note(update)
@@ -320,11 +318,11 @@ class TrackedNight:
             self._tracker.reference.clear()
             self._absolute_start = start
         for axis, name in enumerate(('az', 'el')):
-            apart = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
-            if np.isfinite(apart):  # turns that one of them does not count are no matter
-                first = self._difference['apart'][axis]
-                self._take_sensor(self._update('difference', stamp, (
-                    axis, first + float(wrap(apart - first)), self._difference['sigma'][axis])))
+            first = self._difference['apart'][axis]
+            read = float(row[f'{name}_abs'][0] - row[f'{name}_enc'][0])
+            if np.isfinite(read):  # turns that one of them does not count are no matter
+                self._take_sensor('difference', stamp, (
+                    axis, first + float(wrap(read - first)), self._difference['sigma'][axis]))
 
     def _offsets(self, row):
         x, y = PointingRun({**row.columns, **{
@@ -359,13 +357,13 @@ def difference_of(rows):
         own = own.select(own['absolute_start'] == start)
     out = {'apart': [], 'sigma': [], 'absolute_start': start}
     for name in ('az', 'el'):
-        apart = own[f'{name}_abs'] - own[f'{name}_enc']
-        apart = apart[np.isfinite(apart)]
-        if len(apart) < _FEWEST:
+        read = own[f'{name}_abs'] - own[f'{name}_enc']
+        read = read[np.isfinite(read)]
+        if len(read) < _FEWEST:
             return None
-        apart = apart[-1] + wrap(apart - apart[-1])
-        out['apart'].append(float(np.median(apart[-_FEWEST:])))
-        out['sigma'].append(float(1.4826 * np.median(np.abs(np.diff(apart))) / np.sqrt(2.0)))
+        level, sigma = _level(read[-1] + wrap(read - read[-1]))
+        out['apart'].append(level)
+        out['sigma'].append(sigma)
     return out if min(out['sigma']) > 0.0 else None
 
 
@@ -388,9 +386,14 @@ def lean_of(rows):
     read = read[:, np.isfinite(read).all(axis=0)]
     if read.shape[1] < _FEWEST:
         return None
-    sigma = float(1.4826 * np.median(np.abs(np.diff(read))) / np.sqrt(2.0))
-    return {'lean': np.median(read[:, -_FEWEST:], axis=1).tolist(),
-            'sigma': sigma} if sigma > 0.0 else None
+    lean, sigma = _level(read)
+    return {'lean': lean, 'sigma': sigma} if sigma > 0.0 else None
+
+
+def _level(read):
+    """Median of the last readings (..., n), and 1 sigma of one by the differences of neighbours."""
+    return (np.median(read[..., -_FEWEST:], axis=-1).tolist(),
+            float(1.4826 * np.median(np.abs(np.diff(read))) / np.sqrt(2.0)))
 
 
 def _noise_of(model):

@@ -119,7 +119,7 @@ class Tracker:
         self.stamp, self._last_star = int(stamp), None
         self.reference = {}  # state that a sensor shows -> its first reading
         self.consistency = FilterConsistency()
-        self._undecided, self._said = [], []  # (number, innovation), (number, name)
+        self._pending, self._reported = [], []  # (number, innovation), (number, name)
 
     # --- what is known ------------------------------------------------------------------------
 
@@ -274,11 +274,11 @@ class Tracker:
         else:
             self.filter.observe(columns, value, noise)
         self._last_star = stamp
-        self._undecided.append((number, np.linalg.solve(
+        self._pending.append((number, np.linalg.solve(
             np.linalg.cholesky(spread), innovation).tolist()))
         events, consistency = self._decided(number), self._tested(number)
         return TrackerUpdate(stamp, 'star', True, why, innovation, spread, self.chances(number),
-                             events, consistency)
+                             events, consistency, (columns, value, noise))
 
     def difference(self, stamp, axis, value, sigma):
         """Take absolute - incremental encoder of an axis; its first says what it was.
@@ -335,7 +335,7 @@ class Tracker:
         number = self.stars
         self.filter.observe(columns, value, noise, is_star=False)
         return TrackerUpdate(stamp, what, True, why, innovation, spread, self.chances(number),
-                             self._decided(number))
+                             self._decided(number), row=(columns, value, noise))
 
     def power_on(self, stamp, axes=(0, 1), sigma=60.0 * ARCSEC):
         """The incremental encoder was switched on, or homed: its zero is another one.
@@ -388,14 +388,14 @@ class Tracker:
         """What is decided of the last stars and was not before."""
         out = []
         first = number - self.settings.depth
-        self._said = [one for one in self._said if one[0] > first]
+        self._reported = [one for one in self._reported if one[0] > first]
         for before in range(max(first + 1, 0), number + 1):
             for name, chance in self.chances(before).items():
-                if name == 'nothing' or chance < SURE or (before, name) in self._said:
+                if name == 'nothing' or chance < SURE or (before, name) in self._reported:
                     continue
                 # a star alone does not tell a jump from a wrong star; the encoders do
                 if before < number or name == WRONG or name.startswith((INCREMENTAL, ABSOLUTE)):
-                    self._said.append((before, name))
+                    self._reported.append((before, name))
                     out.append(Finding(WRONG if name == WRONG else 'jump', chance, unit='',
                                        causes=(name,), evidence={'star': before}))
         return tuple(out)
@@ -403,8 +403,8 @@ class Tracker:
     def _tested(self, number):
         """What the stars that are decided by now say of `consistency`."""
         out = None
-        while self._undecided and self._undecided[0][0] <= number - self.settings.depth + 1:
-            before, off = self._undecided.pop(0)
+        while self._pending and self._pending[0][0] <= number - self.settings.depth + 1:
+            before, off = self._pending.pop(0)
             if self.chances(before)['nothing'] > 0.5:
                 out = self.consistency.add(off, self._fastest @ self.rate_weights) or out
         self._take_consistency()

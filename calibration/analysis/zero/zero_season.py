@@ -27,9 +27,6 @@ class SeasonLog:
         self._start = {}  # number -> UTC s
         self._marks = {axis: {} for axis in AXES}  # axis -> start of a power-on -> Homing
 
-    def __len__(self):
-        return len(self._zeros)
-
     def clear_zeros(self, numbers):
         """Those of some power-ons will be measured again; what is known of their marks stays."""
         for number in numbers:
@@ -151,16 +148,12 @@ def power_on_covariates(marks, rows):
     air = rows.get('temperature')
     air = float(air[np.isfinite(air)][0]) if np.isfinite(air).any() else np.nan
 
-    def of(axis, name):
-        value = getattr(marks[axis], name) if axis in marks else np.nan
-        return float(value)
-    warmth = [of(axis, 'temperature') for axis in AXES]
-    return {
-        'temperature': tuple(warmth if np.isfinite(warmth).all() else (air, air)),
-        'supply': tuple(of(axis, 'supply') for axis in AXES),
-        'side': tuple(_SIDES.get(marks[axis].side, np.nan) if axis in marks else np.nan
-                      for axis in AXES),
-    }
+    def both(read):
+        return tuple(float(read(marks[axis])) if axis in marks else np.nan for axis in AXES)
+    warmth = both(lambda mark: mark.temperature)
+    return {'temperature': warmth if np.isfinite(warmth).all() else (air, air),
+            'supply': both(lambda mark: mark.supply),
+            'side': both(lambda mark: _SIDES.get(mark.side, np.nan))}
 
 
 def season_rows(season):
