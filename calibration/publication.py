@@ -51,14 +51,12 @@ class ModelWithZeros(NamedTuple):
 
     def predicts_as(self, other):
         """Whether both predict the same."""
-        series = self.model.harmonics
-        return (self.model.terms == other.model.terms
-                and self.zeros_document == other.zeros_document
-                and (series.same_as(other.model.harmonics) if series is not None
-                     else other.model.harmonics is None)
-                and self.follows.document() == other.follows.document()
-                and [e.document() for e in self.model.effects]
-                == [e.document() for e in other.model.effects])
+        def predicted(one):
+            series = one.model.harmonics
+            return (one.model.terms, one.zeros_document, one.follows.document(),
+                    [e.document() for e in one.model.effects], series and (
+                        series.interpretation, series.coef_x.tolist(), series.coef_y.tolist()))
+        return predicted(self) == predicted(other)
 
 
 def carried_on(model, stars):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msg_tools.units import ARCSEC, all_finite, wrap
+from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import mount_wording
 from pointing_model.runs.run import PointingRun
@@ -212,28 +212,22 @@ def usable(run, encoder='enc', zero=NO_ZERO):
         sigmas = [np.asarray(run[name], float) for name in ('sigma_x', 'sigma_y')]
         if all(np.isnan(s).all() for s in sigmas):
             sigmas = None
-    good = np.ones(len(run), bool)
-    for value in columns.values():
-        if not all_finite(value):
-            good &= np.isfinite(value)
+    good = np.isfinite(list(columns.values())).all(axis=0)
     for value in sigmas or ():
         good &= np.isfinite(value) & (value > LEAST_SIGMA)
-    excluded = []
-    kept = np.flatnonzero(good)
-    for row in np.flatnonzero(~good) if len(kept) < len(good) else ():
+    kept, excluded, raised = np.flatnonzero(good), [], []
+    for row in np.flatnonzero(~good):
         bad = [name for name, v in columns.items() if not np.isfinite(v[row])]
         reason = f'{", ".join(bad)} not finite' if bad else 'sigma not finite and positive'
         excluded.append({'row': int(row), 'reason': reason})
-    keep, raised = good if excluded else slice(None), []
     if sigmas is not None:
-        each = []
-        for axis, values in zip('xy', sigmas):
-            taken = floored(values[keep])
-            raised += [{'row': int(kept[i]), 'axis': axis, 'given': float(values[keep][i]),
-                        'taken': float(taken[i])} for i in np.flatnonzero(taken != values[keep])]
-            each.append(taken)
-        sigmas = np.concatenate(each)
-    return Usable(kept, *(v[keep] for v in columns.values()), sigmas, excluded, raised)
+        for axis, given in enumerate(sigmas):
+            given, taken = given[good], floored(given[good])
+            raised += [{'row': int(kept[i]), 'axis': 'xy'[axis], 'given': float(given[i]),
+                        'taken': float(taken[i])} for i in np.flatnonzero(taken != given)]
+            sigmas[axis] = taken
+        sigmas = np.concatenate(sigmas)
+    return Usable(kept, *(v[good] for v in columns.values()), sigmas, excluded, raised)
 
 
 def floored(sigmas, lone=True):

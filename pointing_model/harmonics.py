@@ -212,12 +212,6 @@ class Harmonics:
         p = np.concatenate((self.coef_x, self.coef_y))[at] + change
         return Harmonics.from_degree(self.degree, self.interpretation, p, covariance)
 
-    def same_as(self, other):
-        """Whether both predict the same."""
-        return (other is not None and self.interpretation == other.interpretation
-                and np.array_equal(self.coef_x, other.coef_x)
-                and np.array_equal(self.coef_y, other.coef_y))
-
     def offsets(self, az, el):
         """Encoder - catalogue on the sky.
 

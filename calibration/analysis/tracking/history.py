@@ -273,7 +273,7 @@ def tracked(model, run, *, noise=None, **options):
         Of `Tracker`.
     """
     time = np.asarray(run['time'], float)
-    tracker = Tracker(model, int(round(time[0] * 1e9)) - 1, mount=run.mount, **options)
+    tracker = Tracker(model, int(round(time[0] * 1e9)) - 1, **options)
     x, y = run.offsets()
     sigma_x, sigma_y = (np.asarray(run.get(f'sigma_{axis}'), float) for axis in 'xy')
     if noise is not None:

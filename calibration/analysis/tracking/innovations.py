@@ -6,9 +6,9 @@ count once it is decided that nothing jumped before them and that they were no w
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
+from scipy.special import chdtri, gammaincinv
 
 from msg_tools.units import ARCSEC
 
@@ -130,13 +130,6 @@ class ExpectedError:
         return np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1))
 
 
-@cache
-def _bounds(count):
-    """Sums of so many NIS beyond which a filter is not consistent."""
-    from scipy.special import chdtri, gammaincinv
-    return 2.0 * gammaincinv(count, LEVEL), chdtri(2 * count, LEVEL)
-
-
 class FilterConsistency:
     """The last innovations, and by how much noise or drift are taken larger for them.
 
@@ -178,7 +171,8 @@ class FilterConsistency:
             return None
         last = np.array(self._last)
         total = float(np.sum(last * last))
-        low, high = _bounds(count)
+        # sums beyond which a filter is not consistent
+        low, high = 2.0 * gammaincinv(count, LEVEL), chdtri(2 * count, LEVEL)
         size = float(np.sqrt(total / (2.0 * count)))
         if total > high:
             self.verdict, self.tested, self._last = OVER, (count, size), []

@@ -17,7 +17,6 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
-from pointing_model.mounts import mount_wording
 from pointing_model.terms import design
 
 from ...estimation.gaussian_sum import GaussianSum
@@ -55,8 +54,6 @@ class Tracker:
         `held_terms.BROAD`. Harmonics and effects stay as they are.
     stamp : int
         When the model held, ns.
-    mount : Mount, optional
-        The mount that is observed, to be compared with the model's.
     sensors : sequence of str
         ``difference``: absolute - incremental encoder of each axis; ``inclinometer``.
     settings : TrackingSettings, optional
@@ -82,15 +79,11 @@ class Tracker:
     Raises
     ------
     ValueError
-        A model of another mount, a covariance that is none, an unknown sensor.
+        A covariance that is none, an unknown sensor.
     """
 
-    def __init__(self, model, stamp, *, mount=None, sensors=(), settings=None,
-                 rate_weights=None):
+    def __init__(self, model, stamp, *, sensors=(), settings=None, rate_weights=None):
         settings = settings or TrackingSettings()
-        if mount is not None and not mount.agrees(model.mount):
-            raise ValueError(f'a model of another mount ({mount_wording(model.mount)}) than the '
-                             f'one that is observed ({mount_wording(mount)}); fit this mount')
         unknown = [name for name in sensors if name not in SENSORS]
         if unknown:
             raise ValueError(f'unknown sensor {unknown[0]!r}; choose from {", ".join(SENSORS)}')
