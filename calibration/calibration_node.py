@@ -26,17 +26,7 @@ from .analysis.encoders.cross_check import axis_homings
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
-from .report.calibration_wording import (
-    finding_sentence,
-    fit_sentence,
-    headline,
-    refusal_sentences,
-    restart_sentence,
-    rows_sentence,
-    state_details,
-    zero_sentence,
-    zero_values,
-)
+from .report import calibration_wording as words
 from .report.encoder_wording import MARKS_UNKNOWN
 
 
@@ -101,7 +91,7 @@ class Calibration(MountNode):
             run = self._rows(message)
             new = self._state.add_table(run, convert.from_stamp(message.header.stamp))
             if new > 1:  # it may overtake its last row
-                self._taken_up = [rows_sentence(self._state.rows.taken, self._state.zeros)]
+                self._taken_up = [words.rows_sentence(self._state.rows.taken, self._state.zeros)]
                 self._say_taken_up()
             else:
                 self._say('collecting')
@@ -120,7 +110,7 @@ class Calibration(MountNode):
         self._say(last_update(night))
 
     def _say_taken_up(self):
-        self._say(restart_sentence(self._taken_up, self._state.model))
+        self._say(words.restart_sentence(self._taken_up, self._state.model))
 
     def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
@@ -201,9 +191,9 @@ class Calibration(MountNode):
             self._send_model(self._state.dated_reference)
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
-        done = zero_sentence(run, zero, few)
+        done = words.zero_sentence(run, zero, few)
         self._say(done, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
-                  **zero_values(run, zero))
+                  **words.zero_values(run, zero))
         return done
 
     def _send_model(self, model):
@@ -239,7 +229,7 @@ class Calibration(MountNode):
         self._publish(topics.CALIBRATION_REPORT, report)
         self._publish_model(model)
         give_back()
-        done = fit_sentence(report)
+        done = words.fit_sentence(report)
         if 'refused' in report:
             self._refused = done
         self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
@@ -286,7 +276,7 @@ class Calibration(MountNode):
     def _diagnosed(self, found):
         from .report.wording import paragraph
         document = found.document
-        done = f'{self._publish_finding(found)}; {headline(found)}'
+        done = f'{self._publish_finding(found)}; {words.headline(found)}'
         if document['verdict'] == 'refused':  # the columns are mistaken: nothing is concluded
             done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
@@ -323,7 +313,8 @@ class Calibration(MountNode):
         if self._state.report is not None:  # its alarms are others with another model
             self._publish(topics.CALIBRATION_REPORT, self._state.report)
         self._publish_model(found.model)
-        self._finding, self._refused = finding_sentence(document), refusal_sentences(document)
+        self._finding = words.finding_sentence(document)
+        self._refused = words.refusal_sentences(document)
         return self._finding
 
     def _say_finding(self, done, document):
@@ -351,4 +342,4 @@ class Calibration(MountNode):
 
     def details(self):
         """What has come."""
-        return state_details(self._state, self._taken_up, self._finding)
+        return words.state_details(self._state, self._taken_up, self._finding)
