@@ -204,11 +204,7 @@ def _left_out(whole, judged, strength):
         tried.append([name for name in names if name in acting])
     tried += [[name] for name in names]
     tried += [names[:k] for k in range(2, len(names))]
-    seen = []
-    for out in tried:
-        if 0 < len(out) < len(names) and out not in seen:
-            seen.append(out)
-    return seen
+    return [out for out in dict.fromkeys(map(tuple, tried)) if 0 < len(out) < len(names)]
 
 
 def _part(whole, out, stars, zeros):

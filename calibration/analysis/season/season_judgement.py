@@ -217,6 +217,10 @@ def date_of(time, other=None):
     return day.strftime('%Y-%m-%d')
 
 
+_KINDS = {'step': 'season step', 'declared': 'season declared', 'year': 'season year',
+          'trend': 'season trend', 'column': 'season column'}
+
+
 def _finding(season, found, value, sigma):
     cause, names = found.cause, season.names
     evidence = {'cause': cause.text, 'terms': [
@@ -230,4 +234,4 @@ def _finding(season, found, value, sigma):
         v = value[0]
         turn = np.arctan2(v[1], v[0]) / (2.0 * np.pi) * _YEAR
         evidence['peak'] = season.nights[0].time + (turn % _YEAR) * _DAY
-    return Finding(f'season {cause.kind}', causes=(cause.text,), evidence=evidence)
+    return Finding(_KINDS[cause.kind], causes=(cause.text,), evidence=evidence)

@@ -133,9 +133,3 @@ def test_terms_that_are_far_are_found_and_go_home_to_the_evening():
     tracker.consistency.noise = 3.0
     update = tracker.star(20 * HOUR + 1, 1.0, 1.0, 0.0, 0.0, 1000.0 * ARCSEC)
     assert update.covariance[1, 1] > (2999.0 * ARCSEC) ** 2
-
-
-def test_a_star_is_chosen_once_even_if_it_is_the_only_one_that_tells():
-    stars = np.zeros((5, 2, N))
-    stars[3] = np.ones((2, N))
-    assert sorted(choose(np.eye(N), stars, stars, 5, 0.1)) == [0, 1, 2, 3, 4]
