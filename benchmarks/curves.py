@@ -106,8 +106,8 @@ def of_season(size):
     """Nights of a season: their wander, and what it follows."""
     from season import season
 
-    from calibration.analysis.season.season_judgement import judge_season
-    return partial(judge_season, season(np.random.default_rng(6), 'temperature', size)[0])
+    from calibration.analysis.season.season_analysis import analyse_season
+    return partial(analyse_season, season(np.random.default_rng(6), 'temperature', size)[0])
 
 
 def of_tracking(size):

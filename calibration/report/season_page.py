@@ -5,7 +5,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from ..analysis.season.season_judgement import date_of
+from ..analysis.season.season_analysis import date_of
 from .drawing import Panel, clean, padded, svg, text
 from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
 from .provenance import provenance_section
@@ -20,7 +20,7 @@ def render_season(result, files):
 
     Parameters
     ----------
-    result : season_judgement.SeasonJudged
+    result : season_analysis.SeasonAnalysis
     files : iterable of Path
         From which it is made.
 

@@ -30,7 +30,7 @@ def add(commands):
 def run(args):
     """Read, fit, judge, print, write."""
     from calibration.analysis.diagnosis import naming_columns
-    from calibration.analysis.season.season_judgement import judge_season
+    from calibration.analysis.season.season_analysis import analyse_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import render_season
     from calibration.report.wording import worded
@@ -68,7 +68,7 @@ def run(args):
         season = nights_of(runs, args.terms, args.cause)
         season.notes.extend(empty)
         progress('looking for what moves the terms')
-        result = judge_season(season, declared=declared, tonight=tonight, causes=causes)
+        result = analyse_season(season, declared=declared, tonight=tonight, causes=causes)
     document = worded(result.document())
     console.print(_table(document))
     print_lines(console, 'found', worded(result.findings())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from places import DATA
 
+from calibration.analysis.season.season_analysis import analyse_season
 from calibration.analysis.season.season_causes import candidates, choose_causes
 from calibration.analysis.season.season_filter import (
     NightlyTerms,
@@ -15,7 +16,6 @@ from calibration.analysis.season.season_filter import (
     forecast,
     season_path,
 )
-from calibration.analysis.season.season_judgement import judge_season
 from calibration.analysis.season.season_nights import Nights, SeasonNight, days, nights_of
 from calibration.report.season_page import render_season
 from calibration.report.wording import worded
@@ -95,7 +95,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
         values[12:, 1] += 25.0
 
     nights = season(np.random.default_rng(13), 24, moved=moved)
-    judged = judge_season(nights, causes={'temperature': 20.0})
+    judged = analyse_season(nights, causes={'temperature': 20.0})
     kinds = {(f.cause.kind, NAMES[f.cause.terms[0]]) for f in judged.causes}
     assert kinds == {('column', 'TF'), ('step', 'IE')}
     document = json.loads(json.dumps(worded(judged.document())))
@@ -105,7 +105,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert found['step']['what'] == 'night 12'
     assert 'TF follows temperature' in found['column']['sentence']
     assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
-    cold = judge_season(nights)
+    cold = analyse_season(nights)
     assert any('temperature of the night to come is not known' in note
                for note in worded(cold.notes))
     assert abs(cold.mean[2] / ARCSEC) < 5.0
@@ -114,9 +114,9 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
     assert 'TF follows temperature' in page and '://' not in page
     with pytest.raises(ValueError, match='ask for a later one'):
-        judge_season(nights, tonight=0.0)
+        analyse_season(nights, tonight=0.0)
     with pytest.raises(ValueError, match='no column|no night has a column'):
-        judge_season(nights, causes={'wind': 3.0})
+        analyse_season(nights, causes={'wind': 3.0})
 
 
 def test_steps_of_one_term_do_not_hide_one_another():
@@ -168,7 +168,7 @@ def test_a_declared_date_moves_all_terms_at_once():
 
     nights = season(np.random.default_rng(17), 22, walk=(0.0, 0.0, 0.0), moved=moved)
     when = 0.5 * (nights.nights[8].time + nights.nights[9].time)
-    found = judge_season(nights, declared=[(when, 'mirror back')]).causes
+    found = analyse_season(nights, declared=[(when, 'mirror back')]).causes
     assert found[0].cause.kind == 'declared' and found[0].cause.terms == (0, 1, 2)
 
 

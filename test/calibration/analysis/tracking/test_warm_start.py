@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.season.season_judgement import judge_season
+from calibration.analysis.season.season_analysis import analyse_season
 from calibration.analysis.season.season_nights import nights_of
 from calibration.analysis.tracking.history import PAST, RATES, rate_weights_of
 from calibration.analysis.tracking.tracked_night import TrackedNight
@@ -47,7 +47,7 @@ def foretold():
     """The model of ten nights, each with zeros of its own."""
     rng = np.random.default_rng(5)
     runs = [night(k, dict(zip(('IA', 'IE'), rng.normal(0.0, 30.0, 2))), 1) for k in range(10)]
-    return judge_season(nights_of(runs)).model()
+    return analyse_season(nights_of(runs)).model()
 
 
 def tracked(model, rows):

@@ -1,4 +1,4 @@
-"""A season judged: causes, wander, the season in hindsight and a night to come."""
+"""A season analysed: causes, random walks, the season by all its nights and a night to come."""
 
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -27,7 +27,7 @@ _YEAR = 365.25
 
 
 @dataclass(frozen=True)
-class SeasonJudged:
+class SeasonAnalysis:
     """What is known of a season.
 
     Attributes
@@ -76,18 +76,18 @@ class SeasonJudged:
 
         In its provenance stands what a tracked night begins with, see `tracking.warm_start`.
         """
-        told = {}
+        earlier = {}
         if all(night.run is not None for night in self.season.nights):
             past, rates = past_and_rates(self.season, self.mean)
             noise = past.noise / ARCSEC
-            told = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past.document(),
-                    **({RATES: rates.document()} if rates else {})}
+            earlier = {'fitted_rms_arcsec': {'x': noise, 'y': noise}, PAST: past.document(),
+                       **({RATES: rates.document()} if rates else {})}
         return PointingModel(
             dict(zip(self.season.names, self.mean.tolist())), self.covariance,
             mount=self.season.mount, provenance={
                 'source': f'{len(self.season.nights)} nights until '
                           f'{date_of(self.season.nights[-1].time)}',
-                'for': date_of(self.tonight), **told})
+                'for': date_of(self.tonight), **earlier})
 
     def document(self):
         """All of it, for JSON, with findings; angles in arcsec."""
@@ -123,7 +123,7 @@ class SeasonJudged:
             'notes': [*self.season.notes, *self.notes]}
 
 
-def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA):
+def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA):
     """Find what moves the terms of a season, and foretell a night.
 
     Parameters
@@ -140,7 +140,7 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
 
     Returns
     -------
-    SeasonJudged
+    SeasonAnalysis
 
     Raises
     ------
@@ -174,7 +174,7 @@ def judge_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPHA)
     columns = [entry.cause.columns_of(at, causes or {}, k) for entry in found]
     mean, covariance = forecast(path, variation, at - day[-1],
                                 np.concatenate([np.zeros((k, 0)), *columns], axis=1))
-    return SeasonJudged(season, found, variation, path, tonight, mean, covariance, notes)
+    return SeasonAnalysis(season, found, variation, path, tonight, mean, covariance, notes)
 
 
 def past_and_rates(season, mean):
@@ -196,9 +196,9 @@ def past_and_rates(season, mean):
     past = replace(past_of_runs([night.run for night in season.nights], season.names), mean=mean)
     model = PointingModel(dict(zip(season.names, mean.tolist())), past.covariance,
                           mount=season.mount)
-    told = [(model, run) for run in (_timed(night.run) for night in season.nights)
+    timed = [(model, run) for run in (_timed(night.run) for night in season.nights)
             if len(run) >= TELLING]
-    return past, rates_of_nights(told, noise=past.noise) if told else None
+    return past, rates_of_nights(timed, noise=past.noise) if timed else None
 
 
 def _timed(run):
