@@ -160,9 +160,10 @@ class Calibration(MountNode):
         run = self._state.rows.newest
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
-    def _say(self, text, level=DiagnosticStatus.OK, **values):
+    def _say(self, text, warn=False, **values):
         self._publish(topics.CALIBRATION_STATUS, convert.status(
-            level, self.get_fully_qualified_name(), text,
+            DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
+            self.get_fully_qualified_name(), text,
             **{**self._state.rows.taken.rows(), **values}))
 
     def _answer(self, work):
@@ -192,8 +193,7 @@ class Calibration(MountNode):
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
         done = words.zero_sentence(run, zero, few)
-        self._say(done, DiagnosticStatus.WARN if few else DiagnosticStatus.OK,
-                  **words.zero_values(run, zero))
+        self._say(done, few, **words.zero_values(run, zero))
         return done
 
     def _send_model(self, model):
@@ -232,7 +232,7 @@ class Calibration(MountNode):
         done = words.fit_sentence(report)
         if 'refused' in report:
             self._refused = done
-        self._say(done, DiagnosticStatus.WARN if 'refused' in report else DiagnosticStatus.OK)
+        self._say(done, 'refused' in report)
         return done
 
     def _publish_model(self, model):
@@ -318,9 +318,8 @@ class Calibration(MountNode):
         return self._finding
 
     def _say_finding(self, done, document):
-        self._say(done, DiagnosticStatus.WARN if self._refused else DiagnosticStatus.OK,
-                  verdict=document['verdict'], effects=', '.join(document['applied']),
-                  published=document['published'])
+        self._say(done, bool(self._refused), verdict=document['verdict'],
+                  effects=', '.join(document['applied']), published=document['published'])
 
     def finish(self):
         """Wait for nothing."""
@@ -334,11 +333,10 @@ class Calibration(MountNode):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
         from .report.track_wording import problems
         state = self._state
-        found = [*([str(state.contradiction)] if state.contradiction else []), *state.alarms,
-                 *([MARKS_UNKNOWN] if self._marks_unknown() else []),
-                 *([self._refused] if self._refused else []),
+        found = [state.contradiction and str(state.contradiction), *state.alarms,
+                 self._marks_unknown() and MARKS_UNKNOWN, self._refused,
                  *(problems(state.tracked) if state.tracks else [])]
-        return [(DiagnosticStatus.WARN, text) for text in found]
+        return [(DiagnosticStatus.WARN, text) for text in found if text]
 
     def details(self):
         """What has come."""

@@ -343,8 +343,10 @@ class CalibrationState:
         report['notes'] = list(map(self.mount.names.say, report['notes']))
         self._refuse_contradicted(report)
         self.contradiction, self._homings = None, homings
-        new = ModelWithZeros(self._with_provenance(night.chosen.model, report),
-                             night.chosen.zeros, night.follows)
+        model, expected = night.chosen.model, report['expected']
+        new = ModelWithZeros(PointingModel(model.terms, model.covariance, model.harmonics, {
+            **model.provenance, **self._source(), **({'expected': expected} if expected else {})},
+            model.geometry, mount=model.mount), night.chosen.zeros, night.follows)
         kept = self.active is not None and not self._replaces(new, report)
         self.report = report
         if kept:
@@ -372,11 +374,6 @@ class CalibrationState:
         refused = self.contradiction and self.contradiction.report
         report = refused or self.report
         return report['witnesses']['alarms'] if report else []
-
-    def _with_provenance(self, model, report):
-        expected = {'expected': report['expected']} if report['expected'] else {}
-        return PointingModel(model.terms, model.covariance, model.harmonics, {
-            **model.provenance, **self._source(), **expected}, model.geometry, mount=model.mount)
 
     def _source(self):
         """What the provenance of every model of these rows tells."""

@@ -117,11 +117,10 @@ def nights_of(runs, names=None, columns=()):
             continue
         for part, rows in _parts(run):
             label = Path(source).name + (f' ({part})' if part else '')
-            night = _night(rows, names, label, columns, seen)
-            if not isinstance(night, SeasonNight):
-                notes.append(Finding('night left out', evidence={'night': label, 'why': night}))
-            else:
-                found.append(night)
+            try:
+                found.append(_night(rows, names, label, columns, seen))
+            except ValueError as err:
+                notes.append(Finding('night left out', evidence={'night': label, 'why': str(err)}))
     missing = set(columns) - seen
     if missing:
         raise ValueError(f'no run has a column {", ".join(sorted(missing))}')
@@ -151,19 +150,16 @@ def _parts(run):
 
 
 def _night(run, names, label, columns, seen):
-    """A `SeasonNight`, or why it is none."""
+    """A `SeasonNight`; ValueError, why it is none."""
     time = _time_of(run, label)
     if time is None:
-        return NO_DATE
+        raise ValueError(NO_DATE)
     if len(run) < ROWS_A_TERM * len(names):
-        return f'{len(run)} rows for {len(names)} terms'
+        raise ValueError(f'{len(run)} rows for {len(names)} terms')
     several = 'run' in run and len(np.unique(run['run'])) > 1
-    try:
-        fit = fit_terms(run, names, run_zeros=several)
-    except ValueError as err:
-        return str(err)
+    fit = fit_terms(run, names, run_zeros=several)
     if fit.dropped:
-        return f'does not determine {fit.dropped[0]["text"]}'
+        raise ValueError(f'does not determine {fit.dropped[0]["text"]}')
     k = len(names)
     used = fit.weights > 0.0
     causes = {}

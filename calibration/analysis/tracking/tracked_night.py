@@ -233,14 +233,13 @@ class TrackedNight:
             Of the newest observation, ns.
         """
         model, tracker = self._tracker.model(), self._tracker
-        names = list(model.terms)
-        walk = np.sqrt(np.diag(tracker.mean_walk())[:len(names)])
+        walk = np.sqrt(np.diag(np.tensordot(tracker.rate_weights, tracker.filter.rates, 1)))
         # the nights before are in it by now
         kept = {key: value for key, value in self._evening.provenance.items() if key != PAST}
         return replace(model, provenance={
             **kept, 'last_stamp_ns': stamp, KEY: {
                 'stars': tracker.stars,
-                'walk_arcsec_per_root_hour': dict(zip(names, (walk / ARCSEC).tolist())),
+                'walk_arcsec_per_root_hour': dict(zip(model.terms, (walk / ARCSEC).tolist())),
                 'jumps_per_hour': sum(jump.per_hour for jump in tracker.filter.jumps),
                 'evening': {
                     'model': self._document, 'stamp': self._began,

@@ -182,10 +182,6 @@ class Tracker:
                           for who in dict.fromkeys(fact['who'] for fact in self.facts)}
         return out
 
-    def mean_walk(self):
-        """What an hour adds to the covariance, in the mean of the hypotheses, shape (n, n)."""
-        return np.tensordot(self.rate_weights, self.filter.rates, 1)
-
     @property
     def rate_weights(self):
         """How likely each of `facts` is by now, shape (r,)."""
@@ -400,12 +396,8 @@ class Tracker:
             before, off = self._pending.pop(0)
             if self.chances(before)['nothing'] > 0.5:
                 out = self.consistency.add(off, self._fastest @ self.rate_weights) or out
-        self._take_consistency()
-        return out
-
-    def _take_consistency(self):
-        """Drifts are as fast as `consistency` has it."""
         self.filter.rates = self._rates * self.consistency.walk**2
+        return out
 
     def _move(self, far):
         """The model that terms are counted from goes by `far`, shape (n,)."""

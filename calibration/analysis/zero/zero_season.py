@@ -55,25 +55,16 @@ class SeasonLog:
         rows : PointingRun
             Of this power-on, at least one.
         """
-        began = rows.get('encoder_start')[0]
-        self._start[number] = float(began if np.isfinite(began) else rows.get('time')[0])
-        marks = self._marks_at(rows.get('time')[0])
-        self._covariates[number] = power_on_covariates(marks, rows) | {
-            'hours': self._hours(number, np.isfinite(began))}
-
-    def _marks_at(self, time):
-        """The newest power-on of each axis that had begun by then."""
-        out = {}
-        for axis, marks in self._marks.items():
-            begun = [start for start in marks if start <= time]
-            if begun:
-                out[axis] = marks[max(begun)]
-        return out
-
-    def _hours(self, number, known):
+        began, first = rows.get('encoder_start')[0], rows.get('time')[0]
+        self._start[number] = float(began if np.isfinite(began) else first)
         before = self._start.get(number - 1)
-        hours = (self._start[number] - before) / 3600.0 if known and before else np.nan
-        return (hours, hours)
+        hours = (self._start[number] - before) / 3600.0 if np.isfinite(began) and before else np.nan
+        marks = {}  # the newest power-on of each axis that had begun by then
+        for axis, known in self._marks.items():
+            begun = [start for start in known if start <= first]
+            if begun:
+                marks[axis] = known[max(begun)]
+        self._covariates[number] = power_on_covariates(marks, rows) | {'hours': (hours, hours)}
 
     def add_zero(self, number, exposures, model):
         """By the exposures of a power-on that has begun.
