@@ -389,8 +389,6 @@ class MountAxes:
         """Angles (m, 2) in rad, the first not wrapped, and rates (m, 2) in rad/s at times `t`."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
         number = self._leg_numbers(t)
-        if len(t) and (number == number[0]).all():
-            return self._legs[number[0]].state(t)
         angles, rates = np.empty((len(t), 2)), np.empty((len(t), 2))
         for k in np.unique(number):
             rows = number == k

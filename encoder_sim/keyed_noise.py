@@ -24,11 +24,6 @@ def _stream(seed, device, purpose):
     return np.uint64(int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), 'little'))
 
 
-@lru_cache(maxsize=64)
-def _counters(n):
-    return (np.arange(1, n + 1, dtype=np.uint64) * _STEP)[np.newaxis, :]
-
-
 def _mix(z):
     """Changes `z` itself."""
     z ^= z >> _SHIFTS[0]
@@ -55,7 +50,7 @@ def bits(seed, device, purpose, keys, n):
     """
     keys = np.atleast_1d(np.asarray(keys, dtype=np.int64)).ravel().view(np.uint64)
     state = _mix(keys * _STEP + _stream(seed, device, purpose))
-    return _mix(state[:, np.newaxis] + _counters(n))
+    return _mix(state[:, np.newaxis] + np.arange(1, n + 1, dtype=np.uint64) * _STEP)
 
 
 def _uniform(seed, device, purpose, keys, n):

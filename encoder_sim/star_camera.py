@@ -18,8 +18,6 @@ from .seeing import WanderingRefraction, seeing_sigma
 #: a coarse place leaves out refraction, precession and aberration since the first exposure
 _MARGIN = 0.5 * DEG
 _CHUNK = 64
-#: s, of a satellite: for how long its coarse places are kept, and how far they are apart
-_PASS, _STEP = 600.0, 30.0
 
 
 class ExposureTimes(NamedTuple):
@@ -75,8 +73,7 @@ class Camera:
         self._layers = WanderingRefraction(
             scenario.layers, refraction_constant(self.weather), seed)
         self._stars = load_catalogue(self.params.mag_limit)
-        self._coarse = None  # (time, unit vectors of all stars then, which, sine of declination)
-        self._pass = None  # (begin, unit vectors of the satellite each `_STEP`, largest step)
+        self._coarse = None  # (time, unit vectors of all stars then)
 
     def expose(self, stamps, frames):
         """Measure the brightest star of the field.
@@ -129,38 +126,19 @@ class Camera:
         if self.satellite is None or len(stamps) == 0:
             return miss
         time = stamps * 1e-9 + self.clock_offset
-        if not self._satellite_near(time, frames[:, FORWARD]):
-            return miss
         place = self.satellite.place(time, self.site, self._air(time))
         inside, tangent = self._on_chip(self._refracted(time, place), frames)
         miss[inside] = self._measure(stamps[inside], tangent[inside], place[1][inside])
         return miss
-
-    def _satellite_near(self, time, boresight):
-        """Whether the satellite may be in the field, so that it is worth an exact place."""
-        begin = np.floor(time[0] / _PASS) * _PASS
-        if self._pass is None or self._pass[0] != begin:
-            moments = begin + np.arange(0.0, _PASS + 1.5 * _STEP, _STEP)
-            places = direction(*self.satellite.place(moments, self.site, self.weather))
-            step = np.arccos(np.clip(np.einsum('ij,ij->i', places[1:], places[:-1]), -1.0, 1.0))
-            self._pass = begin, places, step.max()
-        _, places, step = self._pass
-        nearest = np.rint((time - begin) / _STEP).astype(int)
-        if nearest.max() >= len(places) or nearest.min() < 0:
-            return True
-        reach = self.params.field_of_view / np.sqrt(2.0) + _MARGIN + step
-        cosine = np.einsum('ij,ij->i', places[nearest], boresight)
-        return bool(reach > np.pi or (cosine > np.cos(reach)).any())
 
     def _candidates(self, time, boresight):
         """Pairs (exposure, star) that lie near enough to be worth an exact place."""
         pole = np.array([0.0, np.cos(self.site.latitude), np.sin(self.site.latitude)])
         if self._coarse is None:
             no_air = replace(self.weather, pressure_hpa=0.0)
-            stars = direction(*observed_place(self._stars, time[0], self.site, no_air))
-            order = np.argsort(stars @ pole)
-            self._coarse = time[0], stars[order], order, stars[order] @ pole
-        when, stars, order, height = self._coarse
+            self._coarse = time[0], direction(
+                *observed_place(self._stars, time[0], self.site, no_air))
+        when, stars = self._coarse
         # turn the boresight back with the sky, about the pole
         angle = (TURN_RATE * (time - when))[:, np.newaxis]
         back = (
@@ -171,12 +149,8 @@ class Camera:
         reach = self.params.field_of_view / np.sqrt(2.0) + _MARGIN
         parts = []
         for i in range(0, len(time), _CHUNK):
-            some = back[i : i + _CHUNK]
-            # the heights above the equator that are near enough are a stretch of the stars
-            ends = np.clip((some @ pole).min() - reach, -1.0, 1.0), (some @ pole).max() + reach
-            first, last = np.searchsorted(height, ends)
-            rows, columns = np.nonzero(some @ stars[first:last].T > np.cos(reach))
-            parts.append((rows + i, order[first + columns]))
+            rows, star = np.nonzero(back[i : i + _CHUNK] @ stars.T > np.cos(reach))
+            parts.append((rows + i, star))
         return tuple(np.concatenate(one) for one in zip(*parts))
 
     def _in_field(self, time, frames, exposure, star):

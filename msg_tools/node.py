@@ -104,7 +104,6 @@ class MountNode(ParameterNode):
 
     def __init__(self, name, params=(), *, hardware_id='', context=None, overrides=None,
                  namespace=NAMESPACE):
-        self._full_names = {}
         super().__init__(name, params, context=context, overrides=overrides, namespace=namespace)
         self._publishers_of = {}
         self._subscriptions_of = {}
@@ -125,13 +124,6 @@ class MountNode(ParameterNode):
         self.every(DUPLICATES, self._look_for_duplicates)
 
     # --- topics -----------------------------------------------------------------------------
-
-    def resolve_topic_name(self, topic, *, only_expand=False):
-        """As rclpy's, which parses all rules of remapping each time; they stay as they are."""
-        key = topic, only_expand
-        if key not in self._full_names:
-            self._full_names[key] = super().resolve_topic_name(topic, only_expand=only_expand)
-        return self._full_names[key]
 
     def publisher(self, topic):
         """A publisher on `topic`, counted, with QoS overrides by parameter."""

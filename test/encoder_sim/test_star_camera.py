@@ -165,38 +165,3 @@ def test_a_satellite_is_seen_where_it_is():
     assert miss[0] / ARCSEC == pytest.approx([20.0, 0.0], abs=0.02)
     assert np.isnan(miss[1]).all()
     assert np.isnan(Camera(Scenario(), 1).expose_satellite(stamps, frames)).all()
-
-
-def test_where_a_satellite_is_looked_for_it_is_found(monkeypatch):
-    satellite = satellite_target('gps-26690')
-    night = 1_379_854_800
-    # half an hour of frames beside it, within the field, at its edge and beyond
-    moments = night + np.sort(np.random.default_rng(2).uniform(0.0, 1800.0, 60))
-    stamps = np.rint(moments * 1e9).astype(np.int64)
-    az, el = satellite.place(stamps * 1e-9, DEFAULT_SITE, DEFAULT_WEATHER)
-    beside = np.random.default_rng(3).uniform(-1.0, 1.0, (2, 60)) * Scenario().camera.field_of_view
-    frames = GEOMETRY.frames(az + beside[0] / np.cos(el), el + beside[1])
-
-    def seen():
-        camera = Camera(Scenario(), 1, satellite=satellite)
-        return np.concatenate([camera.expose_satellite(stamps[i:i + 1], frames[i:i + 1])
-                               for i in range(60)])
-    looked = seen()
-    monkeypatch.setattr(Camera, '_satellite_near', lambda *_: True)
-    everywhere = seen()
-    assert np.array_equal(looked, everywhere, equal_nan=True)
-    assert 5 < np.isfinite(looked[:, 0]).sum() < 55
-
-
-def test_an_exact_place_is_computed_near_the_satellite_only(monkeypatch):
-    satellite = satellite_target('gps-26690')
-    camera = Camera(Scenario(), 1, satellite=satellite)
-    stamps = np.array([1_379_854_800 * 10**9])
-    az, el = satellite.place(stamps * 1e-9, DEFAULT_SITE, DEFAULT_WEATHER)
-    far, near = GEOMETRY.frames(az + 1.0, el), GEOMETRY.frames(az, el)
-    camera.expose_satellite(stamps, far)
-    calls = []
-    place = satellite.place
-    monkeypatch.setattr(satellite, 'place', lambda *args: calls.append(1) or place(*args))
-    assert np.isnan(camera.expose_satellite(stamps, far)).all() and not calls
-    assert np.isfinite(camera.expose_satellite(stamps, near)).all() and calls
