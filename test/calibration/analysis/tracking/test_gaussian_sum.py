@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from tracking_stars import choose
 
 from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.motion_causes import TrackingSettings
