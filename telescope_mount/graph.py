@@ -67,6 +67,10 @@ class NodeSpec:
         return f'{NAMESPACE}/{self.name}'
 
 
+def _known(sky, names):
+    return {name: sky[name] for name in names if name in sky}
+
+
 def _mode(plan):
     """Of the calibration: a plan that has the step `track` needs a model after each star."""
     tracks = plan and any(step.verb == 'track' for step in parse_plan(plan))
@@ -128,8 +132,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         {'start_time': start_time} if start_time else {})
     parameters = {
         # live, the servo and the camera need more than the few samples around an exposure
-        'mount_simulator': simulator | {'time_scale': time_scale} | {
-            name: sky[name] for name in ('latitude_deg',) if name in sky} | (
+        'mount_simulator': simulator | {'time_scale': time_scale} | _known(sky, SITE[:1]) | (
             {'sample_rate_hz': sample_rate_hz} if sample_rate_hz
             else {'sample_rate_hz': 10.0} if time_scale else {}),
         'incremental_encoder': dict(simulator),
@@ -149,8 +152,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
                'behind_deg': min(2.0 + 3.0 * time_scale, 180.0)} | _simulated_site()
               if time_scale else {'renew_s': 0.0}) | (
             {'first_travel_deg': '-36000,36000'} if altaz
-            else {'second_travel_deg': '-90,270'} if below else {}) | {
-            name: sky[name] for name in SITE if name in sky},
+            else {'second_travel_deg': '-90,270'} if below else {}) | _known(sky, SITE),
         'star_observer': {
             'use_sim_time': True, 'renew_request_s': 0.2 if time_scale else 0.0,
             'star_seed': seed, 'model_file': model_file,
@@ -238,7 +240,7 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
                         'request_timeout_s': 0.35} | (
             # none is told places beyond the zenith
             {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
-            slews or {'slew_timing': 0.0}) | {name: sky[name] for name in SITE if name in sky},
+            slews or {'slew_timing': 0.0}) | _known(sky, SITE),
         'star_observer': {
             'star_seed': seed, 'model_file': model_file, 'first_run': first_run, 'mount': mount,
             'state_file': state_file,
@@ -287,8 +289,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     """
     sky = dict(sky or {})
     parameters = {
-        'mount_guard': {'mount': mount, 'autostart': autostart} | {
-            name: sky[name] for name in SITE if name in sky},
+        'mount_guard': {'mount': mount, 'autostart': autostart} | _known(sky, SITE),
         'star_observer': {
             'model_file': model_file, 'mount': mount, 'absolute_encoder': absolute_encoder,
             'inclinometer': inclinometer, 'exposure_s': exposure, 'state_file': state_file,

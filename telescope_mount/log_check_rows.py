@@ -1,8 +1,9 @@
 """Observations of a log, computed again from readings, exposures and tracks."""
 
 import struct
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
+from itertools import islice
 
 import numpy as np
 
@@ -166,19 +167,13 @@ class Pairing:
 
         From a second before its middle, or from before its begin, to the first after its end.
         """
-        after, before = [], []
-        for when, message in reversed(readings):
-            if when >= stamp:
-                after.append((when, message))
-                continue
-            before.append((when, message))
-            if when < min(stamp - RATE_OVER, stamp - half):
-                break
-        after.reverse()
-        last = next((i for i, (when, _) in enumerate(after) if when >= stamp + half), None)
-        if not before or last is None:
+        def number(of):
+            return bisect_left(readings, of, key=lambda reading: reading[0])
+
+        first, last = number(min(stamp - RATE_OVER, stamp - half)) - 1, number(stamp + half)
+        if last == len(readings) or not readings[0][0] < stamp:
             return None
-        around = [*before[::-1], *after[:last + 1]]
+        around = list(islice(readings, max(first, 0), last + 1))
         decoded = [self._log.decode(message) for _, message in around]
         if None in decoded:
             return None

@@ -3,6 +3,7 @@
 import json
 import tempfile
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 
 from msg_tools import topics
@@ -74,57 +75,54 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
                        f'{axis}.{kind}={lines}'
                        for axis, kinds in (diagnosed.get('graduation') or {}).items()
                        for kind, lines in kinds.items())}
-    told = parameters_of(bag.metadata, f'{prefix}calibration') or {}
-    as_then['kept_power_ons'] = told.get('kept_power_ons', 0)
+    as_then['kept_power_ons'] = (parameters_of(bag.metadata, f'{prefix}calibration') or {}).get(
+        'kept_power_ons', 0)
     played = [name for name in (observation, f'{prefix}{topics.HOMING.name}') if counts[name]]
     lock = domain.claim(domain_number)
     from .processes import Processes
     from .watcher import Watcher
-    with noted(), tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch:
+    with noted(), tempfile.TemporaryDirectory(prefix='telescope_mount_') as scratch, (
+            ExitStack()) as ends:
+        ends.callback(lock.release)
         nodes = Processes(scratch, lock.number)
-        watcher = None
-        try:
-            nodes.start_all(replay_graph(str(Path(log).resolve()), prefix, played, seed,
-                                         reference, as_then))
-            watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
-            watcher.keep_results()
+        ends.callback(nodes.stop)
+        nodes.start_all(replay_graph(str(Path(log).resolve()), prefix, played, seed,
+                                     reference, as_then))
+        watcher = Watcher('replay', lock.number, nodes.environment, nodes.check)
+        ends.callback(watcher.close)
+        watcher.keep_results()
 
-            def taken():
-                heard = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
-                done = heard.kept + heard.forgotten
-                progress('observing again', done, count)
-                return done
+        def taken():
+            status = Taken.read(watcher.latest.get(topics.CALIBRATION_STATUS.name))
+            done = status.kept + status.forgotten
+            progress('observing again', done, count)
+            return done
 
-            if not watcher.spin_until(lambda: taken() >= count, 60.0):
-                raise RuntimeError(f'only {taken()} of {count} observations arrived')
-            if had_zero:
-                watcher.call('calibrate_zero')
-            progress('fitting')
-            watcher.call('fit')
-            there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
-            if diagnosed:
-                progress('diagnosing')
-                watcher.call('diagnose', timeout=120.0)
-                there.append(topics.DIAGNOSIS.name)
-            judged = bool(diagnosed) and 'judged' in diagnosed
-            if judged:
-                watcher.call('judge')
+        if not watcher.spin_until(lambda: taken() >= count, 60.0):
+            raise RuntimeError(f'only {taken()} of {count} observations arrived')
+        if had_zero:
+            watcher.call('calibrate_zero')
+        progress('fitting')
+        watcher.call('fit')
+        there = [topics.MODEL.name, topics.CALIBRATION_REPORT.name]
+        if diagnosed:
+            progress('diagnosing')
+            watcher.call('diagnose', timeout=120.0)
+            there.append(topics.DIAGNOSIS.name)
+        judged = bool(diagnosed) and 'judged' in diagnosed
+        if judged:
+            watcher.call('judge')
 
-            def complete():
-                # the model of the fit may still be the last one that came
-                if not all(name in watcher.latest for name in there):
-                    return False
-                told, *rest = (json.loads(watcher.latest[name].data) for name in there)
-                return (not diagnosed or 'verdict' in told['provenance']) and (
-                    not judged or 'judged' in told['provenance'] and 'judged' in rest[-1])
-            if not watcher.spin_until(complete, 15.0):
-                raise RuntimeError('the calibration fitted but published no model')
-            model, *documents = (watcher.latest[name].data for name in there)
-        finally:
-            if watcher is not None:
-                watcher.close()
-            nodes.stop()
-            lock.release()
+        def complete():
+            # the model of the fit may still be the last one that came
+            if not all(name in watcher.latest for name in there):
+                return False
+            model, *rest = (json.loads(watcher.latest[name].data) for name in there)
+            return (not diagnosed or 'verdict' in model['provenance']) and (
+                not judged or 'judged' in model['provenance'] and 'judged' in rest[-1])
+        if not watcher.spin_until(complete, 15.0):
+            raise RuntimeError('the calibration fitted but published no model')
+        model, *documents = (watcher.latest[name].data for name in there)
     if out is not None:
         write_text(out, model + '\n')
     report = json.loads(documents[0])

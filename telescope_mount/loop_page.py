@@ -78,13 +78,12 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
     before, after = (same[when]['rms_arcsec'] for when in ('before', 'after'))
     label = same['of']
     what = report['scenario'] or Path(str(report['source'])).name
-    headline = f'The same {label}: from {_said(before)} to {_said(after)}'
+    headline = f'The same {label}: from {_arcsec(before)} to {_arcsec(after)}'
     alarms = [f'Alarm: {text}' for text in report['alarms']]
-    told = report.get('undeclared')
     health, params = None, {}
     if log is not None:
         try:
-            health = log_health(log) if told else None
+            health = log_health(log) if report.get('undeclared') else None
             params = parameters_of(open_bag(log).metadata, '/star_observer') or {}
         except (OSError, ValueError):
             pass
@@ -97,8 +96,8 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
         controls_alone(),
         verdict(report['verdict'].replace('_', ' '), headline,
                 [*alarms, *loop_sentences({**report, 'notes': [], 'alarms': []})],
-                cards([(_said(before), f'before: {label}'), (_said(after), f'after: {label}'),
-                       (_said(report['noise_floor_arcsec']), 'noise floor')]),
+                cards([(_arcsec(before), f'before: {label}'), (_arcsec(after), f'after: {label}'),
+                       (_arcsec(report['noise_floor_arcsec']), 'noise floor')]),
                 'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
                 gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
         section('Fresh stars, pointed at blind', hits, note='What the camera saw: the mount was '
@@ -114,7 +113,7 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
     return whole(f'The loop closed: {what}', body, 'A pointing model that was mended and tried')
 
 
-def _said(value):
+def _arcsec(value):
     return None if value is None else f'{value:.2f}″'
 
 

@@ -12,10 +12,6 @@ _ALARM = 36
 _DRIVE = 0.25
 
 
-def _names(report):
-    return kind_of(report)
-
-
 def _arcsec(value):
     return '–' if value is None else f'{value:.2f}'
 
@@ -63,18 +59,16 @@ def _follows(axis):
 
 
 def _errors(report):
-    table = new_table('RMS on the sky, arcsec', '', *_names(report).columns, 'radial', 'rows')
+    table = new_table('RMS on the sky, arcsec', '', *kind_of(report).columns, 'radial', 'rows')
     same = report['paired']
     if same['of'] == 'fresh stars':
         for when in ('before', 'after'):
             table.add_row(f'the same fresh stars, model {when}', *_rms(same[when]),
                           str(same['rows']))
-    for when in ('before', 'after'):
-        table.add_row(f'rows kept out, {when}', '', '',
-                      _arcsec(report[when]['holdout_rms_arcsec']), str(report['kept_out']))
-    for when in ('before', 'after'):
-        table.add_row(f'cross-validated, {when}', '', '',
-                      _arcsec(report[when]['cv_rms_arcsec']), '')
+    for name, key, count in (('rows kept out', 'holdout_rms_arcsec', str(report['kept_out'])),
+                             ('cross-validated', 'cv_rms_arcsec', '')):
+        for when in ('before', 'after'):
+            table.add_row(f'{name}, {when}', '', '', _arcsec(report[when][key]), count)
     for when in ('before', 'after'):
         table.add_row(f'rows fitted, {when}', *_rms(report[when]), '')
     for when in ('before', 'after'):
@@ -101,14 +95,14 @@ def loop_sentences(report):
         out.append('fresh stars: ' + report['judged']['why'])
     drive = report.get('drive')
     if drive and drive['rms_arcsec'] ** 2 > _DRIVE * drive['missed_arcsec'] ** 2:
-        first, second = _names(report).axes
+        first, second = kind_of(report).axes
         out.append(f'fresh stars: of {drive["missed_arcsec"]:.2f} arcsec that they were missed by, '
                    f'{drive["rms_arcsec"]:.2f} is the drive ({first} {drive["rms_x_arcsec"]:.2f}, '
                    f'{second} {drive["rms_y_arcsec"]:.2f}): the encoders saw that the axes were '
                    'not where they were sent; no model mends it, look at servo, friction and wind')
-    told = report.get('undeclared')
-    if told:
-        out.append(f'the scenario: {told["what"]}')
+    scenario = report.get('undeclared')
+    if scenario:
+        out.append(f'the scenario: {scenario["what"]}')
         if report['found']:
             out.append(f'found: {report["found"]}'
                        + ('; besides: ' + ', '.join(map(readable, report['false']))

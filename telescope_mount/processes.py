@@ -203,29 +203,32 @@ class Processes:
         self._start(spec.name, [spec])
 
     def _start(self, name, specs):
-        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
         for spec in specs:
-            params = self.folder / f'{spec.name}.params.yaml'
-            params.write_text(yaml.safe_dump(
+            self._params_of(spec).write_text(yaml.safe_dump(
                 {spec.full_name: {'ros__parameters': spec.parameters}}))
-            if spec.parameters:  # rcl takes no empty one
-                arguments += ['--params-file', str(params)]
-        if self.params_file:
-            arguments += ['--params-file', str(self.params_file)]
         self.running[name] = self._fork_server.start(
-            name=name, modules=[spec.module for spec in specs], arguments=arguments,
+            name=name, modules=[spec.module for spec in specs],
+            # rcl takes no empty file
+            arguments=self._arguments(*(self._params_of(spec) for spec in specs
+                                        if spec.parameters)),
             environment=self.environment, log=str(self.folder / f'{name}.log'))
+
+    def _params_of(self, spec):
+        return self.folder / f'{spec.name}.params.yaml'
+
+    def _arguments(self, *files):
+        """The namespace, and parameter files; the user's is the last."""
+        files = filter(None, (*files, self.params_file))
+        return ['--ros-args', '-r', f'__ns:={NAMESPACE}',
+                *(word for file in files for word in ('--params-file', str(file)))]
 
     def start_script(self, path):
         """Start a driver: a Python file of the user's, in the same namespace, with his values."""
         path = Path(path)
-        arguments = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
-        if self.params_file:
-            arguments += ['--params-file', str(self.params_file)]
         with open(self.folder / f'{path.stem}.log', 'ab') as log:
             self.running[path.stem] = subprocess.Popen(
-                [sys.executable, str(path), *arguments], stdin=subprocess.DEVNULL, stdout=log,
-                stderr=log, start_new_session=True, preexec_fn=die_with_parent(),
+                [sys.executable, str(path), *self._arguments()], stdin=subprocess.DEVNULL,
+                stdout=log, stderr=log, start_new_session=True, preexec_fn=die_with_parent(),
                 env={**self.environment, 'PYTHONUNBUFFERED': '1'})
 
     def last_words(self, name):

@@ -1,6 +1,8 @@
 """One way to load pointing runs, whatever they are kept in."""
 
 
+from contextlib import suppress
+
 import numpy as np
 
 from calibration.analysis.solves import judge_solves
@@ -15,6 +17,8 @@ from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.runs.copies import copies, without_copies, written_twice
 from pointing_model.runs.formats import NoObservations, read_run, swap_encoders
+from pointing_model.runs.run import PointingRun
+from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.skyline import parse_horizon
 
 
@@ -170,8 +174,6 @@ def run_of_log(path):
     from calibration.distrust import distrusted, notes_of
     from msg_tools.units import wrap
     from pointing_model.calibration_messages import joints_to_zero
-    from pointing_model.runs.run import PointingRun
-    from pointing_model.runs.run_messages import cloud_to_run
     from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
 
     bag = _log(path)
@@ -278,3 +280,36 @@ def _readings(columns, beyond=False):
                                          beyond)
         az_raw, el_raw = az_raw + (az - az_centred), el_raw + (el - el_centred)
     return az_raw, el_raw
+
+
+def with_rows_before(kept, folder):
+    """Rows of a night with all that came before them.
+
+    Parameters
+    ----------
+    kept : PointingRun
+        With the column ``time``.
+    folder : Path
+        Of the night: its logs are ``bag*`` in it, one for each time that it was started.
+
+    Returns
+    -------
+    PointingRun
+        What cannot be read is left out.
+    """
+    rows = {}
+    for path in sorted(folder.glob('bag*')):
+        with suppress(ValueError, OSError):  # one that was killed may be damaged
+            rows.update(_rows_of(path))
+    before = [rows[time] for time in sorted(rows) if time < kept['time'][0]]
+    return PointingRun.concatenate([*before, kept])
+
+
+def _rows_of(path):
+    """Time and row of each observation of a log, but of that of the simulator's truth."""
+    log = BagReader(path)
+    if log.has_truth:
+        return
+    for message in log.messages(f'{prefix_of(log)}{topics.OBSERVATION.name}', decode=True):
+        row = cloud_to_run(message.data)
+        yield row['time'][0], row

@@ -92,20 +92,9 @@ class Cubic:
             highs.append(high)
         return most_rate, peak_acceleration, (lows, highs)
 
-    @property
-    def most_rate(self):
-        """See above."""
-        return self._bounds[0]
-
-    @property
-    def peak_acceleration(self):
-        """See above."""
-        return self._bounds[1]
-
-    @property
-    def hull(self):
-        """See above."""
-        return self._bounds[2]
+    most_rate = property(lambda self: self._bounds[0])
+    peak_acceleration = property(lambda self: self._bounds[1])
+    hull = property(lambda self: self._bounds[2])
 
     @cached_property
     def _between(self):
@@ -177,15 +166,8 @@ class Cubic:
             highs.append(high)
         return lows, highs
 
-    @property
-    def low(self):
-        """See above."""
-        return self._ends[0]
-
-    @property
-    def high(self):
-        """See above."""
-        return self._ends[1]
+    low = property(lambda self: self._ends[0])
+    high = property(lambda self: self._ends[1])
 
     def turned(self, first, second=0):
         """The same, with whole turns added to the axes."""

@@ -115,6 +115,11 @@ class NightSteps:
             **clocks_too}))
 
     @property
+    def clocks_are_off(self):
+        """Whether they differ."""
+        return clocks.is_off(self.clocks.get('found'))
+
+    @property
     def clocks_sentence(self):
         """What is known of the clocks of camera and encoder, '' where nothing is."""
         return self.clocks and clocks.sentence(
@@ -163,7 +168,7 @@ class NightSteps:
             'star': star.number, 'camera_late_s': value('camera_late_s'),
             'found': clocks.offset_of(rows), 'exposures': rows,
             'absolute': clocks.offset_of(seconds), 'absolute_exposures': seconds}
-        if self.clocks['found'] is None or clocks.is_off(self.clocks['found']):
+        if self.clocks['found'] is None or self.clocks_are_off:
             self.out.get_logger().warning(self.clocks_sentence)
         else:  # a logger takes one severity from one line
             self.out.get_logger().info(self.clocks_sentence)

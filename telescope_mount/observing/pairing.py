@@ -255,15 +255,11 @@ class Exposures:
         """
         if encoder not in self._readings:
             raise ValueError('the mount has no such encoder')
-        stamps, read = self._around(encoder, stamp - RATE_OVER)
+        stamps, read = self._readings[encoder].since(stamp - RATE_OVER)
         angles, rates = interpolate(stamps, read, stamp, RATE_OVER)
         if encoder == 'enc' and not np.isfinite(angles).all():
             raise ValueError('encoder reading is not a number: home the encoder')
         return angles, rates
-
-    def _around(self, encoder, begin):
-        """Stamps and angles of the readings from before `begin` (ns) on."""
-        return self._readings[encoder].since(begin)
 
     def over(self, encoder, stamp, exposure):
         """As `at`, on the mean over an exposure about `stamp`, as the image is one.
@@ -279,12 +275,13 @@ class Exposures:
         angles, rates = self.at(encoder, stamp)
         half = half_of(exposure)
         if half:
-            angles = mean_over(*self._around(encoder, stamp - half), self._track, stamp, half)
+            angles = mean_over(*self._readings[encoder].since(stamp - half), self._track, stamp,
+                               half)
         return angles, rates
 
     def _settled(self, stamp, half, tolerance, smear):
         """Whether the axes were on target, and did not move beside it, all the exposure long."""
-        _, way = beside(*self._around('enc', stamp - half), self._track,
+        _, way = beside(*self._readings['enc'].since(stamp - half), self._track,
                         stamp - half, stamp + half)
         way = way * (np.cos(self._track.at(stamp)[1]), 1.0)
         if not np.isfinite(way).all() or np.hypot(*way.T).max() > tolerance:

@@ -14,7 +14,6 @@ from msg_tools.status import Progress, Taken
 from msg_tools.steps import CallRefused, Steps
 from pointing_model.sky.earth import earth_orientation
 
-from .clocks import is_off
 from .fault_watch import FaultWatch
 from .night_file import NightFile
 from .night_steps import NightSteps
@@ -62,6 +61,8 @@ class Sequencer:
     ----------
     earth : str
         What is known of the Earth's orientation.
+    night : NightSteps
+        What the plan can do, and has found.
     begun : bool
         Whether a plan has ever got beyond waiting for the graph.
     """
@@ -69,13 +70,13 @@ class Sequencer:
     def __init__(self, outbox, instruments, active, table, memory=None, looks=LOOKS):
         self._out, self._instruments, self._table = outbox, instruments, table
         self._memory = memory or NightFile()
-        self._night = NightSteps(outbox, instruments, active, table, self.advance,
+        self.night = NightSteps(outbox, instruments, active, table, self.advance,
                                  self._memory.row)
         self._steps = Steps(self._ended)
         self.earth = ''
         self._published = None
         self._lacks = ''  # what the graph lacks before a plan can begin, in words
-        self._watch = FaultWatch(outbox, instruments, self._night.exposer)
+        self._watch = FaultWatch(outbox, instruments, self.night.exposer)
         self.begun = False
         self._looks, self._looked = looks, -math.inf
         self._plan, self._left = '', None
@@ -86,12 +87,7 @@ class Sequencer:
     @property
     def text(self):
         """What it does or waits for."""
-        return self._night.text
-
-    @property
-    def refusal(self):
-        """The last target that the guard has refused, and why; '' for none."""
-        return self._night.refusal
+        return self.night.text
 
     # --- from outside -------------------------------------------------------------------------
 
@@ -103,7 +99,7 @@ class Sequencer:
     @property
     def progress(self):
         """How far it is, `Progress`."""
-        return replace(self._night.progress, observations=len(self._table),
+        return replace(self.night.progress, observations=len(self._table),
                        run=self._instruments.run, plan=self._plan, forgotten=self._table.forgotten)
 
     def start(self, plan, anew=False):
@@ -130,28 +126,18 @@ class Sequencer:
         return f'step {self._left.block + 1}, {self._left.step}'
 
     def _publish(self):
-        words = self._night.text
+        words = self.night.text
         if self.busy:
             words = '; '.join([words if self.begun else self._lacks or words,
                                *self._watch.sentences])
         # looked at for each reading: what `progress` is made of, which changes in its place
         made_of = words, len(self._table), self._instruments.run, self._plan
-        if (made_of, self._night.progress) != self._published:
-            self._published = made_of, replace(self._night.progress)
+        if (made_of, self.night.progress) != self._published:
+            self._published = made_of, replace(self.night.progress)
             progress = self.progress
             if self.begun:
-                self._memory.plan_state(progress, self._night.evening, self._before or 0)
+                self._memory.plan_state(progress, self.night.evening, self._before or 0)
             self._out.send_status(progress, words)
-
-    @property
-    def clocks(self):
-        """What is known of the clocks of camera and encoder, and whether they are off."""
-        found = self._night.clocks.get('found')
-        return self._night.clocks_sentence, is_off(found)
-
-    def forget_clocks(self):
-        """What was measured of the clocks no longer holds."""
-        self._night.clocks = {}
 
     @property
     def faults(self):
@@ -173,11 +159,11 @@ class Sequencer:
         """
         if not self.busy:
             return self._watch.rest()
-        waits = self._night.text if self._night.progress.state == 'waiting' else ''
+        waits = self.night.text if self.night.progress.state == 'waiting' else ''
         lacks = ', '.join(self._out.waiting_for()) if waits and not self.begun else ''
         self._lacks = f'{waits}: {lacks}' if lacks else ''
         waits = self._lacks or waits
-        verb = self._night.progress.step.split(' ')[0]
+        verb = self.night.progress.step.split(' ')[0]
         changed, reason = self._watch.look(now, self.begun, waits, verb, len(self._table))
         if reason:
             self._steps.end(CallRefused(reason))
@@ -190,7 +176,7 @@ class Sequencer:
         if not self._steps.busy:
             return False
         self._steps.cancel()
-        self._night.set_state('cancelled', reason)
+        self.night.set_state('cancelled', reason)
         self._remember()
         self._publish()
         self._out.get_logger().warning(f'plan cancelled: {reason}{self._how_to_go_on()}')
@@ -198,26 +184,26 @@ class Sequencer:
 
     def pointing_changed(self):
         """A new model or zero is in force."""
-        self._night.exposer.forget_aim()
+        self.night.exposer.forget_aim()
         self.advance()
 
     def calibration_has(self, taken):
         """What the calibration has, `msg_tools.status.Taken`."""
-        before, table = self._night.calibrated, self._table
+        before, table = self.night.calibrated, self._table
         anew = taken.newest < before.newest or not taken.kept and before.kept
         lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)
         if anew or lacks and self._mended != table.newest:
             # it knows nothing of the night so far, or a row was lost
             self._mended = table.newest
             self._calibration_is_new = not taken.kept
-            self._night.wanted = None
+            self.night.wanted = None
             self._send_table(again=True)
-        self._night.calibrated = taken
+        self.night.calibrated = taken
         self.advance()
 
     def take_request(self, wanted):
         """The star that the calibration wants to distinguish causes, an `StarRequest`."""
-        self._night.wanted = wanted
+        self.night.wanted = wanted
         self.advance()
 
     def rows_turned_up(self):
@@ -231,7 +217,7 @@ class Sequencer:
         self._out.get_logger().info('the calibration has rows of the night so far: '
                                     'the plan begins again, with them')
         self.begun = False
-        self._night.progress = Progress()
+        self.night.progress = Progress()
         self._steps = Steps(self._ended)
         self.start(self._plan)
 
@@ -264,14 +250,14 @@ class Sequencer:
             self._memory.forget()
             return False
         self._plan, self._table.rows = plan, list(rows)
-        self._night.evening, self._before = evening, before
+        self.night.evening, self._before = evening, before
         # of the calibration nobody knows yet whether it has them
-        self._night.calibrated = Taken(self._table.of_last(0), newest=self._table.newest)
+        self.night.calibrated = Taken(self._table.of_last(0), newest=self._table.newest)
         self._taken_up(self._table.all(), left)
         if left.state == 'done':
-            self._left, self._night.progress = None, left
-            self._night.set_state('done', OVER)
-            self._night.calibrated = Taken()
+            self._left, self.night.progress = None, left
+            self.night.set_state('done', OVER)
+            self.night.calibrated = Taken()
             self._send_table(again=True)
             self._publish()
         return left.state == 'done'
@@ -288,12 +274,12 @@ class Sequencer:
 
     def _ended(self, error):
         if error is None:
-            outcome = self._night.outcome
-            self._night.set_state('done', 'plan finished' + (f': {outcome}' if outcome else ''))
+            outcome = self.night.outcome
+            self.night.set_state('done', 'plan finished' + (f': {outcome}' if outcome else ''))
             self._out.get_logger().info(f'plan finished: {len(self._table)} observations, '
-                                 f'{self._night.progress.lost} stars lost')
+                                 f'{self.night.progress.lost} stars lost')
         else:
-            self._night.set_state('failed', str(error))
+            self.night.set_state('failed', str(error))
             self._remember()
             self._out.get_logger().error(f'{error}{self._how_to_go_on()}')
 
@@ -322,39 +308,39 @@ class Sequencer:
 
     def _follow(self, plan):
         """The night as a generator of conditions to wait for."""
-        self._night.set_state('waiting', 'the graph')
+        self.night.set_state('waiting', 'the graph')
         self._looked = -math.inf
         yield self._connected
         yield lambda: self._out.now() > 0
         if self._left is None or self._before is None:
-            self._night.evening = self._out.now()
+            self.night.evening = self._out.now()
         orientation = earth_orientation(self._out.now() * 1e-9)
         self.earth = orientation.statement()
         self._out.get_logger().info(self.earth)
-        self._night.exposer.exposed = self._table.newest or self._night.evening + 1
+        self.night.exposer.exposed = self._table.newest or self.night.evening + 1
         self.begun = True
         steps = parse_plan(plan)
         if any(step.verb == 'satellite' for step in steps) and not self._out.value('satellite'):
             raise CallRefused('the plan has a step satellite: set the parameter satellite')
         if any(step.verb == 'polaris' for step in steps):
-            self._night.targets.check_polaris()  # now, not after a block of stars
+            self.night.targets.check_polaris()  # now, not after a block of stars
         first, done = self._resume_point(plan, steps)
         if first and self._calibration_is_new:
             yield from self._make_again(steps, first, done)
         for number, step in enumerate(steps):
             if number < first:
                 continue
-            self._night.progress = Progress(step=str(step), block=number, total=step.exposures,
-                                      lost=self._night.progress.lost, done=done,
-                                      refused=self._night.progress.refused)
-            self._night.set_state('observing', str(step))
-            yield from self._night.do(step, done)
-            done = self._night.earlier = 0
+            self.night.progress = Progress(step=str(step), block=number, total=step.exposures,
+                                      lost=self.night.progress.lost, done=done,
+                                      refused=self.night.progress.refused)
+            self.night.set_state('observing', str(step))
+            yield from self.night.do(step, done)
+            done = self.night.earlier = 0
             self._send_table()
 
     def _resume_point(self, plan, steps):
         """Number of the step to go on with, and its exposures that are done."""
-        left, self._left, self._night.earlier = self._left, None, 0
+        left, self._left, self.night.earlier = self._left, None, 0
         if left is None or not len(self._table):
             return 0, 0
         if left.plan != plan or left.state == 'done':
@@ -362,29 +348,29 @@ class Sequencer:
                                         'this one begins at its start')
             return 0, 0
         first, done = left.block, left.done
-        self._night.earlier = rows_of_it = self._rows_of(first)
+        self.night.earlier = rows_of_it = self._rows_of(first)
         if left.state in ('failed', 'cancelled'):
             done = rows_of_it  # what it has lost is tried again
         elif rows_of_it > done:  # the last row was made, and nobody was told
             done = rows_of_it if self._before is not None else done + 1
         if steps[first].exposures and done >= steps[first].exposures:
             first, done = first + 1, 0
-        self._night.homes = any(step.verb == 'home' for step in steps[:first])
+        self.night.homes = any(step.verb == 'home' for step in steps[:first])
         rows = self._table.rows
         waited = max((n for n, step in enumerate(steps[:first]) if step.verb == 'wait'),
                      default=-1)
         # when the night began nobody tells: about when its first star was observed
         if self._before is None:
-            self._night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
+            self.night.evening = next((row['stamp'] for row in rows if row['block'] > waited),
                                        rows[-1]['stamp'])
-        self._night.progress = replace(self._night.progress, lost=left.lost)
-        checked = () if self._night.checks else self._table.rows_from(self._before or 0)
+        self.night.progress = replace(self.night.progress, lost=left.lost)
+        checked = () if self.night.checks else self._table.rows_from(self._before or 0)
         for number in sorted({int(row['block']) for row in checked
                               if row['check'] and row['block'] < first}):
-            self._night.checks.append({'block': number, **blind_summary(
+            self.night.checks.append({'block': number, **blind_summary(
                 [[row['miss_x'], row['miss_y']] for row in checked if row['block'] == number])})
-        if self._night.checks:
-            self._night.send_checks()
+        if self.night.checks:
+            self.night.send_checks()
         if first == len(steps):
             return first, done
         if steps[first].verb == 'power_cycle' and self._has_been_off(steps[first].what, rows):
@@ -401,10 +387,10 @@ class Sequencer:
         begin = fits[-1] if fits else zeros[-1] if zeros else first
         for step in steps[begin:first]:
             if step.verb in MADE:
-                self._night.progress = replace(
-                    self._night.progress, step=f'{step}, once more', block=first, done=done)
-                self._night.set_state('observing', f'{step}, once more')
-                yield from self._night.do(step)
+                self.night.progress = replace(
+                    self.night.progress, step=f'{step}, once more', block=first, done=done)
+                self.night.set_state('observing', f'{step}, once more')
+                yield from self.night.do(step)
 
     def _has_been_off(self, what, rows):
         """Whether the encoders that a `power_cycle` switches tell a power-on without a row."""

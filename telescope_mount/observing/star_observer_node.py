@@ -130,7 +130,7 @@ class StarObserver(MountNode):
         self._sky = sky_of(self)
         self._instruments.health.field = self.value('field_deg') * DEG
         if 'camera_late_s' in names:
-            self._sequencer.forget_clocks()
+            self._sequencer.night.clocks = {}
 
     # --- messages in --------------------------------------------------------------------------
 
@@ -303,7 +303,7 @@ class StarObserver(MountNode):
         least = DiagnosticStatus.WARN if self._sequencer.faults else DiagnosticStatus.OK
         self._status_pub.publish(convert.status(
             LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
-            text, **progress.rows(), refusal=self._sequencer.refusal))
+            text, **progress.rows(), refusal=self._sequencer.night.refusal))
 
     # --- diagnostics --------------------------------------------------------------------------
 
@@ -358,8 +358,9 @@ class StarObserver(MountNode):
                  for (_, kind), text in health.sentences.items()]
         found.sort(key=lambda issue: issue[0], reverse=True)
         found += [(DiagnosticStatus.WARN, text) for text in self._active.complaints()]
-        clocks, off = self._sequencer.clocks
-        wrong = clocks if off else '', self.guard.elsewhere, self._memory.error
+        night = self._sequencer.night
+        wrong = (night.clocks_sentence if night.clocks_are_off else '', self.guard.elsewhere,
+                 self._memory.error)
         found += [(DiagnosticStatus.WARN, text) for text in wrong if text]
         if state == 'waiting' and self._sequencer.busy:
             found.insert(0, (DiagnosticStatus.WARN, f'waiting for {text}'))
@@ -372,5 +373,5 @@ class StarObserver(MountNode):
                 ('observations', str(progress.observations)),
                 ('stars lost', str(progress.lost)),
                 ('zero follows', self._active.following() or 'nothing'),
-                ('clocks', self._sequencer.clocks[0] or 'not compared'),
+                ('clocks', self._sequencer.night.clocks_sentence or 'not compared'),
                 ('earth orientation', self._sequencer.earth)]

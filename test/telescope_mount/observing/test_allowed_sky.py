@@ -111,8 +111,8 @@ def test_a_star_that_is_refused_is_no_pointing_of_the_plan_and_another_takes_its
     assert all(np.sin(row['az'][0]) < 0.61 for row in bench.rows)
     refused = sum(np.sin(track.angles[0, 0]) > 0.6 for track in bench.commands)
     assert progress.refused == refused > 0
-    assert bench.plan.refusal.startswith('HIP ')
-    assert bench.plan.refusal.endswith(': below the horizon')
+    assert bench.plan.night.refusal.startswith('HIP ')
+    assert bench.plan.night.refusal.endswith(': below the horizon')
     # none is asked for again
     asked = [tuple(np.round(np.sin(track.angles[0]), 2)) for track in bench.commands
              if np.sin(track.angles[0, 0]) > 0.6]

@@ -86,12 +86,12 @@ def test_a_plan_measures_it_and_says_what_to_do(caplog, late, corrected):
     assert abs(found['offset_s'] - (late - corrected)) < 4.0 * found['sigma_s'] < 0.06
     assert found == clocks.offset_of(texts[0]['clocks']['exposures'])
     assert texts[-1]['clocks'] == texts[0]['clocks'] and len(texts[-1]['checks']) == 1
-    told, off = bench.plan.clocks
+    told, off = bench.plan.night.clocks_sentence, bench.plan.night.clocks_are_off
     assert told in caplog.text and off is (late != corrected)
     if off:
         assert f'set camera_late_s of star_observer to {found["offset_s"]:.3f}' in told
-        bench.plan.forget_clocks()
-        assert bench.plan.clocks == ('', False)
+        bench.plan.night.clocks = {}
+        assert bench.plan.night.clocks_sentence == '' and not bench.plan.night.clocks_are_off
 
 
 def test_without_a_star_nothing_is_measured_and_the_plan_goes_on(caplog):

@@ -513,7 +513,7 @@ def test_a_mount_that_must_not_move_is_not_homed():
 def test_a_plan_that_is_taken_up_again_in_a_simulated_night_homes_for_a_first_reading():
     bench = Bench('stars 1', homed=False)
     bench.homes()
-    bench.plan._night.homes = True
+    bench.plan.night.homes = True
     assert bench.run() == ('done', 'plan finished')
     assert bench.calls == ['home']
 
@@ -521,7 +521,7 @@ def test_a_plan_that_is_taken_up_again_in_a_simulated_night_homes_for_a_first_re
 def test_a_plan_that_is_taken_up_again_waits_for_the_first_reading_and_homes_nothing():
     bench = Bench('stars 1', homed=False, live=True)
     bench.services['home'] = lambda: (True, '')
-    bench.plan._night.homes = True
+    bench.plan.night.homes = True
     bench.waits('the encoder to say where it stands')
     assert bench.calls == []
     bench.read(bench.stamp, bench.position)
