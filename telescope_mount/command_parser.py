@@ -6,8 +6,8 @@ import re
 import sys
 from difflib import get_close_matches
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 
+from msg_tools import version_of
 from msg_tools.terminal_signs import spell_out
 
 from .commands import COMMANDS, PAPERS
@@ -27,13 +27,6 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(2)
 
 
-def _version():
-    try:
-        return version('telescope_mount')
-    except PackageNotFoundError:
-        return 'of a folder that is not installed'
-
-
 def make_parser():
     """The parser of the command line.
 
@@ -45,7 +38,8 @@ def make_parser():
                      description='Measure a telescope mount: observe, fit, check, log, replay.',
                      epilog='Exit codes: 0 done, 1 a check found something, 2 bad input, 130 ended '
                      'by Ctrl-C. What options mean everywhere: docs/command_line.md.')
-    parser.add_argument('--version', action='version', version=f'telescope-mount {_version()}',
+    version = version_of() or 'of a folder that is not installed'
+    parser.add_argument('--version', action='version', version=f'telescope-mount {version}',
                         help='print the version and end')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name in COMMANDS:

@@ -4,11 +4,11 @@ import shlex
 import sys
 from datetime import datetime, timezone
 from hashlib import sha256
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePath
 
 import numpy as np
 
+from msg_tools import version_of
 from msg_tools.units import DEG
 from pointing_model.runs.run import known_site
 
@@ -40,12 +40,8 @@ def provenance_section(rows, files=()):
     str
         HTML.
     """
-    try:
-        own = f'telescope_mount {version("telescope_mount")}'
-    except PackageNotFoundError:
-        own = 'telescope_mount'
     now = datetime.now(timezone.utc)
-    facts = [('command', command_line()), ('version', own),
+    facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
     return section('Where this comes from', definitions(
         row for row in facts if row[1] not in ('', None)), _files(files))

