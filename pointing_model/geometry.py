@@ -278,47 +278,26 @@ def offsets(az, el, coefficients, mount=ALTAZ):
     return wrap(az_enc - az) * np.cos(el), el_enc - el
 
 
-def offsets_and_jacobian(az, el, coefficients, names, mount=ALTAZ):
-    """Exact offsets and their derivatives to the coefficients: one step of a Gauss-Newton fit.
-
-    Parameters
-    ----------
-    az, el : ndarray, shape (n,)
-        Catalogue place, radians.
-    coefficients : dict of str to float
-        Where to linearise; any of the mount's geometric terms, radians.
-    names : sequence of str, length k
-        Derivatives to these, each of the mount's geometric terms.
-    mount : Mount, optional
-
-    Returns
-    -------
-    x, y : ndarray, shape (n,)
-        delta-A cos E and delta-E, radians.
-    jacobian : dict of str to (ndarray or float, ndarray or float)
-        On-sky columns (x, y) of each of `names`. Those of AN and AW neglect the square of the
-        tilt against one (4e-7 at 300"); that of TF of another mount than an alt-azimuth one is
-        of first order.
-    """
-    trig = Trig(az, el, mount)
-    own = [mount.names.terms[name] for name in names]
-    x, y, columns = linearised(trig, values(coefficients, mount), [name for name, _ in own])
-    side = 1.0 if trig.side is None else trig.side
-    return side * x, side * y, {name: tuple(sign * side * v for v in columns[canonical])
-                                for name, (canonical, sign) in zip(names, own)}
-
-
 def linearised(trig, known, names):
-    """As `offsets_and_jacobian`, in the names of `CANONICAL`, before the side of the place.
+    """Exact offsets and their derivatives to the coefficients: one step of a Gauss-Newton fit.
 
     Parameters
     ----------
     trig : Trig
         Of the catalogue places.
     known : sequence of float
-        Coefficients in the order of `CANONICAL`, radians.
+        Where to linearise: coefficients in the order of `CANONICAL`, radians.
     names : sequence of str
-        Derivatives to these.
+        Of `CANONICAL`: derivatives to these.
+
+    Returns
+    -------
+    x, y : ndarray, shape (n,)
+        delta-A cos E and delta-E, radians, before the side of the place.
+    jacobian : dict of str to (ndarray or float, ndarray or float)
+        On-sky columns (x, y) of each of `names`. Those of AN and AW neglect the square of the
+        tilt against one (4e-7 at 300"); that of TF of another mount than an alt-azimuth one is
+        of first order.
     """
     d_az, d_el, way = _to_axes(trig, known)
     return wrap(d_az) * trig.cos_el, d_el, {

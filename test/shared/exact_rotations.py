@@ -3,7 +3,10 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.geometry import linearised, values
 from pointing_model.mount_kinds import CANONICAL
+from pointing_model.mounts import ALTAZ
+from pointing_model.terms import Trig
 
 LARGE = dict(zip(CANONICAL, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
 
@@ -28,3 +31,12 @@ def forward_by_matrices(a, e, c):
     sight = about([0, 0, 1], c['CA']) @ [0, 1, 0]  # to the left of the tube
     return base @ azimuth @ skew @ elevation @ sight
 
+
+def offsets_and_jacobian(az, el, coefficients, names, mount=ALTAZ):
+    """`linearised` by names of the mount's own terms, on the side of each place."""
+    trig = Trig(az, el, mount)
+    own = [mount.names.terms[name] for name in names]
+    x, y, columns = linearised(trig, values(coefficients, mount), [name for name, _ in own])
+    side = 1.0 if trig.side is None else trig.side
+    return side * x, side * y, {name: tuple(sign * side * v for v in columns[canonical])
+                                for name, (canonical, sign) in zip(names, own)}

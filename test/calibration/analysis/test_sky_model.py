@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from exact_rotations import offsets_and_jacobian
 from sides import MOUNT, NAMES, a_run
 
 from calibration.analysis.sky_model import CHANCE, origin_of_errors
 from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.geometry import offsets_and_jacobian
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.mounts import Mount, is_beyond, through_pole

@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from exact_rotations import LARGE, forward_by_matrices
+from exact_rotations import LARGE, forward_by_matrices, offsets_and_jacobian
 from places import CASES
 
 from calibration.analysis.diagnosis.input_check import (
@@ -85,7 +85,7 @@ def test_a_reading_beyond_the_zenith_is_of_the_place_on_the_sky(added):
 def test_columns_and_derivatives_beyond_the_zenith_are_the_differences():
     rng = np.random.default_rng(4)
     az, el = rng.uniform(-3.0, 3.0, 50), rng.uniform(0.55 * np.pi, 0.8 * np.pi, 50)
-    x, y, jacobian = geometry.offsets_and_jacobian(az, el, LARGE, CANONICAL)
+    x, y, jacobian = offsets_and_jacobian(az, el, LARGE, CANONICAL)
     first = design(CANONICAL, az, el)
     for i, name in enumerate(CANONICAL):
         h = 1e-5
