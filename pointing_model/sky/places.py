@@ -117,7 +117,7 @@ def observed_place(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
         A time is outside 1900-2100, or the number of times does not fit.
     """
     astrom = _frame(time, site, len(stars))
-    return _observe(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)
+    return _directions(erfa.ufunc.atciq(*stars.at_j2000, astrom), astrom, weather)[:2]
 
 
 def icrs_to_observed(ra, dec, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER):
@@ -226,7 +226,8 @@ def sidereal_time(time, site=DEFAULT_SITE):
     site : Site
     """
     time = np.asarray(time, float)
-    return np.mod(_frame(time, site, None)['eral'] - _equation_of_origins(time), 2.0 * np.pi)
+    origins = erfa.ufunc.eo06a(*terrestrial(time))
+    return np.mod(_frame(time, site, None)['eral'] - origins, 2.0 * np.pi)
 
 
 def moment_of(lst, near, site=DEFAULT_SITE):
@@ -249,10 +250,6 @@ def moment_of(lst, near, site=DEFAULT_SITE):
     for _ in range(3):  # each leaves what the equation of the equinoxes does in between
         time += wrap(lst - sidereal_time(time, site)) / _SIDEREAL
     return time
-
-
-def _equation_of_origins(time):
-    return erfa.ufunc.eo06a(*terrestrial(time))
 
 
 def _frame(time, site, count):
@@ -284,7 +281,3 @@ def _in_air(astrom, weather):
 def _directions(cirs, astrom, weather):
     az, zenith_distance, ha, dec, _ = erfa.ufunc.atioq(*cirs, _in_air(astrom, weather))
     return Observed(az, np.pi / 2.0 - zenith_distance, ha, dec)
-
-
-def _observe(cirs, astrom, weather):
-    return _directions(cirs, astrom, weather)[:2]

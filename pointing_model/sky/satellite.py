@@ -87,7 +87,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     corrections = corrections or Corrections()
     time = np.asarray(time, float)
     turn, earth = _earth(time, orientation)
-    ground = _ground(site, earth)
+    ground = np.einsum('...ji,j->...i', earth, _site_vector(site))
     path = _spin(satellite.state(time + time_bias)[0], turn) - ground
     if corrections.light_time:
         delay = _length(path) / erfa.CMPS
@@ -196,10 +196,6 @@ def _length(vector):
 
 def _site_vector(site):
     return erfa.gd2gc(1, site.longitude, site.latitude, site.height)  # WGS84
-
-
-def _ground(site, earth):
-    return np.einsum('...ji,j->...i', earth, _site_vector(site))
 
 
 def _horizontal(direction, earth, site):

@@ -189,12 +189,10 @@ class _Way:
         # the Karhunen-Loeve series of a random walk
         order = np.arange(1, _MODES + 1)[:, None] - 0.5
         modes = np.tile(np.sin(order * np.pi * since) / order, 2)
-        zeros = self._terms[[self._names.index(name) for name in self._index_terms()]]
+        zeros = self._terms[[i for i, name in enumerate(self._names)
+                             if mount.names.terms[name][0] in ('IA', 'IE')]]
         walks = np.concatenate([modes * zero for zero in zeros])
         return parts / np.sqrt(2.0 * np.mean(parts**2, axis=1, keepdims=True)), walks
-
-    def _index_terms(self):
-        return [name for name in self._names if self._mount.names.terms[name][0] in ('IA', 'IE')]
 
     def _data(self):
         """Offsets in arcsec, what is of the second order taken off where the terms are known."""

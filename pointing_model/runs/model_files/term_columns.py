@@ -17,13 +17,9 @@ from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.terms import TERMS, Trig, terms_of
 
 
-def _f(*factors):
-    return tuple(sorted(factors, key=lambda f: (f[1], f[0], f[2])))
-
-
 def column(result, *factors):
     """The column of these factors; constants and their order do not matter."""
-    return result, _f(*factors)
+    return result, tuple(sorted(factors, key=lambda f: (f[1], f[0], f[2])))
 
 
 def _terms():
