@@ -171,33 +171,28 @@ def estimate_zeros(groups, names, model, encoder):
 
 def _collected(groups, names, model, encoder):
     """Usable exposures of all groups, `ZeroRows`."""
-    parts, stars, contexts = [], 0, []
-    mount = groups[0].mount
+    run = PointingRun.concatenate(groups)
+    group = np.repeat(np.arange(len(groups)), [len(one) for one in groups])
+    found = usable(run, encoder)
     effects = model is not None and model.effects
-    for number, (run, name) in enumerate(zip(groups, names)):
-        found = usable(run, encoder)
-        if is_a_model(model):
-            context = Context.from_run(run, encoder) if effects else None
-            at = np.stack(model.sky_to_encoder(run['az'], run['el'], context))
-            found = found.only(np.isfinite(at[:, found.rows]).all(axis=0), UNREACHABLE)
-        count = len(found.rows)
+    if is_a_model(model):
+        context = Context.from_run(run, encoder) if effects else None
+        at = np.stack(model.sky_to_encoder(run['az'], run['el'], context))
+        found = found.only(np.isfinite(at[:, found.rows]).all(axis=0), UNREACHABLE)
+    group = group[found.rows]
+    for number, name in enumerate(names):
+        count = np.count_nonzero(group == number)
         if count == 0:
             raise ValueError(f'no usable exposure for a zero ({name}); observe some first')
         if count == 1 and found.sigmas is None:
             raise ValueError(f'one exposure for a zero ({name}) has no scatter; give sigma_x and '
                              'sigma_y or expose again')
-        _, star = np.unique(run['star'][found.rows], return_inverse=True)
-        parts.append((found.az, found.el, np.stack((found.az_enc, found.el_enc)),
-                      None if found.sigmas is None else found.sigmas.reshape(2, count),
-                      np.full(count, number), stars + star))
-        contexts.append(run.select(found.rows))
-        stars += star.max() + 1
-    az, el, enc, sigmas, group, star = zip(*parts)
-    given = all(s is not None for s in sigmas)
-    context = Context.from_run(PointingRun.concatenate(contexts), encoder) if effects else None
-    return ZeroRows(np.concatenate(az), np.concatenate(el), np.concatenate(enc, axis=1),
-                    np.concatenate(sigmas, axis=1) / ARCSEC if given else None, context,
-                    np.concatenate(group), np.concatenate(star), mount)
+    used = run.select(found.rows)
+    _, star = np.unique(np.stack((group, used['star'])), axis=1, return_inverse=True)
+    return ZeroRows(
+        found.az, found.el, np.stack((found.az_enc, found.el_enc)),
+        None if found.sigmas is None else found.sigmas.reshape(2, -1) / ARCSEC,
+        Context.from_run(used, encoder) if effects else None, group, star.ravel(), run.mount)
 
 
 def _normal(columns, weights):
