@@ -14,7 +14,7 @@ from calibration.analysis.zero.zero_season import (
     season_rows,
 )
 from calibration.report.zero_season_report import (
-    judge_season,
+    zero_season,
     season_lines,
     season_table,
     write_season,
@@ -80,7 +80,7 @@ def judged():
     rows = season_rows(make_season(12))
     expected = {axis: {'zero_arcsec': 1.0, 'sigma_arcsec': 3.0, 'by': [], 'missing': []}
                 for axis in ('azimuth', 'elevation')}
-    return judge_season(rows, expected)
+    return zero_season(rows, expected)
 
 
 def test_what_people_see(judged):
@@ -104,7 +104,7 @@ def test_tonight_is_not_among_those_it_is_judged_by(judged):
 
 
 def test_a_season_of_nothing_is_shown_too(tmp_path):
-    judged = judge_season([], None)
+    judged = zero_season([], None)
     assert season_table(judged).row_count and 'too few' in season_lines(judged)[0]
 
 
