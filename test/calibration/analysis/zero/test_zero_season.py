@@ -14,10 +14,10 @@ from calibration.analysis.zero.zero_season import (
     season_rows,
 )
 from calibration.report.zero_season_report import (
-    zero_season,
     season_lines,
     season_table,
     write_season,
+    zero_season,
 )
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
