@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.run_fit import fit_run
-from calibration.report.fit_document import fit_document
+from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC

@@ -23,7 +23,7 @@ from .publication import (
     carried_on,
     publishable,
 )
-from .report.diagnosis_document import diagnosis_document
+from .report.documents import diagnosis_document
 from .report.encoder_wording import count_drift_line
 from .report.fit_wording import comparison_sentence
 from .report.wording import wording

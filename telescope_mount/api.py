@@ -28,8 +28,7 @@ from calibration.analysis.diagnosis import check_columns, naming_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
-from calibration.report.diagnosis_document import diagnosis_document
-from calibration.report.fit_document import fit_document
+from calibration.report.documents import diagnosis_document, fit_document
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies

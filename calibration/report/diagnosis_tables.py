@@ -26,7 +26,7 @@ def diagnosis_tables(found, document):
     ----------
     found : calibration.analysis.diagnosis.Diagnosis
     document : dict
-        Of `diagnosis_document.diagnosis_document`.
+        Of `documents.diagnosis_document`.
 
     Returns
     -------

@@ -25,7 +25,7 @@ def render_fit(found, document):
     ----------
     found : calibration.analysis.run_fit.RunFit
     document : dict
-        Of `fit_document.fit_document`.
+        Of `documents.fit_document`.
 
     Returns
     -------

@@ -58,7 +58,7 @@ def run(args):
             return _run(args)
     except MistakenColumns as error:
         if args.json:
-            from calibration.report.diagnosis_document import refused_document
+            from calibration.report.documents import refused_document
             options.write_json(args.json, refused_document(error))
         raise
 
@@ -66,8 +66,8 @@ def run(args):
 def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
-    from calibration.report.diagnosis_document import diagnosis_document
     from calibration.report.diagnosis_tables import diagnosis_tables
+    from calibration.report.documents import diagnosis_document
     from calibration.report.fit_wording import origin_sentence
     from calibration.report.tables import base_table
     from calibration.report.wording import wording

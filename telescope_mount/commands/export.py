@@ -105,8 +105,8 @@ def _run_model(args, console):
 
 def _whole_site(site, args):
     """The site of a model, which no file tells: whole, or the latitude of an equatorial mount."""
-    if not isinstance(site, dict):
-        return site
+    if site is None:
+        return None
     if {'latitude', 'longitude'} <= set(site):
         from pointing_model.sky.places import Site
         return Site(**{'height': 0.0, **site})

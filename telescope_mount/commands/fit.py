@@ -37,7 +37,7 @@ def run(args):
         _run(args)
     except MistakenColumns as error:
         if args.json:
-            from calibration.report.fit_document import refused_fit
+            from calibration.report.documents import refused_fit
             options.write_json(args.json, refused_fit(error))
         raise
 
@@ -52,7 +52,7 @@ def _run(args):
     from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.harmonic_fit import choice_of
     from calibration.analysis.run_fit import fit_run, one_of_runs
-    from calibration.report.fit_document import fit_document
+    from calibration.report.documents import fit_document
     from calibration.report.tables import fit_tables
     from msg_tools.output import write_text
 

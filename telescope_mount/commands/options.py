@@ -198,29 +198,25 @@ def place_of(args):
     from dataclasses import replace
 
     from msg_tools.units import DEG
-    from pointing_model.sky.places import DEFAULT_WEATHER, Site
-    out = {name: getattr(args, name) for name in ('azimuth_origin', 'mount')
-           if getattr(args, name) is not None}
+    from pointing_model.sky.places import DEFAULT_WEATHER
     site = {name: value * unit for name, value, unit in (
         ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
         ('height', args.height, 1.0)) if value is not None}
-    if site:
-        out['site'] = Site(**{'height': 0.0, **site}) if len(site) == 3 else site
-    given = {name: value for name, value in (('pressure_hpa', args.pressure),
-                                             ('temperature_c', args.temperature))
-             if value is not None}
-    if given:
-        out['weather'] = replace(DEFAULT_WEATHER, **given)
-    if args.equinox not in (None, 'auto'):
-        out['equinox'] = args.equinox
-    return out
+    weather = _given(pressure_hpa=args.pressure, temperature_c=args.temperature)
+    return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,
+                  weather=replace(DEFAULT_WEATHER, **weather) if weather else None,
+                  equinox=None if args.equinox == 'auto' else args.equinox)
+
+
+def _given(**values):
+    """Those that are not None."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def sky_of(args):
     """The parameters of the sky that latitude, longitude and height set."""
-    given = {'latitude_deg': args.latitude, 'longitude_deg': args.longitude,
-             'height_m': getattr(args, 'height', None)}
-    return {name: value for name, value in given.items() if value is not None}
+    return _given(latitude_deg=args.latitude, longitude_deg=args.longitude,
+                  height_m=getattr(args, 'height', None))
 
 
 def check_params(path):

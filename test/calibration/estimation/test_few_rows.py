@@ -6,7 +6,7 @@ from noisy_run import TRUTH, make_run
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.run_fit import fit_run
 from calibration.estimation.few_rows import interval_factor, kept_rows
-from calibration.report.fit_document import fit_document
+from calibration.report.documents import fit_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.terms import PHYSICAL, stacked_design

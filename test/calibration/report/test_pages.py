@@ -17,7 +17,7 @@ from places import LOG, ROOT
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.report.diagnosis_page import write_report
-from calibration.report.fit_document import fit_document
+from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
 from calibration.report.log_health import log_health
 from calibration.report.night_page import (
