@@ -174,7 +174,7 @@ def _effects(view):
         parts.append(html.subsection(
             effect.name, html.paragraph(effect.summary.text),
             f'<div class="{kind}">{html.definitions(effect.facts)}{drawing}</div>',
-            page.rivals(effect.ranking)))
+            page.alternatives(effect.ranking)))
     parts.append(page.words(' '.join(f'{e.name} {e.summary.text}' for e in view.effects)))
     return html.section('What was added to the model', *parts, note=' '.join(filter(None, [
         'In the order of what each takes off.' if len(parts) > 2 else '', view.axes_note])))

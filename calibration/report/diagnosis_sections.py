@@ -264,7 +264,7 @@ def _candidates(rows):
     return out
 
 
-def rivals(rows, limit=6):
+def alternatives(rows, limit=6):
     """The strongest candidates for the place of one effect, folded away."""
     if len(rows) < 2:
         return ''

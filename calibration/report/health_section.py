@@ -164,19 +164,16 @@ def headline_of(report):
     first, zeroed, last = steps_of(report)
     if last is None:
         return None, [], []
-    before = f'{first["held_out"]["radial"]:.2f}″'
+    shown = [step for step in (first, zeroed, last) if step]
+    sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
     start = 'as the encoders read' if first['step'] == RAW else 'with the ' + first['step']
-    after = f'{last["held_out"]["radial"]:.2f}″'
-    middle = f', {zeroed["held_out"]["radial"]:.2f}″ with the zero set,' if zeroed else ''
-    headline = f'Stars held out: from {before} {start}{middle} to {after} with the model'
-    numbers = [(before, f'before: {first["step"]}')]
-    if zeroed:
-        numbers.append((f'{zeroed["held_out"]["radial"]:.2f}″', zeroed['step']))
-    numbers.append((after, f'after: {last["step"]}'))
+    middle = f', {sizes[1]} with the zero set,' if zeroed else ''
+    headline = f'Stars held out: from {sizes[0]} {start}{middle} to {sizes[-1]} with the model'
+    words = ['before: ', *[''] * bool(zeroed), 'after: ']
+    numbers = [(size, f'{word}{step["step"]}') for size, word, step in zip(sizes, words, shown)]
     if report.get('noise_arcsec'):
         x, y = report['noise_arcsec']
         numbers.append((f'{x:.2f}″, {y:.2f}″', 'noise of the fit, each axis'))
-    shown = [step for step in (first, zeroed, last) if step]
     bars = [(step['step'], [(step['held_out']['radial'], 'after' if step is last else 'before',
                              'stars held out')]) for step in shown]
     return headline, bars, numbers

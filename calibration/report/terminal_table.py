@@ -34,7 +34,7 @@ class TerminalTable(Table):
             widths = _as_wide_as(len(title), widths, room)
             yield Text(title, style='bold')
             yield Text('')
-        yield from _laid_out(cells, widths, self.columns, spelled('─', console.encoding))
+        yield from _laid_out(cells, widths, self.columns, console)
         yield Text('')
 
     def __rich_measure__(self, console, options):
@@ -88,12 +88,12 @@ def _as_wide_as(title, widths, room):
     return out
 
 
-def _laid_out(cells, widths, columns, rule):
+def _laid_out(cells, widths, columns, console):
     """Lines of a table: header, rule, rows; without blanks at their ends."""
     rows = list(zip(*cells))
     total = _MARGIN + sum(widths) + _GAP * (len(widths) - 1)
     for number, row in enumerate(rows):
-        parts = [_broken(cell, width) for cell, width in zip(row, widths)]
+        parts = [_broken(cell, width, console) for cell, width in zip(row, widths)]
         height = max(map(len, parts))
         if number == 0:  # headers stand on the rule
             parts = [[''] * (height - len(part)) + part for part in parts]
@@ -104,7 +104,8 @@ def _laid_out(cells, widths, columns, rule):
             yield Text(line.rstrip(), style='bold' if number == 0 else '', no_wrap=True,
                        overflow='ignore')
         if number == 0:
-            yield Text(' ' + rule * (total - _MARGIN), no_wrap=True, overflow='ignore')
+            rule = spelled('─', console.encoding) * (total - _MARGIN)
+            yield Text(f' {rule}', no_wrap=True, overflow='ignore')
 
 
 def _justified(text, width, justify):
@@ -112,21 +113,11 @@ def _justified(text, width, justify):
     return blank + text if justify == 'right' else text + blank
 
 
-def _broken(cell, width):
-    """The lines of a cell."""
-    lines = []
-    for line in cell.split('\n'):
-        if cell_len(line) <= width:
-            lines.append(line)  # with the blanks that it is laid out with
-            continue
-        now = ''
-        for word in line.split():
-            if now and cell_len(f'{now} {word}') > width:
-                lines.append(now)
-                now = ''
-            now = f'{now} {word}' if now else word
-        lines.append(now)
-    return lines
+def _broken(cell, width, console):
+    """The lines of a cell; one that has room keeps the blanks that it is laid out with."""
+    return [line for part in cell.split('\n') for line in (
+        [part] if cell_len(part) <= width else
+        [text.plain.rstrip() for text in Text(' '.join(part.split())).wrap(console, width)])]
 
 
 def _stacked(title, cells, width, encoding):
