@@ -120,7 +120,7 @@ def _open_notes(model):
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
         notes.append('all rows of the fit are on one side of the pier: on the other nobody has '
-                    'seen this model')
+                     'seen this model')
     return notes
 
 

@@ -166,7 +166,7 @@ def _zero_notes(model, applied, run, wanted):
         return [f'the {len(active_zeros(model))} zeros that the model carries are not applied '
                 '(--zero none)']
     zeros = ', '.join(f'run {z.run:g}: azimuth {z.az / ARCSEC:+.2f}, elevation '
-                     f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
+                      f'{z.el / ARCSEC:+.2f} arcsec' for z in applied[:6])
     more = f', ... ({len(applied)} runs)' if len(applied) > 6 else ''
     notes = [f'zero applied, {zeros}{more}']
     if KEY in model.provenance:

@@ -40,7 +40,7 @@ def implausible_term(row):
 def _with_others(row, figure):
     """Of a bending of the tube that is negative with the cause that fits best, not with others."""
     values = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
-                     f'{one["cause"]}' for one in row['sound_with'])
+                       f'{one["cause"]}' for one in row['sound_with'])
     return (f'{row["name"]}, the bending of the tube, is negative with the cause that fits best '
             f'({figure}), and not with others that fit as well ({values}). Weight bends no tube '
             'upward, which speaks for these; or look at the refraction: '

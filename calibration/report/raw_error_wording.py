@@ -44,9 +44,9 @@ def raw_error_sentence(document):
 
 def _named(rows, names, sizes=False):
     terms = [f'{row["name"]} {_signed(row["value_arcsec"])} '
-            f'({_what(row["name"], names)}'
-            + ', undetermined: the sum of several terms' * row.get('undetermined', False)
-            + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
+             f'({_what(row["name"], names)}'
+             + ', undetermined: the sum of several terms' * row.get('undetermined', False)
+             + f'; {arcsec(row["rms_arcsec"])} RMS on the sky' * sizes + ')' for row in rows]
     return ' and '.join(filter(None, [', '.join(terms[:-1]), terms[-1]]))
 
 
@@ -64,7 +64,7 @@ def _of_which_fit(document, rows):
     if not effects or document['before'] == document['after']:
         return []
     sentences = ['These values are of the terms fitted alone, without the '
-            f'effect{"s" * (effects > 1)}']
+                 f'effect{"s" * (effects > 1)}']
     moved = sorted((row for row in rows if 'beside_effects_arcsec' in row),
                    key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
     changes = []

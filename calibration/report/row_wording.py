@@ -157,8 +157,8 @@ def signs_sentences(alike, names, written=None):
     mirror = f', or {mirrored}' if mirrored in alike else ''
     if Reading(exchanged=True).text() in alike or mirror:
         sentences.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
-                    'an encoder that reads too much. Signs alone no run can confirm: they are '
-                    f'right unless mount and catalogue are exchanged in the file{mirror}')
+                         'an encoder that reads too much. Signs alone no run can confirm: they are '
+                         f'right unless mount and catalogue are exchanged in the file{mirror}')
     rest = without_signs(alike, names)
     return sentences + [columns_alike(rest)] * bool(rest)
 
@@ -185,7 +185,7 @@ def scatter_sentence(document):
     bands = found['bands']
     word = kind_of(document).axes['xy'.index(found['axis'])]
     figures = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
-                     f'{band["to_deg"]:.0f}°' for band in bands)
+                        f'{band["to_deg"]:.0f}°' for band in bands)
     lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
     return (f'What is left in {word} is not the same at all elevations: {figures} (RMS). '
             + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else

@@ -101,11 +101,11 @@ def harmonic_tables(section):
             UNDETERMINED if one['sigma_arcsec'] is None else f'{one["sigma_arcsec"]:.2f}')))
     tried = section['cross_validation']
     choices = new_table(f'Cross-validated RMS on the sky, arcsec, {tried["stars"]} rows in '
-                       f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')
+                        f'{tried["folds"]} folds', 'model', 'az', 'el', 'radial', '')
     for one in tried['choices']:
         chosen = (one['harmonics'], one['alone'], one['degree']) == own
         choices.add_row(one['label'], *_rms_cells(one),
-                       f'chosen by {section["degree_by"]}' if chosen else '')
+                        f'chosen by {section["degree_by"]}' if chosen else '')
     return [table, choices]
 
 
