@@ -284,11 +284,9 @@ def exclusions(excluded, word='row', limit=12):
     for reason, ones in sorted(reasons.items(), key=lambda item: -len(item[1])):
         places = [f'{PurePath(str(one["source"])).name}:{one.get("row")}'
                   if several and one.get('source') else str(one.get('row')) for one in ones]
-        short = ', '.join(places[:limit])
-        if len(places) > limit:
-            more = html.folded(f'and {len(places) - limit} more', clean(', '.join(places[limit:])))
-            short = html.Markup(f'{clean(short)} {more}')
-        rows.append([reason, str(len(ones)), short])
+        first, more = (clean(', '.join(some)) for some in (places[:limit], places[limit:]))
+        more = html.folded(f'and {len(places) - limit} more', more)
+        rows.append([reason, str(len(ones)), html.Markup(f'{first} {more}'.rstrip())])
     return html.table(['reason', 'count', f'{word}s'], rows)
 
 

@@ -182,18 +182,20 @@ def headline_of(report):
 def models_section(report):
     """Every kind of model on the stars that it was fitted to, and on others."""
     _, _, last = steps_of(report)
-    rows = []
-    for step in report.get('steps') or ():
-        name = step['step'] + (' ← published' if step is last and step['step'] != BOTH else '')
-        rows.append((name, *(number(step[half][key]) for half in ('used', 'held_out')
-                             for key in ('x', 'y', 'radial')), step['held_out']['n']))
+    rows = [(step['step'] + ' ← published' * (step is last and step['step'] != BOTH),
+             *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
+            for step in report.get('steps') or ()]
     out = table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',
                  'held out: first axis ″', 'second ″', 'radial ″', 'stars held out'), rows,
                 'numbers', 'Models compared')
-    checks = [(check['check'], *(number(check[key]) for key in ('x', 'y', 'radial')), check['n'])
+    checks = [(check['check'], *_rms(check), check['n'])
               for check in report.get('external_check') or ()]
     out += subsection('External check', table(
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
     return section('Models that were compared', out, note='Half of the stars fit each model, the '
                    'other half judges it. RMS on the sky, arcsec.')
+
+
+def _rms(values):
+    return [number(values[key]) for key in ('x', 'y', 'radial')]

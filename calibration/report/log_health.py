@@ -114,7 +114,7 @@ def _marks(bag, named):
             out[homing.power_on, axis] = {
                 'power_on': homing.power_on, 'axis': axis, 'homed': homing.homed,
                 'side': homing.side or before.get('side', ''), 'passages': homing.passages,
-                'missed': homing.missed_marks, 'started': _or_none(homing.started),
+                'missed': homing.missed_marks,
                 'worst_error_counts': max((v for v in (error, worst) if v is not None),
                                           default=None),
                 'supply': _or_none(homing.supply), 'temperature': _or_none(homing.temperature)}

@@ -74,18 +74,15 @@ def outlier_sentence(document):
     word = document.get('rows_are') or 'row'
     named = ', '.join(
         (f'{row["source"]} ' if 'source' in row else '')
-        + f'{word} {row["row"]} ({_star(row)}'
-        f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
+        + f'{word} {row["row"]} ('
+        + (f'star {row["star"]}, ' if 'star' in row else '')
+        + f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
         for row in rows[:_NAMED])
     more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
     what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
     return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
             f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
             f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
-
-
-def _star(row):
-    return f'star {row["star"]}, ' if 'star' in row else ''
 
 
 def far_text(arcsec):

@@ -47,7 +47,7 @@ def _what_is_lost(report):
     return f'{count} ({report["lost_bytes"]} bytes){when}'
 
 
-def recover_log(bag, out=None, compression='zstd'):
+def recover_log(bag, out=None):
     """Write all that can be read of a log into a new one, with index, statistics and metadata.
 
     Parameters
@@ -56,7 +56,6 @@ def recover_log(bag, out=None, compression='zstd'):
         A folder or an ``.mcap`` file; it is only read.
     out : str or Path, optional
         Folder of the new log, which must not exist or be empty; ``<bag>_recovered`` by default.
-    compression : {'zstd', 'lz4', 'none'}
 
     Returns
     -------
@@ -84,7 +83,7 @@ def recover_log(bag, out=None, compression='zstd'):
     # what the new log writes by itself, or what tells of the old files
     own = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
     notes = []
-    with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD), compression=compression) as new:
+    with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD)) as new:
         topics = [topic for topic in reader.topics if _add_topic(reader, new, topic, notes)]
         for name, data in reader.metadata.items():
             if name not in own:
