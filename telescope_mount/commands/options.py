@@ -198,10 +198,11 @@ def place_of(args):
     from dataclasses import replace
 
     from msg_tools.units import DEG
-    from pointing_model.sky.places import DEFAULT_WEATHER
+    from pointing_model.sky.places import DEFAULT_WEATHER, Site
     site = {name: value * unit for name, value, unit in (
         ('latitude', args.latitude, DEG), ('longitude', args.longitude, DEG),
         ('height', args.height, 1.0)) if value is not None}
+    Site(**site)  # refuses what is out of range
     weather = _given(pressure_hpa=args.pressure, temperature_c=args.temperature)
     return _given(azimuth_origin=args.azimuth_origin, mount=args.mount, site=site or None,
                   weather=replace(DEFAULT_WEATHER, **weather) if weather else None,
