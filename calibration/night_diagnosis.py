@@ -118,22 +118,22 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     result = search(stars, progress=progress)
     old = start if start.model is not None else ModelWithZeros(
         result.base_model, _shifted(zeros, result, result.base_model), follows)
-    chosen, judged, refused = old, None, []
+    chosen, compared, refused = old, None, []
     blind = BlindStars(rows, site)
     if result.model.effects:
         whole = carried_on(result.model, stars)
-        chosen, judged, refused = publishable(
+        chosen, compared, refused = publishable(
             old, ModelWithZeros(whole, _shifted(zeros, result, whole), follows),
             {e.fitted.effect.name: e.delta_bic or 0.0 for e in result.effects}, stars, zeros,
             AmendmentComparison(blind, stars, old, search))
-        if judged is None:
+        if compared is None:
             result.notes.append(UNJUDGED)
     if len(blind):
         for entry, candidate in ((result.before, old), (result.after, chosen)):
             entry['holdout_rms_arcsec'] = rms_arcsec(*blind.residuals(candidate)).radial
         result.notes.append(f'held out: {len(blind)} rows of the same night that no fit and no '
                             'choice has seen, nothing refitted')
-    document = _document(result, chosen is not old, len(blind), judged, refused)
+    document = _document(result, chosen is not old, len(blind), compared, refused)
     document['applied'], document['zeros_in_force'] = chosen.effect_names, chosen.zeros_document
     if refused:
         # that of the active model
@@ -229,7 +229,7 @@ def _shifted(zeros, result, model):
     return out
 
 
-def _document(result, published, kept, judged, refused):
+def _document(result, published, kept, compared, refused):
     """See `NightDiagnosis`; what was refused is no effect of it, and the verdict says so."""
     for entry in refused:
         result.notes.append('not published: ' + entry['why'])
@@ -248,7 +248,7 @@ def _document(result, published, kept, judged, refused):
     names = ('name', 'driver', 'axes', 'delta_bic', 'p_family', 'in_set')
     return {
         'format': FORMAT, 'version': VERSION, **document, 'kept_out': kept,
-        'published': published, 'judgement': judged and judged.to_dict(),
+        'published': published, 'judgement': compared and compared.to_dict(),
         'ranking': [{n: line[n] for n in names} for line in result.ranking[:_RANKED]],
         'graduation': result.observations.context.graduation,
         'notes': list(dict.fromkeys(map(wording, result.notes))),

@@ -236,9 +236,9 @@ class NightSeries(CalibrationState):
             out[kind] = {'zero': zero.to_dict(),
                          'change_az_arcsec': (zero.az - then.az) / ARCSEC,
                          'change_el_arcsec': (zero.el - then.el) / ARCSEC}
-            for part, in_force in (('before', then), ('after', zero)):
+            for part, active in (('before', then), ('after', zero)):
                 if len(parts[part]):
-                    out[kind][part] = _means(reference, parts[part], in_force)
+                    out[kind][part] = _means(reference, parts[part], active)
             if kind == PHYSICAL_TERMS:
                 if 'after' in out[kind]:
                     out[kind]['after'].update(
@@ -281,14 +281,14 @@ def _budget(model, zero, exposed, stars):
                          for run in (stars, exposed))
     if is_marked(exposed).any():
         at_zero = zero.contained(names)
-    apart = at_stars - at_zero
-    # the zero's covariance has that of the model there, which cancels but for `apart`
+    change = at_stars - at_zero
+    # the zero's covariance has that of the model there, which cancels but for `change`
     exposures = zero.covariance - at_zero @ model.covariance @ at_zero.T
     x, y = model.residuals(stars, zero=zero)
     az = x / np.cos(stars['el'])
     n = len(stars)
     scatter = np.array([np.var(az, ddof=1), np.var(y, ddof=1)]) / n
-    variance = np.diag(exposures) + np.diag(apart @ model.covariance @ apart.T) + scatter
+    variance = np.diag(exposures) + np.diag(change @ model.covariance @ change.T) + scatter
     sigma = np.sqrt(np.maximum(variance, 0.0)) / ARCSEC
     return {'az_sigma_arcsec': float(sigma[0]), 'el_sigma_arcsec': float(sigma[1])}
 

@@ -11,7 +11,7 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 from pointing_model.zero_drift import Following
 
 from .analysis.refit import going_on, held_within, is_drift, left_out, refitted
-from .estimation.comparison import FEWEST, judge
+from .estimation.comparison import FEWEST, compare_residuals
 from .report.fit_wording import comparison_sentence
 from .rows import is_kept_out, without_zeros
 
@@ -108,7 +108,7 @@ class BlindStars:
         """Two `ModelWithZeros`, a PairedComparison; None where the stars are too few."""
         if len(self) < FEWEST:
             return None
-        return judge(self.residuals(before), self.residuals(after), axes)
+        return compare_residuals(self.residuals(before), self.residuals(after), axes)
 
 
 class AmendmentComparison:
@@ -152,8 +152,8 @@ class AmendmentComparison:
         models = [refitted(self._trial.base_model, self._stars, own, ~hidden)[0]
                   for own in ((), effects)]
         models[1] = carried_on(models[1], seen)
-        return judge(*(np.array(m.residuals(self._stars))[:, hidden] for m in models),
-                     candidate.axes)
+        return compare_residuals(*(np.array(m.residuals(self._stars))[:, hidden] for m in models),
+                                 candidate.axes)
 
 
 def publishable(base, whole, strength, stars, zeros, comparison):
@@ -179,27 +179,27 @@ def publishable(base, whole, strength, stars, zeros, comparison):
     -------
     chosen : ModelWithZeros
         `base` where nothing holds.
-    judged : PairedComparison or None
+    compared : PairedComparison or None
         Of `chosen`; of `whole` where nothing holds; None where there was nothing to judge by.
     refused : list of dict
         ``effects`` (their names), ``why`` (a sentence) and ``judgement``.
     """
-    judged = comparison(whole)
-    if judged is None or judged.holds:
-        return whole, judged, []
-    for out in _left_out(whole, judged, strength):
+    compared = comparison(whole)
+    if compared is None or compared.holds:
+        return whole, compared, []
+    for out in _left_out(whole, compared, strength):
         part = _part(whole, out, stars, zeros)
         verdict = comparison(part)
         if verdict.holds:
-            return part, verdict, [_refusal(out, judged)]
-    return base, judged, [_refusal(whole.effect_names, judged)]
+            return part, verdict, [_refusal(out, compared)]
+    return base, compared, [_refusal(whole.effect_names, compared)]
 
 
-def _left_out(whole, judged, strength):
+def _left_out(whole, compared, strength):
     """Sets of names to try without, some effects being left each time."""
     names = sorted(dict.fromkeys(whole.effect_names), key=lambda name: strength.get(name, 0.0))
     tried = []
-    for axis in judged.worse:
+    for axis in compared.worse:
         acting = {e.effect.name for e in whole.model.effects if e.effect.axes in (axis, 'both')}
         tried.append([name for name in names if name in acting])
     tried += [[name] for name in names]
@@ -216,8 +216,8 @@ def _part(whole, out, stars, zeros):
     return ModelWithZeros(model, own, whole.follows)
 
 
-def _refusal(names, judged):
+def _refusal(names, compared):
     names = list(dict.fromkeys(names))
-    return {'effects': names, 'why': f'{", ".join(names)}: {comparison_sentence(judged)}',
-            'judgement': judged.to_dict()}
+    return {'effects': names, 'why': f'{", ".join(names)}: {comparison_sentence(compared)}',
+            'judgement': compared.to_dict()}
 

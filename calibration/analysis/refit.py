@@ -9,7 +9,7 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.terms import stacked_design
 
-from ..estimation.comparison import CHANCE, FEWEST, judge
+from ..estimation.comparison import CHANCE, FEWEST, compare_residuals
 from ..estimation.step_scan import robust_fit
 
 #: shares of the night left out at its end to see how far a drift can be carried on
@@ -163,7 +163,7 @@ def _gain(model, place, rows, first, end, last):
     carried[at] = held_within(carried[at], first, last)
     left = [np.array(m.residuals(rows))[:, ~seen]
             for m in (replace(held, effects=carried), held)]
-    found = judge(*left)
+    found = compare_residuals(*left)
     return {'az': found.az, 'el': found.el}.get(model.effects[place].effect.axes, found.radial)
 
 

@@ -88,7 +88,7 @@ class PairedComparison:
                 **{name: getattr(self, name).to_dict() for name in ('radial', 'az', 'el')}}
 
 
-def judge(before, after, axes=('az', 'el')):
+def compare_residuals(before, after, axes=('az', 'el')):
     """Compare what two models leave of the same rows.
 
     Parameters
