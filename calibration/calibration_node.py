@@ -52,7 +52,7 @@ class Calibration(MountNode):
         self._pubs = {topic.name: self.publisher(topic) for topic in (
             topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
             topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
-            topics.TRACKING, topics.APART)}
+            topics.TRACKING, topics.DISCRIMINATION)}
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         waiting = self._long.waiting
@@ -60,7 +60,7 @@ class Calibration(MountNode):
         self.subscribe(topics.OBSERVATIONS, waiting(self._on_table))
         self.subscribe(topics.HOMING, waiting(self._on_homing))
         self.subscribe(topics.OBSERVER_STATUS, waiting(self._on_observer))
-        self.subscribe(topics.IN_FORCE, waiting(self._on_active))
+        self.subscribe(topics.ACTIVE, waiting(self._on_active))
         for name, work in (('calibrate_zero', self._work_zero), ('fit', self._work_fit),
                            ('judge', self._work_blind_check)):
             self.serve(name, partial(self._answer, work), once=True)
@@ -266,7 +266,7 @@ class Calibration(MountNode):
     def _publish_request(self):
         """How causes stand, if there is anything new."""
         if text := self._state.requests.news():
-            self._publish(topics.APART, text)
+            self._publish(topics.DISCRIMINATION, text)
 
     def _tell_stage(self):
         stage, self._long.stage = self._long.stage, ''

@@ -138,7 +138,8 @@ def _scan(name, found, scanned):
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
             loops = {name.id: loop.iter for loop in ast.walk(function)
-                     if isinstance(loop, ast.For) for name in ast.walk(loop.target)
+                     if isinstance(loop, ast.For | ast.comprehension)
+                     for name in ast.walk(loop.target)
                      if isinstance(name, ast.Name)}
             for call in ast.walk(function):
                 if isinstance(call, ast.Call):

@@ -122,12 +122,12 @@ CALIBRATION_TABLE = Topic(
 # what the last star said to a model that is tracked, JSON
 TRACKING = Topic('tracking', 'std_msgs/msg/String', LATCHED, computed=True)
 # how causes that a diagnosis leaves open stand, and the star that would tell most, JSON
-APART = Topic('apart', 'std_msgs/msg/String', LATCHED, computed=True)
+DISCRIMINATION = Topic('apart', 'std_msgs/msg/String', LATCHED, computed=True)
 TARGET = Topic('target', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 DEMAND = Topic('demand', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, computed=True)
 DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABLE, computed=True)
 # model and zero as one: JSON, see pointing_model/calibration_messages.py
-IN_FORCE = Topic('in_force', 'std_msgs/msg/String', LATCHED, computed=True)
+ACTIVE = Topic('in_force', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSTICS = Topic(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True, computed=True)
 

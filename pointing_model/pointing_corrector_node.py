@@ -28,7 +28,7 @@ class PointingCorrector(MountNode):
         self._lacking, self._difference, self._open = (), None, False
         self._demand_pub = self.publisher(topics.DEMAND)
         self._sigma_pub = self.publisher(topics.DEMAND_SIGMA)
-        self._pair_pub, self._pair_published = self.publisher(topics.IN_FORCE), ''
+        self._pair_pub, self._pair_published = self.publisher(topics.ACTIVE), ''
         self._active = active_calibration_of(self, self._changed)
         self.subscribe(topics.TARGET, self._on_target)
 

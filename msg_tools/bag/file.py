@@ -118,7 +118,7 @@ class BagFile:
             try:
                 self.complete = self.indexed = self.closed = self._read_summary()
             except PARSE_ERRORS as error:
-                self.say(f'the index is damaged ({short(error)}); the file was read through')
+                self.note(f'the index is damaged ({short(error)}); the file was read through')
             if not self.complete:
                 self._forget()
                 LogScan(self).run()
@@ -127,9 +127,9 @@ class BagFile:
         self.repeated = {topic: int(count) for topic, count in own.get(REPEATED_RECORD, {}).items()
                          if count.isdecimal() and len(count) < 10}
         if STOPPED_RECORD in own:
-            self.say(f'recording stopped: {own[STOPPED_RECORD].get("reason", "")[:120]}')
+            self.note(f'recording stopped: {own[STOPPED_RECORD].get("reason", "")[:120]}')
 
-    def say(self, text):
+    def note(self, text):
         """Note a problem."""
         self.problems.append(f'{self.path.name}: {text}')
 
@@ -178,7 +178,7 @@ class BagFile:
                     raise ValueError('no record')
                 self.take_large(opcode, offset + 9, length)
             except PARSE_ERRORS as error:
-                self.say(f'the metadata or attachment at byte {offset} is damaged '
+                self.note(f'the metadata or attachment at byte {offset} is damaged '
                          f'({short(error)}) and left out')
         return True
 

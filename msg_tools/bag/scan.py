@@ -97,11 +97,11 @@ class LogScan:
         if closed and file.ended:
             file.complete = not (file.problems or file.lost or file.mended)
         elif closed:
-            file.say('the index at its end is cut off; the messages before it are whole')
+            file.note('the index at its end is cut off; the messages before it are whole')
         else:
             if pos < self._size:
                 file.lost.append(Lost(pos, self._size - pos, '', {}, False))
-            file.say(f'not closed: {sum(file.counts.values())} messages read up to byte '
+            file.note(f'not closed: {sum(file.counts.values())} messages read up to byte '
                      f'{min(pos, self._size)} of {self._size}')
 
     def _is_record(self, pos):
@@ -194,7 +194,7 @@ class LogScan:
                     file.take(opcode, buffer[begin:end])
                 except PARSE_ERRORS as error:
                     if len(file.problems) < 100:
-                        file.say(f'a record in the chunk at byte {offset - 9} is damaged '
+                        file.note(f'a record in the chunk at byte {offset - 9} is damaged '
                                  f'({short(error)}) and left out')
         if counts:
             file.counts.update(counts)

@@ -23,7 +23,7 @@ from pointing_model.runs.run_messages import cloud_to_run
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
         topics.MISS_DISTANCE, topics.AMBIENT, topics.OBSERVATIONS, topics.OBSERVER_STATUS,
-        topics.ZERO, topics.IN_FORCE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
+        topics.ZERO, topics.ACTIVE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
 #: all that is listened to
 HEARD = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
 #: s by which readings of the two encoders may differ, and be compared by their rates
@@ -274,7 +274,7 @@ class LastMessages:
 
     def _active(self):
         """The zero and the model that go together; None where there is none."""
-        pair, zero = self._get(topics.IN_FORCE), self._get(topics.ZERO)
+        pair, zero = self._get(topics.ACTIVE), self._get(topics.ZERO)
         if pair is not None:
             text, _, zero = text_to_pair(pair.data)
             return zero, PointingModel.from_json(text) if text else None

@@ -214,7 +214,7 @@ def test_the_table_brings_back_the_night_after_a_restart(graph):
 def test_a_calibration_started_anew_says_what_it_took_up(graph):
     status = graph.listen(topics.CALIBRATION_STATUS)
     night = PointingRun.concatenate([rows(20, seed=2), rows(6, star=POLARIS_HIP, seed=3)])
-    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)
+    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.ACTIVE)
     name = identity(MOUNT.to_json())
     zero = RunZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
     pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, zero)))
@@ -247,7 +247,7 @@ def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(grap
         model, zero = state.tracked.pair(state.last_stamp)
         return model.to_json(), zero
 
-    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.IN_FORCE)
+    table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.ACTIVE)
     row = graph.publisher(topics.OBSERVATION)
     models, zeros, told = map(graph.listen, (topics.MODEL, topics.ZERO, topics.TRACKING))
     text, zero = offline(0, 7)
@@ -283,7 +283,7 @@ def test_a_model_of_a_camera_that_measures_nothing_is_not_published(graph):
 
 
 def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
-    pair = graph.publisher(topics.IN_FORCE)
+    pair = graph.publisher(topics.ACTIVE)
     graph.add(Calibration)
     graph.connect()
     pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, RunZero(0, 0, model='none'))))

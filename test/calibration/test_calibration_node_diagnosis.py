@@ -135,7 +135,7 @@ def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
     answer = graph.call('diagnose')
     assert not answer.success and 'observe more' in answer.message
     desk.observe(rows(40, seed=3))
-    apart = graph.listen(topics.APART)
+    apart = graph.listen(topics.DISCRIMINATION)
     answer = graph.call('diagnose')  # without a fit before it, and with no place for the page
     assert answer.success and 'the page was not written' in answer.message
     assert answer.message.startswith('none; ')
