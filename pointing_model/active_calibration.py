@@ -267,14 +267,14 @@ class ActiveCalibration:
                              f'one ({mount_wording(self._mount)})')
         waiting = self._next_zero
         if waiting is not None and waiting[1].model == name:
-            self._put_in_force(model, name, text)
+            self._activate(model, name, text)
             self.zero_stamp, self.zero = waiting
         elif self.zero.model in (None, name):
-            self._put_in_force(model, name, text)
+            self._activate(model, name, text)
         else:
             self._next_model = model, name, text
 
-    def _put_in_force(self, model, name, text):
+    def _activate(self, model, name, text):
         self.model, self.model_name, self.model_text = model, name, text
         self._follows, self._stopped = Following.from_model(model), False
         self.models += 1
@@ -295,7 +295,7 @@ class ActiveCalibration:
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
             raise ValueError('a zero that does not say of which power-on and model it is, and the '
                              'one in force does (frame_id of the message)')
-        if self._of_another_power_on(zero):
+        if self._mismatch(zero):
             # no error: right after a power cycle the last zero of before may still be on its way
             self.refused += 1
             self.refused_stamp = max(self.refused_stamp, stamp)
@@ -304,14 +304,14 @@ class ActiveCalibration:
             if self._next_model is None or self._next_model[1] != zero.model:
                 self._next_zero = stamp, zero
                 return
-            self._put_in_force(*self._next_model)
+            self._activate(*self._next_model)
         self.zero, self.zero_stamp, self._next_zero = zero, stamp, None
 
     def update_power_on(self, power_on):
         """Take what the encoder says of its power-on, a `PowerOn` or None."""
         self.power_on = power_on
 
-    def _of_another_power_on(self, zero):
+    def _mismatch(self, zero):
         """How it is said that `zero` is not of the power-on that the encoder is in; '' if it is."""
         now = self.power_on
         if now is None or zero.started is None or zero.started == now.started:
@@ -322,7 +322,7 @@ class ActiveCalibration:
     @property
     def zero_is_unknown(self):
         """Whether the power-on that the encoder is in has a zero that is not the one in force."""
-        return bool(self._of_another_power_on(self.zero)) or self.refused_stamp > self.zero_stamp
+        return bool(self._mismatch(self.zero)) or self.refused_stamp > self.zero_stamp
 
     @property
     def bound(self):
@@ -332,7 +332,7 @@ class ActiveCalibration:
     def complaints(self):
         """What of model and zero cannot be gone by, sentences for people."""
         out = []
-        wrong = self._of_another_power_on(self.zero)
+        wrong = self._mismatch(self.zero)
         if wrong:
             out.append(f'the zero in force {wrong}: set it anew (calibrate_zero)')
         elif self.refused_stamp > self.zero_stamp:

@@ -148,7 +148,7 @@ class Context:
             context.graduation = declared_graduation(given)
         context.drivers = tuple(run.meta.get('drivers') or ())
         context.skyline = tuple(run.meta.get('skyline') or ())
-        hours = context._hours_of_run()
+        hours = context._run_hours()
         if hours is not None:
             context.columns.setdefault('run_hours', hours)
         return context
@@ -304,7 +304,7 @@ class Context:
         out[rows[starts]] = np.nan
         return out
 
-    def _hours_of_run(self):
+    def _run_hours(self):
         time = self.get('time')
         if time is None:
             return None

@@ -51,7 +51,7 @@ class Held:
                                if name not in self.mount.names.index)
             self.root = BROAD * np.eye(len(self.names))
         if self._series is not None:
-            self._root_of_series = _root(self._series.covariance_of_coefficients)
+            self._series_root = _root(self._series.covariance_of_coefficients)
 
     @classmethod
     def certain(cls, mount=ALTAZ):
@@ -78,7 +78,7 @@ class Held:
         if self._series is not None:
             own = harmonics.columns_of(self._series.degree, az, el, self._series.interpretation)
             own = own.reshape(len(own), 2, len(az))
-            parts.append(np.einsum('kcn,kj->cnj', own, self._root_of_series))
+            parts.append(np.einsum('kcn,kj->cnj', own, self._series_root))
         return np.concatenate(parts, axis=2)
 
 

@@ -133,7 +133,7 @@ class PointingModel:
         # the mount will read what this very model says: each round divides the error by
         # period / (2 pi amplitude)
         x, y = np.zeros((2, len(context)))
-        for _ in range(12 if self.by_reading else 1):
+        for _ in range(12 if self.follows_reading else 1):
             x, y = total(self.effects, context.at(
                 az, el, az_enc=az_enc + x / np.cos(el), el_enc=el_enc + y))
         return x.reshape(shape[1:]), y.reshape(shape[1:])
@@ -157,7 +157,7 @@ class PointingModel:
             abs(one.get(name, 0.0)) > OPEN for one in self.directions))
 
     @property
-    def by_reading(self):
+    def follows_reading(self):
         """Whether an effect depends on what the encoders read."""
         return any(e.effect.driver.startswith('reading') for e in self.effects)
 

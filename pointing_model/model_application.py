@@ -88,7 +88,7 @@ def turned(model, context, zero=(0.0, 0.0), reverse=False):
     az, el = context.az, context.el
     if not reverse:
         out = model.sky_to_encoder(az, el, context)
-        if model.by_reading and not {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(
+        if model.follows_reading and not {'az_enc', 'el_enc', 'az_raw', 'el_raw'} & set(
                 context.columns):
             # the graduation is met at what will be read, with the zero in it; each round divides
             # the error by period / (2 pi amplitude)

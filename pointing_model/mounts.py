@@ -92,7 +92,7 @@ class Mount:
             Radians, north positive.
         kind : {'equatorial', 'german'}
         """
-        return cls._of_pole(kind, 0.0, latitude, 0.0)
+        return cls._with_pole(kind, 0.0, latitude, 0.0)
 
     @classmethod
     def free(cls, azimuth, elevation, roll=0.0):
@@ -106,10 +106,10 @@ class Mount:
         roll : float
             First angle, clockwise about the pole, of the highest point of the frame's equator.
         """
-        return cls._of_pole('free', azimuth, elevation, roll)
+        return cls._with_pole('free', azimuth, elevation, roll)
 
     @classmethod
-    def _of_pole(cls, kind, azimuth, elevation, roll=0.0):
+    def _with_pole(cls, kind, azimuth, elevation, roll=0.0):
         s, c = np.sin(azimuth), np.cos(azimuth)
         z = np.array([np.cos(elevation) * s, np.cos(elevation) * c, np.sin(elevation)])
         y = np.array([-np.sin(elevation) * s, -np.sin(elevation) * c, np.cos(elevation)])
@@ -396,7 +396,7 @@ def parse_mount(text, latitude=None):
         if latitude is None:
             raise ValueError(f'a mount that is {kind} needs the latitude of its site')
         return Mount.equatorial(latitude, kind)
-    return Mount._of_pole(kind, *pole)
+    return Mount._with_pole(kind, *pole)
 
 
 def mount_text(mount):

@@ -75,14 +75,14 @@ def playable(run, check_every, seed):
         # nothing here is what an encoder reads
         columns['az_raw'] = columns['el_raw'] = np.full(n, np.nan)
     if 'check' not in columns:
-        columns['check'] = _one_of(n, check_every, seed)
+        columns['check'] = _check_rows(n, check_every, seed)
     order = [name for name in COLUMNS if name in columns]
     order += [name for name in columns if name not in COLUMNS]
     return (PointingRun({name: columns[name] for name in order}, run.meta),
             _stamps(columns.get('time'), n), left_out)
 
 
-def _one_of(n, every, seed):
+def _check_rows(n, every, seed):
     """1.0 for one row, by chance, of each `every` in a row."""
     out = np.zeros(n)
     if every > 0:

@@ -15,7 +15,7 @@ def _tpoint(names, text):
 
 
 #: of axes without an encoder, see `MountKind.geared`
-_OF_GEARS = {
+_GEARS = {
     1: ('encoder disc or worm wheel off its centre', 'its worm wheel or encoder disc off centre',
         'disc or worm wheel off its centre',
         'how true the worm wheel runs, or the disc of an encoder on the axis'),
@@ -47,7 +47,7 @@ def _encoder(axis, order, mount=USUAL):
 
     ring = names.ring and (axis, k) == ('az', 2)
     cause, short, summary, look_at = _RING if ring else (
-        _OF_GEARS if names.geared else {}).get(k) or {
+        _GEARS if names.geared else {}).get(k) or {
         1: ('encoder disc off its centre', 'the disc of its encoder off centre',
             'disc off its centre',
             'the centring of the disc; the mean of two heads opposite each other'),
@@ -72,11 +72,11 @@ def _encoder(axis, order, mount=USUAL):
                   f'a wave of the {names.word(axis)}, {times(order)}',
                   f'{names.word(axis)} encoder {summary} ({times(order)})'.replace(' ,', ','),
                   effort=2, tpoint=_tpoint(names, f'{number}CEC {number}CES') if k == 1 else
-                  _of_order(names, f'H{number}C{number}# H{number}S{number}#', k),
+                  _tpoint_order(names, f'H{number}C{number}# H{number}S{number}#', k),
                   only_shape=True)
 
 
-def _of_order(names, text, k):
+def _tpoint_order(names, text, k):
     """`_tpoint` of generic terms of an order, which is not written if it is 1."""
     found = _tpoint(names, text)
     return found and found.replace('#', '' if k == 1 else str(k))
@@ -103,7 +103,7 @@ def _bearing_wobble(order, mount=USUAL):
                   if names.vertical else f'both bearings of the {shaft}',
                   f'a wave of the {names.word("az")}, {times(order)}, in both axes',
                   f'bearing or track of the {shaft} not flat ({times(order)})',
-                  tpoint=_of_order(names, 'H2C1# H2S1# HvC1# HvS1#', k),
+                  tpoint=_tpoint_order(names, 'H2C1# H2S1# HvC1# HvS1#', k),
                   effort=1 if names.vertical else 2)
 
 
@@ -123,7 +123,7 @@ def _nod(order, mount=USUAL):
                   f'a wave of the {names.word("az")}, {times(order)}',
                   f'mount nods{" on its wheels, pads or base" * names.vertical} '
                   f'({times(order)} of {names.word("az")})',
-                  tpoint=_of_order(names, 'H2C1# H2S1#', k))
+                  tpoint=_tpoint_order(names, 'H2C1# H2S1#', k))
 
 
 @form
@@ -143,7 +143,7 @@ def _line_of_sight(order, mount=USUAL):
                   f'{names.carriers}, cables',
                   f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
                   f'line of sight swings ({times(order)} of the {shaft})',
-                  tpoint=_of_order(names, 'HsC1# HsS1#', k))
+                  tpoint=_tpoint_order(names, 'HsC1# HsS1#', k))
 
 
 @form

@@ -45,18 +45,18 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers
     else:
         tail = f'{shape}_{count // 2 if series else count}' if count > 1 else shape
     word = KINDS[mount].word(axis)
-    seen = _seen(driver, shape, numbers)
+    shape_wording = _shape_wording(driver, shape, numbers)
     scan = shape if shape in ('bump', 'sawtooth') else 'wave' if wave else None
     own = axis if KINDS[mount].vertical else KINDS[mount].key(axis)
     return Effect(f'smooth_of_{driver}_{own}_{tail}' + ('_cosE' if factor == 'cosE' else ''),
                   f'unknown cause: the {word} error follows the {driver_word(driver)} '
                   f'({shape})', f'{shape} of {driver}' + (' x cos E' if factor == 'cosE' else ''),
                   driver, axis, tuple(f'{shape[0]}{i + 1}' for i in range(count)), of,
-                  lambda _: f'The {word} error has {seen}, which no known effect explains',
+                  lambda _: f'The {word} error has {shape_wording}, which no known effect explains',
                   f'what else changes with {the(driver)}' + (
                       f', and what repeats each {_size(driver, numbers["period"])} of it: teeth '
                       'of a gear, rollers, joints of a tape' if shape == 'sawtooth' else ''),
-                  seen, f'something that changes with {the(driver)} little by little',
+                  shape_wording, f'something that changes with {the(driver)} little by little',
                   requires=() if driver in _DIRECTION else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
                   scan=scan, scanned=1 if wave else 2)
@@ -71,7 +71,7 @@ def _size(driver, value):
     return f'{value / 3600.0:.2f} h' if driver == 'time' else f'{value:.3g}'
 
 
-def _seen(driver, shape, numbers):
+def _shape_wording(driver, shape, numbers):
     """What a curve looks like."""
     if shape == 'sawtooth':
         return f'a sawtooth of {the(driver)} with a period of {_size(driver, numbers["period"])}'
@@ -151,11 +151,11 @@ def smooths(context):
         if reason or len(np.unique(values)) < 12 or (driver == 'order' and several):
             continue
         for axis, factor in (('az', 'cosE'), ('az', '1'), ('el', '1')):
-            out += _smooths_of(axis, driver, factor, values, driver == first)
+            out += _driver_smooths(axis, driver, factor, values, driver == first)
     return for_mount(out, context.mount)
 
 
-def _smooths_of(axis, driver, factor, values, closed):
+def _driver_smooths(axis, driver, factor, values, closed):
     low, high = float(values.min()), float(values.max())
     period = _TURN if closed else high - low
     out = []

@@ -7,7 +7,7 @@ from .base import Effect, effect, effect_from_document, form, readable, to_docum
 from .drifts import SYMBOLS, UNITS, about, clock, progress
 
 #: an effect of these is a change already, or a moment
-_OF_TIME = ('time', 'order', 'run_hours', 'temperature', 'run')
+_CLOCKS = ('time', 'order', 'run_hours', 'temperature', 'run')
 _WITH = {'run_hours': 'the time since the start of each run', 'order': 'the order of the rows'}
 
 
@@ -48,7 +48,7 @@ def changes(whole, context):
     list of Effect
         None of effects that are changes themselves.
     """
-    if whole.driver in _OF_TIME or whole.kind != 'effect':
+    if whole.driver in _CLOCKS or whole.kind != 'effect':
         return []
     drivers = [clock(context), ('temperature', 1.0)]
     if context.several_nights():  # of many nights the clock of each

@@ -18,7 +18,7 @@ _ANGLES = sorted([*(10.0**-k for k in range(3, 10)), *(10.0**-k / 3600.0 for k i
 _TIMES = (1.0, 0.1, 0.01, 1e-3, 4e-6)
 _MINUTE = 60.0
 _CLOCK = 1e8  # s: times below are of a clock of one's own
-_OF_ANGLES, _OF_TIMES = 1e-11, 5e-7  # deg, s: of numbers in memory
+_ANGLE_ERROR, _TIME_ERROR = 1e-11, 5e-7  # deg, s: of numbers in memory
 _SAME_FIELD = 0.1  # deg: places of one observation, by whatever refraction
 _BESIDE = 64  # rows nearby in the order of their readings that each is compared with
 
@@ -44,8 +44,8 @@ def copies(columns, source=None):
     time = np.asarray(columns.get('time', np.full(n, np.nan)), float)
     of_one = source is None
     source = np.zeros(n, int) if of_one else source
-    units = [_unit(reading, _ANGLES, _OF_ANGLES, source, 0.15),
-             _unit(place, _ANGLES, _OF_ANGLES, source, 0.15), _time_unit(time, source)]
+    units = [_unit(reading, _ANGLES, _ANGLE_ERROR, source, 0.15),
+             _unit(place, _ANGLES, _ANGLE_ERROR, source, 0.15), _time_unit(time, source)]
     out = np.arange(n)
     for i, j in _beside(reading, place, units[0]):
         of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)
@@ -108,10 +108,10 @@ def _unit(values, units, error, source, chance):
 
 
 def _time_unit(time, source):
-    out = _unit(time[np.newaxis], _TIMES, _OF_TIMES, source, 0.2)
+    out = _unit(time[np.newaxis], _TIMES, _TIME_ERROR, source, 0.2)
     for one in np.unique(source):
         rows = source == one
-        if np.isfinite(time[rows]).sum() > 2 and _divides(_MINUTE, time[rows], _OF_TIMES).all():
+        if np.isfinite(time[rows]).sum() > 2 and _divides(_MINUTE, time[rows], _TIME_ERROR).all():
             out[rows] = _MINUTE
     return out
 
@@ -160,12 +160,12 @@ def without_copies(runs, seen=()):
         if not copied.any():
             kept.append(run)
             continue
-        others = dict.fromkeys(_name_of(every[i]) for i in np.unique(source[original[copied]]))
+        others = dict.fromkeys(_name(every[i]) for i in np.unique(source[original[copied]]))
         where = f'in {", ".join(list(others)[:3])}'
         if copied.all():
-            notes.append(f'{_name_of(run)} left out: all {len(run)} rows are {where} too')
+            notes.append(f'{_name(run)} left out: all {len(run)} rows are {where} too')
             continue
-        notes.append(f'{_name_of(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
+        notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
                      f'{where} too')
         kept.append(_left_out(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:
@@ -192,5 +192,5 @@ def _left_out(run, rows, reason):
     return out
 
 
-def _name_of(run):
+def _name(run):
     return str(run.meta.get('source', 'a run'))

@@ -53,11 +53,11 @@ def frame(time, site):
     moments, inverse = time, None
     if np.any(time[1:] <= time[:-1]):
         moments, inverse = np.unique(time, return_inverse=True)
-    out = _of_cells(moments, site)
+    out = _frames_by_cell(moments, site)
     return out if inverse is None else out[inverse]
 
 
-def _of_cells(moments, site):
+def _frames_by_cell(moments, site):
     cells = np.floor(moments / GRID).astype(int)
     begins = np.flatnonzero(np.diff(cells, prepend=cells[:1] - 1))
     if len(begins) > max(_SCATTERED, 0.6 * len(moments)):

@@ -109,7 +109,7 @@ def load_catalogue(mag_limit=None, hip=None):
 
 @lru_cache(maxsize=16)
 def _load(mag_limit, hip):
-    numbers, mag = _asked_for_by()
+    numbers, mag = _numbers_and_magnitudes()
     rows = np.arange(len(numbers))
     if hip is not None:
         rows = np.searchsorted(numbers, hip)  # ascending in I/311
@@ -132,7 +132,7 @@ def _load(mag_limit, hip):
 
 
 @lru_cache(maxsize=1)
-def _asked_for_by():
+def _numbers_and_magnitudes():
     """Number and Hp of all stars."""
     lines = _lines()
     return tuple(fixed_width(lines, *_BYTES[name]) for name in ('hip', 'mag'))

@@ -12,7 +12,7 @@ _UNIT = re.compile('_(?:deg|arcsec|c|hpa|s|h)$')
 _SHORT = 4  # letters: below, any name is near another
 _COUNTED = re.compile(r'\d')
 #: of a row of solved images, beside right ascension and declination
-_OF_SOLVES = (SIGMA, SCALE, PARITY)
+_SOLVE_COLUMNS = (SIGMA, SCALE, PARITY)
 
 
 def near_column(name, header, by_header, names):
@@ -33,12 +33,12 @@ def near_column(name, header, by_header, names):
     -------
     str or None
     """
-    known = [one for one in (*by_header, *(_OF_SOLVES if 'ra_deg' in header else ()))
+    known = [one for one in (*by_header, *(_SOLVE_COLUMNS if 'ra_deg' in header else ()))
              if one not in header]
-    if len(name) < _SHORT or name in _OF_SOLVES and 'ra_deg' in header or _COUNTED.search(name):
+    if len(name) < _SHORT or name in _SOLVE_COLUMNS and 'ra_deg' in header or _COUNTED.search(name):
         return None
-    asked = _by_axes(name.lower(), names)
-    alike = {one: max(difflib.SequenceMatcher(None, form(asked), form(one)).ratio()
+    wanted = _in_axes(name.lower(), names)
+    alike = {one: max(difflib.SequenceMatcher(None, form(wanted), form(one)).ratio()
                       for form in (str, _without_unit, _in_order)) for one in known}
     best = max(alike, key=alike.get, default=None)
     return best if best is not None and alike[best] >= _ALIKE else None
@@ -52,7 +52,7 @@ def _in_order(name):
     return '_'.join(sorted(name.split('_')))
 
 
-def _by_axes(name, names: MountKind):
+def _in_axes(name, names: MountKind):
     """A name with the axes that it may mean in those of the mount."""
     first, second = names.columns
     own = {'x': first, 'y': second, 'az': first, 'el': second, 'alt': second, 'ra': first}

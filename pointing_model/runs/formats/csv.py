@@ -70,7 +70,7 @@ def read_csv(path, lines, delimiter, encoder=None):
     """
     cells = Cells(path, lines, delimiter)
     header = cells.header
-    names, by_header = _names_of(header)
+    names, by_header = _header_names(header)
     _require(path, header, encoder, names)
     if not len(cells):
         raise run_table.NoObservations(f'{path} has a header row but no observations')
@@ -87,7 +87,7 @@ def read_csv(path, lines, delimiter, encoder=None):
     return Table(columns, cells.lines, meta, cells.reasons, commented=commented, names=names)
 
 
-def _names_of(header):
+def _header_names(header):
     """Whose axes the columns are of, and name in the header -> name in memory."""
     for names, by_header in _OTHERS:
         first = names.columns[0]

@@ -159,7 +159,7 @@ class Rows(Exclusions):
         values = self.floats(label, cells)
         outside = np.isfinite(values) & ((values < YEAR_1900) | (values > YEAR_2100))
         self.refuse(label, cells, {
-            int(i): f'is outside 1900 to 2100{_unit_of(values[i])}; give seconds since 1970 or '
+            int(i): f'is outside 1900 to 2100{_likely_unit(values[i])}; give seconds since 1970 or '
             'ISO 8601' for i in np.flatnonzero(outside)})
         return np.where(outside, np.nan, values)
 
@@ -234,7 +234,7 @@ def _no_number(cell):
     return 'is not a number'
 
 
-def _unit_of(value):
+def _likely_unit(value):
     """A question after a unit in which a number would be a time."""
     return next((f' (is this {word}?)' for scale, word in (
         (1e3, 'milliseconds'), (1e6, 'microseconds'), (1e9, 'nanoseconds'))

@@ -17,7 +17,7 @@ from .term_columns import OF_TERM, column
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),
          'npoa': ('CA', 1), 'ie': ('IE', -1), 'tf': ('TF', 1)}
-_OF = {OF_TERM[name]: (own, sign) for own, (name, sign) in _LINE.items()}
+_NAMES = {OF_TERM[name]: (own, sign) for own, (name, sign) in _LINE.items()}
 #: of an equatorial mount, RTS2_GEM (RTS2_MODEL of its C++); declinations beyond 90 degrees are
 #: those of a tube that went through the pole
 _GEM = {'id': ('ID', 1), 'me': ('ME', 1), 'ma': ('MA', 1), 'tf': ('TF', -1), 'ih': ('IH', 1),
@@ -68,8 +68,8 @@ def _key(name):
 
 
 def _own(key):
-    if key in _OF:
-        return [(_OF[key][0], float(_OF[key][1]))]
+    if key in _NAMES:
+        return [(_NAMES[key][0], float(_NAMES[key][1]))]
     result, factors = key
     if result not in ('az', 'el') or not 1 <= len(factors) <= 2:
         return None
@@ -100,7 +100,8 @@ def _candidates():
         out += [column('az', (f, 'E', k)) for k in range(1, 4)]
         out += [column(r, (f, 'A', i), (g, 'E', j)) for r in ('el', 'az') for g in ('cos', 'sin')
                 for i in range(1, 4) for j in range(1, 4)]
-    return (*_OF, column('el', ('cot', 'E', 1)), *(key for key in dict.fromkeys(out) if _own(key)))
+    return (*_NAMES, column('el', ('cot', 'E', 1)),
+            *(key for key in dict.fromkeys(out) if _own(key)))
 
 
 def _write(sheet):

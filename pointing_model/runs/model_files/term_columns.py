@@ -86,7 +86,7 @@ def _pair(result, angle, k):
     return [[(column(result, ('cos', angle, k)), 1.0)], [(column(result, ('sin', angle, k)), 1.0)]]
 
 
-def _of_effect(effect):
+def _effect_columns(effect):
     """For each coefficient its (column, factor)s; None where it has none."""
     p = effect.parameters
     order = p.get('order')
@@ -131,8 +131,8 @@ def _terms_on_a_sky(mount):
                      for name in terms_of(mount)}
 
 
-def _terms_of_effect(effect, mount):
-    """As `_of_effect`, of another mount: the terms of it that the coefficients are, one for one."""
+def _effect_terms(effect, mount):
+    """As `_effect_columns`, of another mount: terms of it that the coefficients are, one each."""
     if effect.requires:
         return None
     context, known = _terms_on_a_sky(mount)
@@ -149,7 +149,7 @@ def _terms_of_effect(effect, mount):
     return parts
 
 
-def _of_harmonics(harmonics):
+def _harmonic_columns(harmonics):
     """(column, value)s of the series of paper 000, as products of sines and cosines."""
     # in zenith distance the azimuth series is on the sky; as printed it has cot E and no limit
     if harmonics.interpretation != 'zenith':
@@ -201,7 +201,7 @@ def model_columns(model):
         if np.isfinite(error):
             sigma[key] = float(error)
     for fitted in model.effects:
-        parts = _of_effect(fitted.effect) if model.mount.vertical else _terms_of_effect(
+        parts = _effect_columns(fitted.effect) if model.mount.vertical else _effect_terms(
             fitted.effect, model.mount)
         if parts is None:
             needs = ', '.join(fitted.effect.requires)
@@ -213,7 +213,7 @@ def model_columns(model):
                 if len(part) == 1:
                     sigma.setdefault(key, float(error))
     if model.harmonics is not None:
-        series = _of_harmonics(model.harmonics) if model.mount.vertical else None
+        series = _harmonic_columns(model.harmonics) if model.mount.vertical else None
         if series is None:
             left.append(f'harmonics ({model.harmonics.interpretation})')
         else:

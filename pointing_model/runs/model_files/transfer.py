@@ -189,7 +189,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     values = {key: value for key, value in values.items() if value or (
               key in TERM_OF or not model.mount.vertical) and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
-    left += [_name_of(key) for key in lacking]
+    left += [_column_name(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
     direct, still_direct = (loss_of(to, program, taken, sky) for to in (target, aim))
     refitted, added = False, []
@@ -215,7 +215,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
     # what counts is what stands in the file, with its digits
     found = program.read('the exported file', text)
-    read = _by_column(program, found.terms)
+    read = _column_values(program, found.terms)
     loss, elsewhere = loss_of(target, program, read, sky), None
     if given:
         whole = uniform_sky(mount=model.mount)
@@ -244,13 +244,13 @@ def program_for(program, mount):
     return program.for_mount(mount)
 
 
-def _name_of(key):
+def _column_name(key):
     if key[0] not in RESULTS:
         return key[0]
     return TERM_OF.get(key) or f'{written(key[1])} {RESULTS[key[0]][1]}'
 
 
-def _by_column(program, terms):
+def _column_values(program, terms):
     out = {}
     for name, value in terms.items():
         for key, share in program.column(name):
@@ -371,7 +371,7 @@ def imported(program, found, source=''):
     loss : ExportLoss or None
         Of ours to what the program computes, where ours had to be fitted to it.
     """
-    values = _by_column(program, found.terms)
+    values = _column_values(program, found.terms)
     sigma = {}
     for name, error in found.sigma.items():
         for key, share in program.column(name):

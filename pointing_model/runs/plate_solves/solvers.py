@@ -205,12 +205,12 @@ def _read_solve_field(folder, image, output):
     try:
         header = read_header(folder / 'solved.wcs')
         size = header.get('IMAGEW', 1), header.get('IMAGEH', 1)
-        return header, _sigma_of(folder / 'solved.corr', size)
+        return header, _match_sigma(folder / 'solved.corr', size)
     except NotThere as error:
         raise NotSolved(f'its solution cannot be read: {error}') from None
 
 
-def _sigma_of(path, size):
+def _match_sigma(path, size):
     """Error of the place of the middle by how far the matched stars lie from the catalogue's.
 
     solve-field fits polynomials of the second order in both pixels; the error of such a fit in
