@@ -32,7 +32,7 @@ from telescope_mount.guard.limits import Allowed, Axis, Limits, travel_of
 from telescope_mount.guard.motion import AxisState
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
 from telescope_mount.guard.track_check import TrackCheck
-from telescope_mount.guard.way import lead, stopped
+from telescope_mount.guard.way import lead
 
 #: by what a drive that is controlled in steps of 0.05 s itself goes too far, rad
 ROUNDING = 0.05 * DEG
@@ -178,7 +178,9 @@ def judged(case, spent, spent_on_plans):
                   not isinstance(found, Allowed) and found.cubic is not None))
     if not isinstance(found, Allowed) and found.cubic is not None:
         begin, steady = time.thread_time(), time.perf_counter()
-        rest = stopped(check, state)
+        rest = AxisState(tuple(  # where they stand after they have braked as they can
+            angle + rate * abs(rate) / (2.0 * axis.acceleration)
+            for angle, rate, axis in zip(*state, check.limits.axes)))
         led = lead(check, found.cubic, rest, sky)
         spent_on_plans.append((time.thread_time() - begin, time.perf_counter() - steady))
         if led is not None:

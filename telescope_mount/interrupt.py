@@ -9,20 +9,20 @@ from msg_tools.signals import ENDING
 
 #: handlers of Python's own
 _OWN = dict.fromkeys(ENDING, signal.SIG_DFL) | {signal.SIGINT: signal.default_int_handler}
-_told, _noted = [], []
+_received, _pending = [], []
 
 
 def interrupt(number, _):
     """The handler of all, outside of `noted`."""
     _let_go_of_terminal()
-    _told.append(number)
+    _received.append(number)
     raise KeyboardInterrupt(number)
 
 
 def _note(number, _):
     _let_go_of_terminal()
-    _told.append(number)
-    _noted.append(number)
+    _received.append(number)
+    _pending.append(number)
 
 
 def _let_go_of_terminal():
@@ -44,8 +44,8 @@ def check():
     ------
     KeyboardInterrupt
     """
-    if _told:
-        raise KeyboardInterrupt(_told[-1])
+    if _received:
+        raise KeyboardInterrupt(_received[-1])
 
 
 @contextlib.contextmanager
@@ -65,12 +65,12 @@ def interrupted_in_order(program=False):
             if signal.getsignal(number) == own:
                 signal.signal(number, interrupt)
                 ours.append(number)
-    _told.clear()
+    _received.clear()
     try:
         yield
     except Exception:
-        if _told:
-            raise KeyboardInterrupt(_told[-1]) from None
+        if _received:
+            raise KeyboardInterrupt(_received[-1]) from None
         raise
     finally:
         for number in ours:
@@ -104,7 +104,7 @@ def noted():
         for number, handler in before.items():
             signal.signal(number, handler)
         if before:
-            _noted.clear()
+            _pending.clear()
 
 
 def raise_noted():
@@ -115,7 +115,7 @@ def raise_noted():
     KeyboardInterrupt
         With the number of the signal.
     """
-    if _noted:
-        number = _noted[-1]
-        _noted.clear()
+    if _pending:
+        number = _pending[-1]
+        _pending.clear()
         raise KeyboardInterrupt(number)

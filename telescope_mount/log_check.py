@@ -345,17 +345,13 @@ class _Replay:
     def _report(self, stamp):
         """The next one of the log, of a fit at `stamp`; fits that were refused had one too."""
         while self._reports:
-            made = _stamp_of(self._reports[0], stamp)
+            made = _document(self._reports[0]).get('last_stamp_ns', stamp)
             if made > stamp:
                 return None
             logged = self._reports.popleft()
             if made == stamp:
                 return logged
         return None
-
-
-def _stamp_of(report, default):
-    return _document(report).get('last_stamp_ns', default)
 
 
 def _document(text):

@@ -33,10 +33,6 @@ class GotoKeeper(Keeper):
     is to be 0.
     """
 
-    def __init__(self, limits, site, settings, wall):
-        super().__init__(limits, site, settings, wall)
-        self._low = self._high = None
-
     def _here(self, now):
         return self.readings.state
 

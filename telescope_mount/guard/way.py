@@ -11,7 +11,7 @@ from pointing_model.sky.earth import TURN_RATE
 from .axis_track import resting
 from .boxes import Boxes
 from .limits import Allowed
-from .motion import AxisState, plan_move
+from .motion import plan_move
 
 #: between points of the grids on which a way is looked for, one after the other, rad
 GRIDS = (5.0 * DEG, 1.5 * DEG)
@@ -24,13 +24,6 @@ EDGE = 0.5 * DEG
 WINDOW, TRIES = 480.0, 4
 #: at a point in between the mount comes to rest within so much more, s
 SETTLED = 2.0
-
-
-def stopped(check, state):
-    """At rest, where the axes of an `AxisState` stand after they have braked as they can."""
-    return AxisState(tuple(angle + rate * abs(rate) / (2.0 * axis.acceleration)
-                           for angle, rate, axis
-                       in zip(state.angles, state.rates, check.limits.axes)))
 
 
 def lead(check, cubic, state, circles=()):

@@ -86,7 +86,7 @@ class NextStar:
                 + (f'; tells of {terms} of the variance' if terms else ''))
 
 
-def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew=None,
+def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_s=10.0, slew=None,
               allowed=None):
     """The star that helps most for its time.
 
@@ -99,6 +99,8 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
         Where the axes are, rad.
     everywhere : (ndarray, ndarray), shape (p,)
         Places where the pointing matters, rad.
+    waited : float
+        Since the last observation, s.
     sigma : float or ndarray, shape (n,)
         1 sigma of each star in x and y, rad.
     exposure_s : float
@@ -123,7 +125,7 @@ def next_star(tracker, az, el, here, everywhere, *, sigma, exposure_s=10.0, slew
                          'beyond limits, or near Sun or Moon')
     seconds = (slew or SlewTime()).seconds(tracker.mount, here, (az[rows], el[rows])) + exposure_s
     noise = np.broadcast_to(np.asarray(sigma, float), len(az))[rows] ** 2
-    covariance = tracker.ahead(float(np.median(seconds)))
+    covariance = tracker.ahead(waited + float(np.median(seconds)))
     places = tracker.columns(*everywhere)
     weight = np.einsum('pij,pik->jk', places, places) / len(places)
     columns = tracker.columns(az[rows], el[rows])

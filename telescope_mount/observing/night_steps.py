@@ -199,7 +199,7 @@ class NightSteps:
                 f'none of {step.count} exposures shows Polaris: look at sky, site and time')
 
     def _do_zero_on_stars(self, step):
-        chosen = self._zero_choice().stars(step.count)
+        chosen = self.targets.for_zero(self.evening).stars(step.count)
         self.out.get_logger().info(chosen.words)
         self.progress.step += f': {chosen.by}'
         rows = len(self.table)
@@ -210,7 +210,7 @@ class NightSteps:
 
     def _do_zero(self, step):
         """By Polaris where it is well up, else by stars."""
-        way = self._zero_choice().way(step.count)
+        way = self.targets.for_zero(self.evening).way(step.count)
         self.out.get_logger().info(f'zero by {"Polaris" if way.polaris else "stars"}: {way.why}')
         if not way.polaris:
             yield from self._do_zero_on_stars(step)
@@ -252,10 +252,8 @@ class NightSteps:
             before = self.active.power_on
             # of the absolute encoder only a reading tells
             known = service == 'power_cycle' and before is not None
-            yield from self._call(service, partial(self._off_since, before, known))
-
-    def _off_since(self, before, known):
-        return known and self.active.power_on != before
+            yield from self._call(service, lambda before=before, known=known: (
+                known and self.active.power_on != before))
 
     def _do_calibrate_zero(self, step):
         yield from self.calibration_has_all()
@@ -333,9 +331,6 @@ class NightSteps:
         return self.targets.all_over_the_sky(
             count, self.progress.block, [*known, *self.refused, POLARIS_HIP],
             stay_up=not again, **limits)
-
-    def _zero_choice(self):
-        return self.targets.for_zero(self.evening)
 
     def new_model(self, verb):
         """Have the calibration make a model of all rows, and wait for it."""

@@ -55,19 +55,15 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     # with which both signs, and places, are summed: squared, that is correlation or one-sidedness
     along = np.concatenate([np.full((n, 1), 1.0 / np.sqrt(n)), clock], axis=1)
 
-    row, told = np.empty((_TRIALS, n), int), np.empty((5, _TRIALS, n))
-
     def cost(order):
-        row[:, 0] = n * n
-        np.multiply(order[:, :-1], n, out=row[:, 1:])
-        np.add(row, order, out=row)
-        moves.take(row, axis=1, out=told[:3], mode='clip')
-        approach, size = told[:2], told[2].sum(axis=1)
+        before = np.concatenate([np.full((len(order), 1), n), order[:, :-1]], axis=1)
+        *approach, lengths = moves[:, before * n + order]
+        where = place[:, order]
         both = np.einsum('tn,tn->t', *approach)
-        where = place.take(order, axis=1, out=told[2:], mode='clip')
         pairs = np.einsum('atn,wtn->awt', approach, where).reshape(6, -1)
-        sums = (told.reshape(-1, n) @ along).reshape(5, len(order), 3)
-        return (size + both * both + np.einsum('pt,pt->t', pairs, pairs)
+        sums = (np.concatenate([approach, where]).reshape(-1, n) @ along).reshape(
+            5, len(order), 3)
+        return (lengths.sum(axis=1) + both * both + np.einsum('pt,pt->t', pairs, pairs)
                 + np.einsum('atc,atc->t', sums, sums))
 
     trials = np.argsort(rng.random((_TRIALS, n)), axis=1)

@@ -16,8 +16,6 @@ CLOCK_JUMP = 1_000_000_000
 #: before an exposure, over which the rate of an axis is taken, ns: two readings a tenth of a
 #: second apart show a slip, not how the axis moves
 RATE_OVER = 1_000_000_000
-#: ns of readings that are kept before a track: it may be told late
-KEPT_BEFORE = 600_000_000_000
 ENCODERS = ('enc', 'abs')
 
 
@@ -47,12 +45,6 @@ class Readings:
             del self.stamps[:self._most], self._angles[:2 * self._most]
         self.stamps.append(stamp)
         self._angles.extend(angles)
-
-    def forget_before(self, stamp):
-        """Forget what is older, but for the last of them, if that is most of all."""
-        first = bisect_left(self.stamps, stamp) - 1
-        if first > len(self.stamps) // 2:
-            del self.stamps[:first], self._angles[:2 * first]
 
     def since(self, stamp):
         """The newest, back to the last one before `stamp`.
@@ -209,8 +201,6 @@ class Exposures:
     def begin(self, track):
         """Forget what was before: an `axis_demand.Track` is commanded."""
         self._track = track
-        for readings in self._readings.values():
-            readings.forget_before(track.start - KEPT_BEFORE)
         self._frames.clear()
         self.restless = []
 

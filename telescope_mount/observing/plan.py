@@ -1,7 +1,7 @@
 """The observing plan: what the star observer does, step by step, as one line of text."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from msg_tools.units import ARCSEC
 
@@ -28,6 +28,19 @@ _UNIT = 'arcsec'
 #: what `power_cycle` switches off and on -> services that are called for it
 POWER_CYCLES = {'incremental': ('power_cycle',), 'absolute': ('absolute/power_cycle',),
                 'both': ('power_cycle', 'absolute/power_cycle')}
+#: verb -> the form of what follows it, and how to write that
+_FORMS = {
+    'power_cycle': (f'(?P<what>{"|".join(POWER_CYCLES)})?',
+                    f', alone or with one of {", ".join(POWER_CYCLES)}'),
+    'track': (rf'(?P<what>(\d+\.?\d*|\.\d+){_UNIT})( (?P<count>\d+)(min)?)?',
+              ', the error to hold and the minutes, such as track 1.5arcsec 90'),
+    'tell_apart': (r'(?P<count>\d+)( (?P<what>\d+(\.\d*)?h))?',
+                   ' and a count of 1 to 100000, and what may be waited, such as 2h'),
+}
+#: of all others that have a number
+_COUNTED = r'(?P<count>\d+)', ' and a count of 1 to 100000'
+#: of `track` without
+_MINUTES = 60
 
 
 @dataclass(frozen=True)
@@ -90,50 +103,27 @@ def parse_plan(text):
     ValueError
         Unknown verb, missing or bad count, or an empty plan.
     """
-    steps = []
-    for part in text.split(','):
-        words = part.split()
-        if not words:
-            continue
-        verb, rest = words[0], words[1:]
-        if verb not in VERBS:
-            raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
-        if VERBS[verb] == 'encoders':
-            if len(rest) > 1 or not set(rest) <= set(POWER_CYCLES):
-                raise ValueError(f'plan step {part.strip()!r}: write {verb}, alone or with one of '
-                                 + ', '.join(POWER_CYCLES))
-            steps.append(Step(verb, what=''.join(rest).replace('incremental', '')))
-            continue
-        if verb == 'track':
-            steps.append(_track(part, rest))
-            continue
-        waits = rest[1:] if verb == 'tell_apart' else []
-        if len(waits) == 1 and re.fullmatch(r'\d+(\.\d*)?h', waits[0]) and rest[0].isdecimal():
-            steps += [replace(step, what=waits[0]) for step in parse_plan(f'{verb} {rest[0]}')]
-            continue
-        if not VERBS[verb] and rest:
-            raise ValueError(f'plan step {verb} takes no count')
-        if VERBS[verb] and (len(rest) != 1 or not rest[0].isdecimal()
-                            or not 1 <= int(rest[0]) <= 100000):
-            raise ValueError(f'plan step {part.strip()!r}: write {verb} and a count of 1 to 100000'
-                             + (', and what may be waited, such as 2h' * (verb == 'tell_apart')))
-        steps.append(Step(verb, *map(int, rest)))
+    steps = [_step(part.strip()) for part in text.split(',') if part.strip()]
     if not steps:
         raise ValueError('the plan is empty')
     return steps
 
 
-def _track(part, rest):
-    try:
-        goal = float(rest[0].removesuffix(_UNIT))
-        minutes = int(rest[1].removesuffix('min')) if len(rest) > 1 else 60
-    except (IndexError, ValueError):
-        goal, minutes = 0.0, 0
-    if not (0.0 < goal <= 3600.0 and 1 <= minutes <= 100000 and len(rest) <= 2
-            and rest[0].endswith(_UNIT)):
-        raise ValueError(f'plan step {part.strip()!r}: write track, the error to hold and the '
-                         'minutes, such as track 1.5arcsec 90')
-    return Step('track', minutes, rest[0])
+def _step(text):
+    verb, _, rest = text.partition(' ')
+    if verb not in VERBS:
+        raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
+    form, how = _FORMS.get(verb, _COUNTED if VERBS[verb] else ('', ''))
+    found = re.fullmatch(form, ' '.join(rest.split()))
+    if not (found or VERBS[verb]):
+        raise ValueError(f'plan step {verb} takes no count')
+    given = found.groupdict() if found else {}
+    count = int(given.get('count') or _MINUTES * (verb == 'track'))
+    step = Step(verb, count, (given.get('what') or '').replace('incremental', ''))
+    if not found or ('count' in given and not 1 <= count <= 100000) or (
+            verb == 'track' and not 0.0 < step.goal <= 3600.0):
+        raise ValueError(f'plan step {text!r}: write {verb}{how}')
+    return step
 
 
 def night_plan(stars, exposures, reference=False, cycle='incremental'):

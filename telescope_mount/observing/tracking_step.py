@@ -1,6 +1,5 @@
 """The step `track`: the expected error of a model is held below a goal, with few stars."""
 
-from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -116,12 +115,6 @@ class TrackedModel:
         self.mount, self.states = model.mount, tuple(model.terms)
         self._covariance, self._walk = np.asarray(model.covariance), np.square(walks)
 
-    def later(self, seconds):
-        """The same so long after, without a star."""
-        out = copy(self)
-        out._covariance = self.ahead(seconds)
-        return out
-
     def columns(self, az, el):
         """Of the terms at places of the axes, shape (p, 2, k)."""
         return np.stack(design(self.states, az, el, self.mount), axis=1)
@@ -172,5 +165,5 @@ def choose_next(model, az, el, here, exposure, waited, rate):
     -------
     next_star.NextStar
     """
-    return next_star(model.later(waited), az, el, here, (az, el), sigma=model.noise,
+    return next_star(model, az, el, here, (az, el), waited, sigma=model.noise,
                      exposure_s=exposure, slew=SlewTime((rate, rate)))

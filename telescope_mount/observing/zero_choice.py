@@ -99,17 +99,19 @@ class ZeroChoice:
 
     def way(self, n):
         """By Polaris or by stars, a `zero_stars.ZeroMethod`; `n` exposures."""
-        if not self._polaris_is_allowed():
+        star = load_catalogue(hip=[POLARIS_HIP])
+        place = observed_place(star, self._time, self._site, self._weather)
+        if not np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)):
             return ZeroMethod(False, 'the guard does not let the tube look at Polaris')
+        heights, first, second = self._polaris(star, n)
         for rows, why in ((self._now, 'as the exposures of this power-on so far'),
                           ([] if is_a_model(self._model) else self._earlier,
                            'as the power-on before, since which the change is wanted')):
             if not rows:
                 continue
             polaris = not any(row.get(MARK) for row in rows)
-            if not polaris or self._polaris_is_up(n):
+            if not polaris or self._low <= heights.min() <= heights.max() <= self._high:
                 return ZeroMethod(polaris, why)
-        heights, first, second = self._polaris(n)
         # without a model what is held cancels in the change, if it is the same then
         held = {'model': self._model, 'mount': self._mount, 'held': is_a_model(self._model)}
         own = zero_sigma(first, second, **held)
@@ -123,22 +125,12 @@ class ZeroChoice:
             return None
         return zero_sigma(*self._axes(np.repeat(chosen.rows, chosen.counts), self._stars), **held)
 
-    def _polaris(self, n):
+    def _polaris(self, star, n):
         """Elevations from begin to end, and the axis angles of `n` exposures."""
-        star = load_catalogue(hip=[POLARIS_HIP])
         times = self._time + np.array([0.0, 0.5, 1.0]) * n * self._a_star
         heights = np.array([observed_place(star, t, self._site, self._weather)[1][0]
                             for t in times])
         return heights, *self._axes(np.zeros(n, int), star)
-
-    def _polaris_is_allowed(self):
-        star = load_catalogue(hip=[POLARIS_HIP])
-        place = observed_place(star, self._time, self._site, self._weather)
-        return bool(np.all(self._reach.permitted(self._mount, *place, self._time, star.hip)))
-
-    def _polaris_is_up(self, n):
-        heights = self._polaris(n)[0]
-        return heights.min() >= self._low and heights.max() <= self._high
 
     def _axes(self, rows, stars):
         az, el = observed_place(stars.select(rows), self._time, self._site, self._weather)
@@ -152,13 +144,13 @@ class ZeroChoice:
         before = Before(*(np.array([row[name] for row in rows], float) for name in ('az', 'el')),
                         np.array([row['run'] == self._run for row in rows], bool)) if rows else None
         marked = [row for row in self._tonight if row.get(MARK)]
-        judged = {int(row['star']) for row in self._tonight} - {int(row['star']) for row in marked}
+        checked = {int(row['star']) for row in self._tonight} - {int(row['star']) for row in marked}
         prefer = dict.fromkeys(int(row['star']) for row in rows if row.get(MARK) and without)
         return zero_stars(
             self._stars, self._time, n, site=self._site, weather=self._weather,
             mount=self._mount, limits=self._reach, model=self._model, before=before,
             prefer=list(prefer),
-            exclude=sorted(judged), min_el=self._low, max_el=self._high,
+            exclude=sorted(checked), min_el=self._low, max_el=self._high,
             mag_limit=self._faintest, duration=n * self._a_star + _AGAIN * (
                 without and not self._earlier), start=self._here)
 

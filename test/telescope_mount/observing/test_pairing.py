@@ -159,27 +159,3 @@ def test_the_newest_readings_back_to_a_moment():
         assert angles == pytest.approx(np.outer(stamps, [0.1, -0.1]))
     readings.clear()
     assert not readings
-
-
-def test_what_is_older_than_a_track_is_forgotten():
-    readings = Readings()
-    for stamp in range(100):
-        readings.append(stamp, (stamp * 0.1, -stamp * 0.1))
-    readings.forget_before(40)  # not the most of it
-    assert len(readings) == 100
-    readings.forget_before(80)
-    assert list(readings.stamps) == list(range(79, 100))
-    assert readings.since(0)[1] == pytest.approx(np.outer(range(79, 100), [0.1, -0.1]))
-    readings.forget_before(0)
-    readings.forget_before(1000)
-    assert list(readings.stamps) == [99]
-
-
-def test_nights_do_not_pile_up_readings():
-    waiting = exposures([], enc=(0, 5))
-    for night in range(1, 40):
-        begin = NS + night * 86400 * SECOND
-        for second in range(30):
-            waiting.add_reading('enc', begin + second * SECOND, np.zeros(2))
-        waiting.begin(Track(begin + 40 * SECOND, np.array([0.0, 60.0]), np.zeros((2, 2)), None))
-        assert len(waiting._readings['enc']) <= 62
