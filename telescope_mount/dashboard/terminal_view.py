@@ -74,15 +74,10 @@ class Dashboard:
 
 def _text(lines):
     """Lines, each of parts with a style, as one `Text` that is not wrapped."""
-    text = Text(no_wrap=True, overflow='ignore')
-    for number, line in enumerate(lines):
-        text.append('\n' if number else '')
-        part = Text()
-        for words, style in line:
-            part.append(words, style=style)
-        part.rstrip()
-        text.append_text(part)
-    return text
+    rows = [Text.assemble(*line) for line in lines]
+    for row in rows:
+        row.rstrip()
+    return Text('\n', no_wrap=True, overflow='ignore').join(rows)
 
 
 def _head(state, screen, note):

@@ -218,11 +218,10 @@ def needed(rows):
                      'printed_arcsec': PRINTED_STD[method], **dict.fromkeys(columns)}
             above = np.flatnonzero(shown >= PRINTED_STD[method])
             if len(above) and above[0] > 0:
-                i = above[0]
-                part = (PRINTED_STD[method] - shown[i - 1]) / (shown[i] - shown[i - 1])
+                about = slice(above[0] - 1, above[0] + 1)
                 for key, column in columns.items():
-                    low, high = tried[i - 1][column], tried[i][column]
-                    found[key] = float(low + part * (high - low))
+                    found[key] = float(np.interp(PRINTED_STD[method], shown[about],
+                                                 [row[column] for row in tried[about]]))
             out.append(found)
     return out
 
