@@ -157,3 +157,36 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
     def details(self):
         """The state."""
         return [*super().details(), ('lifecycle', self._state_machine.current_state[1])]
+
+
+class WorkerNode(ManagedNode):
+    """A `ManagedNode` whose device has threads of its own.
+
+    Attributes
+    ----------
+    worker : object
+        With ``start()``, called once, when the node is configured, and ``close()``.
+    started : bool
+    """
+
+    worker, started, _reported = None, False, ''
+
+    def configured(self):
+        """Begin; once, then the worker keeps the connection up."""
+        if not self.started:
+            self.started = True
+            self.worker.start()
+
+    def log_change(self, text, fine):
+        """Log what is wrong (`text`) as it changes, or that nothing is any more (`fine`)."""
+        if text != self._reported:
+            self._reported = text
+            if text:
+                self.get_logger().warning(text)
+            else:
+                self.get_logger().info(fine)
+
+    def finish(self):
+        """End the worker."""
+        if self.started:
+            self.worker.close()

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node_lifecycle import AUTOSTART, WorkerNode
 from msg_tools.units import ARCSEC
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -29,7 +29,7 @@ PARAMS = (
 WAIT = 5.0
 
 
-class IndiMount(ManagedNode):
+class IndiMount(WorkerNode):
     """Owns the connection; what is computed stands in `driver`."""
 
     def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
@@ -38,13 +38,11 @@ class IndiMount(ManagedNode):
         mount = mount_of(self)
         check_kind(mount)  # a kind that cannot be driven is refused at once
         self._names = mount.names.keys
-        self._driver = self.make_driver(mount)
-        self._reported = ''
+        self.worker = self._driver = self.make_driver(mount)
         self._before = None
         self._pub = self.publisher(topics.INCREMENTAL)
         self.subscribe(topics.COMMAND, self._on_command)
         self.serve('home', self._home)
-        self._started = False
         self.every(0.02, self._tick)
 
     def make_driver(self, mount):
@@ -53,12 +51,6 @@ class IndiMount(ManagedNode):
         return MountDriver(
             value('host'), value('port'), mount, sky_of(self)[0], value('device'), value('axes'),
             value('tolerance_arcsec') * ARCSEC, value('set_site'), value('period_ms'))
-
-    def configured(self):
-        """Connect; once, then the connection is kept up."""
-        if not self._started:
-            self._started = True
-            self._driver.start()
 
     def deactivated(self):
         """Stop the mount."""
@@ -86,13 +78,7 @@ class IndiMount(ManagedNode):
             self._driver.step()
         except BridgeError as err:
             self.reject(topics.COMMAND.name, str(err))
-        text = self._driver.state()[0]
-        if text != self._reported:
-            self._reported = text
-            if text:
-                self.get_logger().warning(text)
-            else:
-                self.get_logger().info('the mount is ready')
+        self.log_change(self._driver.state()[0], 'the mount is ready')
 
     def _rate(self, stamp, angles):
         before, self._before = self._before, (stamp, angles)
@@ -108,8 +94,3 @@ class IndiMount(ManagedNode):
     def details(self):
         """Device, side, what the driver's own model takes."""
         return [*super().details(), *self._driver.details()]
-
-    def finish(self):
-        """Leave a mount that stands."""
-        if self._started:
-            self._driver.close()

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.node_lifecycle import AUTOSTART, ManagedNode
+from msg_tools.node_lifecycle import AUTOSTART, WorkerNode
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, sky_of
 
@@ -41,18 +41,18 @@ PARAMS = (
 )
 
 
-class IndiSky(ManagedNode):
+class IndiSky(WorkerNode):
     """Publishes each exposure; NaN says that no star was measured. None while it is inactive."""
 
     def __init__(self, name='indi_sky', params=PARAMS, hardware_id='what an INDI mount sees',
                  **kwargs):
         super().__init__(name, params, hardware_id=hardware_id, **kwargs)
         value = self.value
-        self._source = self.make_source(StarField(
+        self.worker = self._source = self.make_source(StarField(
             mount_of(self), *sky_of(self), value('field_deg') * DEG, value('magnitude_limit'),
             value('noise_arcsec') * ARCSEC, value('seed')))
         self._source.switch(False)
-        self._without, self._reported, self._started = 0, '', False
+        self._without = 0
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.every(0.05, self._expose)
 
@@ -64,12 +64,6 @@ class IndiSky(ManagedNode):
             return TrueSky(*where, value('device'), value('axes'), value('rate_hz'))
         self.subscribe(topics.INCREMENTAL, self._on_reading)
         return SolvedSky(*where, value('camera'), self._solver(), value('exposure_s'))
-
-    def configured(self):
-        """Connect; once, then the connection is kept up."""
-        if not self._started:
-            self._started = True
-            self._source.start()
 
     def activated(self):
         """Begin with exposures."""
@@ -103,18 +97,12 @@ class IndiSky(ManagedNode):
             stamp, miss = source.exposures.popleft()
             self._without += int(miss[0] != miss[0])
             self._pub.publish(convert.vector(stamp, *miss, 'camera'))
-        text = source.why or source.note
-        if text != self._reported:
-            self._reported = text
-            if text:
-                self.get_logger().warning(text)
-            else:
-                self.get_logger().info('exposures come')
+        self.log_change(source.why or source.note, 'exposures come')
 
     def problems(self):
         """No connection, no camera, or a driver that does not know where it looks."""
         source = self._source
-        if not self._started:
+        if not self.started:
             return []
         if source.why:
             return [(DiagnosticStatus.ERROR, source.why)]
@@ -123,8 +111,3 @@ class IndiSky(ManagedNode):
     def details(self):
         """Exposures without a star."""
         return [*super().details(), ('exposures without a star', str(self._without))]
-
-    def finish(self):
-        """End the connection."""
-        if self._started:
-            self._source.close()
