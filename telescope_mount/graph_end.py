@@ -33,7 +33,7 @@ class AtRest:
 
     Attributes
     ----------
-    stands : bool
+    at_rest : bool
         False before it is known.
     unknown : bool
         The last reading is no number: the mount was not homed, and the guard led it nowhere.
@@ -41,7 +41,7 @@ class AtRest:
 
     def __init__(self):
         self._kept = deque()
-        self.stands = self.unknown = False
+        self.at_rest = self.unknown = False
 
     def take(self, at, angles):
         """A reading: when, s, and both angles, rad."""
@@ -56,7 +56,7 @@ class AtRest:
             self._kept.popleft()
         moved = np.abs(wrap(angles - np.array([other for _, other in self._kept]))).max()
         span = at - self._kept[0][0]
-        self.stands = bool(span >= APART and moved <= STILL * span)
+        self.at_rest = bool(span >= APART and moved <= STILL * span)
 
 
 def come_to_rest(watcher, plan, note):
@@ -94,10 +94,10 @@ def come_to_rest(watcher, plan, note):
     if state() == 'parked':
         note('parked')
         return
-    rest, heard = AtRest(), [time.monotonic()]
+    rest, last = AtRest(), [time.monotonic()]
 
     def take(message):
-        heard[0] = time.monotonic()
+        last[0] = time.monotonic()
         try:
             stamp, angles, *_ = convert.read_joints(message)
         except ValueError:
@@ -114,10 +114,10 @@ def come_to_rest(watcher, plan, note):
                  'command')
         if not led and not watcher.node.count_publishers(subscription.topic_name):
             return  # of a mount without a driver nothing is known, and nothing was asked
-        heard[0] = time.monotonic()
+        last[0] = time.monotonic()
 
         def over():
-            return rest.stands or rest.unknown or time.monotonic() - heard[0] > SILENT
+            return rest.at_rest or rest.unknown or time.monotonic() - last[0] > SILENT
 
         if not _spin(watcher, over, TOLD):
             note('waiting until the mount stands; Ctrl-C ends at once')
@@ -125,7 +125,7 @@ def come_to_rest(watcher, plan, note):
         if rest.unknown:
             note('where the axes are is not known: a driver that homes the mount goes on until it '
                  'has done so; look at the mount')
-        elif not rest.stands:
+        elif not rest.at_rest:
             note('whether the mount stands is not known: look at it; ' + (
                 'its encoders say nothing' if over() else f'it has moved for {STOPPED:g} s'))
     finally:

@@ -124,8 +124,8 @@ def started(values, specs, drivers=()):
 
 def _pictures(values, specs):
     """What shows the mount; a night goes on without it."""
-    told = next(spec.parameters for spec in specs if spec.name == 'star_observer')
-    own = {name: told[name] for name in ('mount', 'use_sim_time') if name in told}
+    observer = next(spec.parameters for spec in specs if spec.name == 'star_observer')
+    own = {name: observer[name] for name in ('mount', 'use_sim_time') if name in observer}
     place = {'namespace': values['namespace'], 'output': 'screen'}
     display = {'package': 'telescope_mount', 'executable': 'mount_display',
                'name': 'mount_display', **place}

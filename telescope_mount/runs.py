@@ -128,7 +128,7 @@ def load_runs(paths, seen=(), **options):
     Raises
     ------
     ValueError
-        None of the files is a run with observations; what is said of the first. All of them
+        None of the files is a run with observations; the line is that of the first. All of them
         are those of `seen`.
     OSError
         The only file cannot be opened.
@@ -144,14 +144,14 @@ def load_runs(paths, seen=(), **options):
             raise ValueError('no file with a pointing run is given')
         if len(wrong) == 1:
             raise wrong[0][1]
-        raise ValueError(f'none of {len(wrong)} files could be read: {_said(*wrong[0])}')
+        raise ValueError(f'none of {len(wrong)} files could be read: {_line_of(*wrong[0])}')
     runs, copied = without_copies(runs, seen)
     return runs, copied + [
-        said if isinstance(error, NoObservations) else f'{said} (file left out)'
-        for path, error in wrong for said in [_said(path, error)]]
+        line if isinstance(error, NoObservations) else f'{line} (file left out)'
+        for path, error in wrong for line in [_line_of(path, error)]]
 
 
-def _said(path, error):
+def _line_of(path, error):
     """One line about a file."""
     if isinstance(error, OSError):
         return f'{path}: {error.strerror or error}'

@@ -97,11 +97,11 @@ def ask_server(text, sky=None, seen=False):
         No server, no telescope, a driver that does not know where it looks.
     """
     protocol, parts = text.partition(':')[0], text.split(':')
-    told = parts.pop() if len(parts) == 4 else ''
+    kind = parts.pop() if len(parts) == 4 else ''
     host, port = parse_address(':'.join(parts), protocol, PORTS[protocol])
     try:
         ask = _ask_indi if protocol == 'indi' else _ask_alpaca
-        server, kind, site, simulated, device = ask(host, port, told, seen)
+        server, kind, site, simulated, device = ask(host, port, kind, seen)
     except BridgeError as err:
         raise ValueError(str(err)) from None
     if not kind:
@@ -114,7 +114,7 @@ def ask_server(text, sky=None, seen=False):
                  simulated)
 
 
-def _ask_indi(host, port, told, seen):
+def _ask_indi(host, port, given, seen):
     from telescope_mount.bridges.indi.client import IndiClient
     from telescope_mount.bridges.indi.indi_telescope import (
         SIDE,
@@ -129,20 +129,20 @@ def _ask_indi(host, port, told, seen):
         telescope.connect()
         if not seen:
             _with_advice(knows_where_it_looks, telescope)
-        kind = told or telescope.kind or ('german' if telescope.get(SIDE) else '')
+        kind = given or telescope.kind or ('german' if telescope.get(SIDE) else '')
         check_kind(telescope, kind)
         return ({'device': telescope.device}, kind, telescope.site,
                 is_simulator(telescope), telescope.device)
 
 
-def _ask_alpaca(host, port, told, seen):
+def _ask_alpaca(host, port, given, seen):
     from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaTelescope
     telescope = AlpacaTelescope(host, port)
     telescope.connect()
     simulated = telescope.is_simulator
     if not seen:
         _with_advice(AlpacaTelescope.knows_where_it_looks, telescope)
-    return {'number': 0}, told or telescope.kind, telescope.site, simulated, telescope.device
+    return {'number': 0}, given or telescope.kind, telescope.site, simulated, telescope.device
 
 
 def _with_advice(check, telescope):

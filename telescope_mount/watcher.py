@@ -1,6 +1,5 @@
 """The command line's own node: watches the graph and keeps what it publishes last."""
 
-import contextlib
 import time
 
 from std_srvs.srv import Trigger
@@ -10,9 +9,6 @@ from msg_tools.node import NO_SUBSCRIPTION_EVENTS
 from msg_tools.readiness import AWAITED, REST, RESTS, GraphReports, unreceived
 
 from .graph_client import GraphClient
-
-#: s; what comes within is taken at once while nothing hangs on it
-LEISURE = 0.02
 
 
 class Watcher(GraphClient):
@@ -63,15 +59,6 @@ class Watcher(GraphClient):
     def keep_results(self):
         """Keep what the graph has found as well, from what each topic has now on."""
         self._keep(self.RESULTS)
-
-    @contextlib.contextmanager
-    def at_leisure(self):
-        """Within, what comes soon after each other is taken at once."""
-        self.executor.gather = LEISURE
-        try:
-            yield
-        finally:
-            self.executor.gather = 0.0
 
     def call(self, service, timeout=30.0):
         """Call a Trigger service of the graph; asked again where the answer does not come.

@@ -24,7 +24,9 @@ from .simulation import kind_of_mount
 STALL = 60.0
 #: the same of a diagnosis, which on a mount of several sides thinks for minutes between two words
 THINKING = 1800.0
-#: wall seconds after which a wait is told
+#: s; what comes within is taken at once while nothing hangs on it
+LEISURE = 0.02
+#: wall seconds after which a wait is reported
 SAID_AFTER = 1.5
 #: s within which a node reports again, also one that works hard
 ANSWERED_IN = 10.0
@@ -206,8 +208,9 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             watcher = loading.result().Watcher('night', lock.number, nodes.environment, nodes.check)
             ends.callback(watcher.close)
             with _at_rest_after(watcher, specs, note or (lambda _: None)):
-                with watcher.at_leisure():
-                    _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+                watcher.executor.gather = LEISURE
+                _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+                watcher.executor.gather = 0.0
                 if progress:
                     progress('writing the results', 0, None)
                 out = _results(watcher, specs, plan, write, bag)
@@ -392,7 +395,7 @@ def _complete(watcher, plan):
             and _up_to_date(latest, verbs))
 
 
-def _diagnosed(latest, judged):
+def _diagnosed(latest, compared):
     """Whether the diagnosis is here, and the report that came with it."""
     from msg_tools import topics
     if topics.DIAGNOSIS.name not in latest:
@@ -400,7 +403,7 @@ def _diagnosed(latest, judged):
     diagnosis, report = (json.loads(latest[name].data) for name in (
         topics.DIAGNOSIS.name, topics.CALIBRATION_REPORT.name))
     return (report.get('verdict') == diagnosis['verdict']
-            and (not judged or 'judged' in diagnosis))
+            and (not compared or 'judged' in diagnosis))
 
 
 def _up_to_date(latest, verbs):

@@ -107,13 +107,13 @@ class AxisReadings:
         """Whether the last reading contradicts `here`, and is not believed yet."""
         return self._jumped is not None
 
-    def stand(self, still):
+    def at_rest(self, still):
         """Whether both axes are known to be slower than `still`, rad/s."""
         return self.here is not None and bool(np.all(np.abs(self.rate) < still))
 
     def rest_at(self, place, near, still):
         """Whether they do, and both axes are nearer than `near`, rad, to a pair of angles."""
-        return self.stand(still) and all(abs(a - b) < near for a, b in zip(self.here, place))
+        return self.at_rest(still) and all(abs(a - b) < near for a, b in zip(self.here, place))
 
     def _again(self, angles):
         """Whether readings keep to where one jumped to."""

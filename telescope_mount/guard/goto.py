@@ -33,9 +33,6 @@ class GotoKeeper(Keeper):
     is to be 0.
     """
 
-    def _here(self, now):
-        return self.readings.state
-
     def _to_via(self, now, name='around'):
         first, second = self._vias[0]
         beside = second - 0.5 * math.pi

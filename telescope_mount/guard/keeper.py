@@ -165,7 +165,7 @@ class Keeper:
         """After that: a stop from the first reading of the new time, as nobody knows the way."""
         if self._halt and self.readings.stamp <= now + round(0.5 * FAR * 1e9):
             self._halt = False
-            if self._course is None and not self.readings.stand(STILL):
+            if self._course is None and not self.readings.at_rest(STILL):
                 self._brake(now)
 
     def withdraw(self, now):
@@ -252,7 +252,7 @@ class Keeper:
 
     def _here(self, now):
         """Of the axes now: where they were sent, while they follow, else their reading."""
-        if self._course is not None and not self._settings.whole and not self._hung(now):
+        if self._course is not None and self._course.moves and not self._hung(now):
             return self._course.state(now)
         return self.readings.state
 
@@ -325,7 +325,7 @@ class Keeper:
             return
         self._halted(now)
         if self._alive and self.readings.here is not None and (self.state == 'waiting' or (
-                self.state == 'stopping' and self.readings.stand(STILL))):
+                self.state == 'stopping' and self.readings.at_rest(STILL))):
             if self.state == 'waiting' and self._vias and not self._blind:
                 self._to_via(now)
             else:

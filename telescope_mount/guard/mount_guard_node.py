@@ -288,7 +288,7 @@ class MountGuard(ManagedNode):
         """Stop what this guard sends; say so where the axes move all the same."""
         resting = self._keeper.state in ('idle', 'stopped', 'paused', 'parked')
         done, text = self._do('aborted', self._keeper.abort)
-        if done and resting and not (self._whole or self._keeper.readings.stand(STILL)):
+        if done and resting and not (self._whole or self._keeper.readings.at_rest(STILL)):
             text += (': the axes move, or say no place, and not by this guard; what a driver does '
                      'by itself (home) ends by the driver alone')
         return done, text

@@ -54,9 +54,9 @@ class Surroundings:
 
     def free(self, boxes, circles):
         """Which of many boxes are surely free of the horizon and of `in_axes`, bool (n,)."""
-        above, apart = self._clearances(boxes, circles)[0]
+        above, distances = self._clearances(boxes, circles)[0]
         out = above >= 0.0
-        for circle, distance in zip(circles, apart):
+        for circle, distance in zip(circles, distances):
             out &= distance >= circle.distance
         return out
 
@@ -134,13 +134,13 @@ class Surroundings:
         done, exact = 0, False
         cleared = self._clearances(boxes, circles, exact)
         while True:
-            (above, apart), (above_here, apart_here), half = cleared
+            (above, distances), (above_here, distances_here), half = cleared
             near = [circle.distance for circle in circles]
             if begin is not None:
                 near = [np.minimum(own, stayed - SLACK)
                         for own, stayed in zip(near, self._stayed(begin, boxes.time, circles))]
             sure = above >= lowest
-            for distance, own in zip(apart, near):
+            for distance, own in zip(distances, near):
                 sure &= distance >= own
             if sure.all():
                 return ''
@@ -155,7 +155,7 @@ class Surroundings:
                     lowest = min(lowest, above)
                     continue
             bad = above_here < lowest
-            for distance, own in zip(apart_here, near):
+            for distance, own in zip(distances_here, near):
                 bad |= distance < own
             if exact:
                 bad |= ~sure & (half < NEAR / 2.0)
@@ -167,7 +167,7 @@ class Surroundings:
                 if not circles or above_here[i] < lowest + NEAR:
                     return self._reason(az, el)
                 beyond = [distance[i] - circle.distance
-                          for distance, circle in zip(apart_here, circles)]
+                          for distance, circle in zip(distances_here, circles)]
                 return self._reason(az, el, circles[int(np.argmin(beyond))])
             boxes = quartered(boxes, ~sure) if exact else boxes.of(~sure)
             exact = not exact
@@ -210,10 +210,10 @@ class Surroundings:
                 above = lowest - horizon.highest(az, wide)
         toward = [circle.at(boxes.time) if circle.pole is not None else circle.toward
                   for circle in circles]
-        apart_here = [arc(np.arccos, np.sum(to.T * place.T, -1)) for to in toward]
-        apart = [arc(np.arccos, most_cosine(to, boxes)) for to in toward] if exact else [
-            distance - half for distance in apart_here]
-        return (above, apart), (above_here, apart_here), half
+        distances_here = [arc(np.arccos, np.sum(to.T * place.T, -1)) for to in toward]
+        distances = [arc(np.arccos, most_cosine(to, boxes)) for to in toward] if exact else [
+            distance - half for distance in distances_here]
+        return (above, distances), (above_here, distances_here), half
 
     def _reason(self, az, el, circle=None):
         """Why a direction is not allowed: for the horizon, or a circle."""
@@ -222,6 +222,6 @@ class Surroundings:
             least = self.limits.horizon.over(az) / DEG
             return (f'comes below the horizon of {least:.1f} deg at {where}: choose a higher '
                     'target')
-        told = (circle.distance - self._margin) / DEG
-        return (f'comes within {told:g} deg of {circle.limit.name} where it passes {where}: '
+        degrees = (circle.distance - self._margin) / DEG
+        return (f'comes within {degrees:g} deg of {circle.limit.name} where it passes {where}: '
                 'choose another target or wait')

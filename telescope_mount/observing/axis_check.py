@@ -40,7 +40,7 @@ class FollowingCheck:
         self._sent = None
         self._away, self._stamp = np.zeros(2, int), 0  # looks in a row at which an axis was
 
-    def say(self, stamp, here, wall, sent=None):
+    def fault(self, stamp, here, wall, sent=None):
         """What is wrong by a reading, '' where nothing is.
 
         Parameters

@@ -89,7 +89,7 @@ class Exposer:
             text = (f'moves by {swings[-1] / ARCSEC:.2g} arcsec beside its track within an '
                     f'exposure, smear_arcsec = {self._out.value("smear_arcsec"):g}')
         instruments.health.axes(
-            MOUNT, self._following.say(instruments.stamp, instruments.here, now,
+            MOUNT, self._following.fault(instruments.stamp, instruments.here, now,
                                        self._out.guard.sent(instruments.stamp)) or text)
 
     def observe(self, target, block, blind=False):
@@ -160,7 +160,7 @@ class Exposer:
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
         row = self._row(pointing, block, blind, stamp, miss, enc, second, rate)
-        self._judge_camera(row)
+        self._check_camera(row)
         return row
 
     def _sees_motion(self, pointing):
@@ -181,7 +181,7 @@ class Exposer:
         self._out.refuse_frame('the camera does not see by how much the mount was moved')
         return False
 
-    def _judge_camera(self, row):
+    def _check_camera(self, row):
         """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
         rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
         wrong, sense = turned_rows(PointingRun(

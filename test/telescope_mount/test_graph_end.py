@@ -23,7 +23,7 @@ def stands_at(times, rate, noise=0.0, seed=3):
         angle += rate(at) * DEG * (at - before)
         before = at
         rest.take(at, np.angle(np.exp(1j * (angle + rng.normal(0.0, noise)))) * np.ones(2))
-        if rest.stands:
+        if rest.at_rest:
             return at
     return None
 
@@ -40,7 +40,7 @@ def test_axes_stand_when_their_readings_do(hertz, noise, late):
 def test_readings_without_a_number_are_of_a_mount_that_is_led_nowhere():
     rest = AtRest()
     rest.take(1.0, (np.nan, np.nan))
-    assert rest.unknown and not rest.stands
+    assert rest.unknown and not rest.at_rest
 
 
 class Graph:

@@ -327,7 +327,7 @@ def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mou
     assert (keeper.state, keeper.level) == ('stopped', WARN) and 'no number' in keeper.reason
     mount.asked = None
     keeper.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
-    assert not keeper.readings.stand(1.0)  # nothing is known of its rate yet
+    assert not keeper.readings.at_rest(1.0)  # nothing is known of its rate yet
     assert mount.run(0.2).ask(150.0, 50.0).run(60.0).state == 'following'
     assert not recwarn.list
 

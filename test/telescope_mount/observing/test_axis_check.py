@@ -29,7 +29,7 @@ def says(moves, sent, seconds=40.0, drift=0.1, scale=1.0, late=0.0, heard=0.0, *
         place = np.array([moves(gone), 40.0 * DEG])
         told = 0.0 if t < (late + heard) * scale else gone
         wanted = None if sent is None else np.array([sent(told), 40.0 * DEG])
-        text = check.say(round(t * SECOND), place, 0.5 * i, wanted)
+        text = check.fault(round(t * SECOND), place, 0.5 * i, wanted)
         if text:
             found.setdefault(text, t)
     return found
@@ -80,10 +80,10 @@ def test_a_command_that_is_heard_of_later_than_the_axes_move_is_no_fault():
 def test_a_reading_that_is_looked_at_twice_is_one():
     check = FollowingCheck(Track(0, np.array([0.0, 60.0]), np.tile((-1.0, 0.7), (2, 1)),
                                  np.zeros((2, 2))), np.array([0.0, 0.7]), ALTAZ, 1e-4)
-    assert check.say(SECOND // 10, np.array([0.0, 0.7]), 0.1) == ''
+    assert check.fault(SECOND // 10, np.array([0.0, 0.7]), 0.1) == ''
     for wall in (0.6, 1.1, 1.2):
-        assert check.say(SECOND // 2, np.array([0.2, 0.7]), wall) == ''
-    assert 'moves away' in check.say(SECOND, np.array([0.3, 0.7]), 1.3)
+        assert check.fault(SECOND // 2, np.array([0.2, 0.7]), wall) == ''
+    assert 'moves away' in check.fault(SECOND, np.array([0.3, 0.7]), 1.3)
 
 
 def test_where_time_is_slow_an_axis_has_its_time_to_set_out():
@@ -93,9 +93,9 @@ def test_where_time_is_slow_an_axis_has_its_time_to_set_out():
 def test_an_axis_that_moves_at_a_first_look_that_comes_late_is_no_fault():
     check = FollowingCheck(Track(0, np.array([0.0, 60.0]), np.tile((-1.0, 0.7), (2, 1)),
                                  np.zeros((2, 2))), np.array([1.0, 0.7]), ALTAZ, 1e-4)
-    assert check.say(3 * SECOND, np.array([0.8, 0.7]), 3.0) == ''
-    assert check.say(4 * SECOND, np.array([0.8, 0.7]), 4.0) == ''
-    assert 'stays' in check.say(5 * SECOND, np.array([0.8, 0.7]), 5.0)
+    assert check.fault(3 * SECOND, np.array([0.8, 0.7]), 3.0) == ''
+    assert check.fault(4 * SECOND, np.array([0.8, 0.7]), 4.0) == ''
+    assert 'stays' in check.fault(5 * SECOND, np.array([0.8, 0.7]), 5.0)
 
 
 def test_an_axis_that_ends_beside_its_demand_is_named():
