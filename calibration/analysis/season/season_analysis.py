@@ -227,8 +227,7 @@ def _finding(season, found, value, sigma):
         (names[term], (v / ARCSEC).tolist(), (s / ARCSEC).tolist())
         for term, v, s in zip(cause.terms, value, sigma)]}
     if cause.kind in ('step', 'declared'):
-        after = int(np.argmax(cause.shape[:, 0]))
-        begin, end = season.nights[after - 1].time, season.nights[after].time
+        begin, end = (night.time for night in season.nights[cause.first - 1:cause.first + 1])
         evidence['between'] = date_of(begin, end), date_of(end, begin)
     if cause.kind == 'year':
         v = value[0]

@@ -191,23 +191,20 @@ def rate_hypotheses(names, mount, sensors, settings):
 def jumps_of(names, mount, sensors, settings):
     """A `PossibleJump` of each size: of each axis, and of each cause that sensors distinguish."""
     states = states_of(names, sensors)
-    out = []
+    causes = []  # name, shape, sizes
     for i, (term, axis) in enumerate(zip(mount.names.index, mount.names.axes), 1):
         shown = f'difference_{i}'
         shapes = {axis: {term: 1.0}}
         if 'difference' in sensors:
             shapes = {f'{INCREMENTAL}, {axis}': {term: 1.0, shown: -1.0},
                       f'{ABSOLUTE}, {axis}': {shown: 1.0}, f'{TUBE}, {axis}': {term: 1.0}}
-        for name, shape in shapes.items():
-            out += [PossibleJump(name, _direction(states, shape), sigma, often)
-                    for sigma, often in settings.jumps]
+        causes += [(name, shape, settings.jumps) for name, shape in shapes.items()]
     if 'inclinometer' in sensors:
-        for way, shape, shown in zip(('north or south', 'east or west'),
-                                     lean_of_base(mount), ('lean_north', 'lean_west')):
-            full = _direction(states, {**shape, shown: 1.0})
-            out += [PossibleJump(f'{PIER}, {way}', full, sigma, often)
-                    for sigma, often in PIER_JUMPS]
-    return out
+        for way, shape, shown in zip(('north or south', 'east or west'), lean_of_base(mount),
+                                     ('lean_north', 'lean_west')):
+            causes.append((f'{PIER}, {way}', {**shape, shown: 1.0}, PIER_JUMPS))
+    return [PossibleJump(name, _direction(states, shape), sigma, often)
+            for name, shape, sizes in causes for sigma, often in sizes]
 
 
 def night_to_night(states, mount, settings):

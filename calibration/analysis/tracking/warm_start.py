@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.terms import design
 
@@ -168,10 +167,8 @@ class WarmStart:
         return self._with(self._last + off, self.start.covariance)
 
     def _with(self, terms, covariance):
-        plain = self._model
-        return PointingModel(
-            dict(zip(self._past.names, map(float, terms))), covariance, plain.harmonics,
-            plain.provenance, plain.geometry, plain.effects, plain.mount)
+        return replace(self._model, terms=dict(zip(self._past.names, map(float, terms))),
+                       covariance=covariance)
 
     def document(self):
         """How likely each of `HYPOTHESES` is, JSON-ready."""
