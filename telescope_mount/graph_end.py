@@ -83,13 +83,14 @@ def come_to_rest(watcher, plan, note):
         return '' if message is None else next(
             (row.value for row in message.values if row.key == 'state'), '')
 
+    watcher.check = lambda: None  # a node that has ended is no matter any more
     if not state():
         return  # it has never spoken, and led the mount nowhere
     if plan == 'cancelled':  # by the guard itself: what it does now may be heard a moment later
-        _spin(watcher, lambda: state() in (*LOCKED, *RESTING, 'parking'), HEARD)
+        watcher.spin_until(lambda: state() in (*LOCKED, *RESTING, 'parking'), HEARD)
     if state() == 'parking':
         note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')
-        if not _spin(watcher, lambda: state() != 'parking', PARKED):
+        if not watcher.spin_until(lambda: state() != 'parking', PARKED):
             note(f'not parked after {PARKED:g} s: the mount is stopped')
     if state() == 'parked':
         note('parked')
@@ -119,9 +120,9 @@ def come_to_rest(watcher, plan, note):
         def over():
             return rest.at_rest or rest.unknown or time.monotonic() - last[0] > SILENT
 
-        if not _spin(watcher, over, TOLD):
+        if not watcher.spin_until(over, TOLD):
             note('waiting until the mount stands; Ctrl-C ends at once')
-            _spin(watcher, over, STOPPED)
+            watcher.spin_until(over, STOPPED)
         if rest.unknown:
             note('where the axes are is not known: a driver that homes the mount goes on until it '
                  'has done so; look at the mount')
@@ -136,21 +137,11 @@ def _aborted(watcher):
     """Call `abort` of the guard; whether it answers."""
     from std_srvs.srv import Trigger
     client = watcher.client('abort')
-    if not _spin(watcher, client.service_is_ready, ANSWERED):
+    if not watcher.spin_until(client.service_is_ready, ANSWERED):
         return False
     futures = []
     for _ in range(ASKED):  # it does no harm, and none of these may come
         futures.append(client.call_async(Trigger.Request()))
-        if _spin(watcher, lambda: any(future.done() for future in futures), ANSWERED / ASKED):
+        if watcher.spin_until(lambda: any(future.done() for future in futures), ANSWERED / ASKED):
             return True
     return False
-
-
-def _spin(watcher, until, seconds):
-    """Spin until something holds; whether it did. A node that has ended is no matter any more."""
-    end = time.monotonic() + seconds
-    while not until():
-        if time.monotonic() > end:
-            return False
-        watcher.spin(0.05)
-    return True

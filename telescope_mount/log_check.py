@@ -139,10 +139,9 @@ def _read(log, prefix, check):
         elif name == 'observations':
             if data.width:
                 rows.tables[from_stamp(data.header.stamp)] = cloud_to_run(data)
-        elif name == 'offset':
-            pairing.offsets[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
-        elif name == 'camera/miss_distance':
-            pairing.frames[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+        elif name in ('offset', 'camera/miss_distance'):
+            taken = pairing.offsets if name == 'offset' else pairing.frames
+            taken[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
         elif name == 'observer/checks':
             found = _document(data.data).get('clocks')
             if found:

@@ -87,7 +87,8 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     if file is not None:
         # whatever cannot be read is said before a node starts
         run = _sound_run(file, place)
-        progress = progress and partial(_of, len(run), progress)
+        progress = progress and (
+            lambda text, done, _, line=progress: line(text, done, len(run)))
         plan = _MEASURED_PLAN
     else:
         run, plan = None, loop_plan(stars, polaris, check)
@@ -176,10 +177,6 @@ def _sound_run(file, place):
     if counts.too_few:
         raise ValueError(f'{file}: {counts.refusal}')
     return run
-
-
-def _of(total, progress, text, done, _):
-    progress(text, done, total)
 
 
 def _site_of(run, sky):

@@ -25,21 +25,16 @@ class TargetChoice:
     def __init__(self, outbox, instruments, active, table, exposer):
         self._out, self._instruments, self._active = outbox, instruments, active
         self._table, self._exposer = table, exposer
-        self._catalogue = self._polaris = None
 
     @property
     def stars(self):
         """The catalogue, two magnitudes deeper: neighbours which would disturb are known."""
-        if self._catalogue is None:
-            self._catalogue = load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
-        return self._catalogue
+        return load_catalogue(mag_limit=self._out.value('magnitude_limit') + 2.0)
 
     @property
     def polaris(self):
         """The target."""
-        if self._polaris is None:
-            self._polaris = StarTarget(load_catalogue(hip=[POLARIS_HIP]))
-        return self._polaris
+        return StarTarget(load_catalogue(hip=[POLARIS_HIP]))
 
     def limits(self):
         """Of the axes, `AxisLimits`."""

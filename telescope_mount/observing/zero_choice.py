@@ -178,6 +178,5 @@ class ZeroChoice:
         first, second = chosen.sigma / ARCSEC
         names = ', '.join(f'{self._stars.hip[row]} x {count}'
                           for row, count in zip(chosen.rows, chosen.counts))
-        return ZeroExposures(targets, by, f'zero by {by}: HIP {names}; {given}; sigma to be '
-                             'expected '
-                         f'{first:.2f}, {second:.2f} arcsec{again}')
+        return ZeroExposures(targets, by, f'zero by {by}: HIP {names}; {given}; '
+                             f'sigma to be expected {first:.2f}, {second:.2f} arcsec{again}')

@@ -379,9 +379,9 @@ def way_to_zero(polaris, stars, *, lowest, highest):
     heights, own = polaris
     low, high = heights.min(), heights.max()
     if low < lowest or high > highest:
-        return ZeroMethod(False, f'Polaris stands at {(low if low < lowest else high) / DEG:.1f} '
-                          'deg, '
-                   'outside the limits of elevation')
+        outside = (low if low < lowest else high) / DEG
+        return ZeroMethod(False, f'Polaris stands at {outside:.1f} deg, outside the limits of '
+                          'elevation')
     if stars is None:
         return ZeroMethod(True, 'no star is within the limits')
     ratio = own / stars

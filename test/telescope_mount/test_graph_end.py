@@ -14,6 +14,7 @@ from telescope_mount.whole_night import _at_rest_after
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools import convert, topics
+from telescope_mount.graph_client import GraphClient
 
 
 def stands_at(times, rate, noise=0.0, seed=3):
@@ -70,6 +71,9 @@ class Graph:
             self.called.append(service)
             return SimpleNamespace(done=lambda: self.answers)
         return SimpleNamespace(service_is_ready=lambda: True, call_async=call)
+
+    def spin_until(self, condition, timeout):
+        return GraphClient.spin_until(self, condition, timeout)
 
     def spin(self, seconds):
         self.time += seconds
