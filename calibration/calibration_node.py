@@ -161,10 +161,12 @@ class Calibration(MountNode):
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
     def _say(self, text, warn=False, **values):
+        """The text on the status topic."""
         self._publish(topics.CALIBRATION_STATUS, convert.status(
             DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
             self.get_fully_qualified_name(), text,
             **{**self._state.rows.taken.rows(), **values}))
+        return text
 
     def _answer(self, work):
         """What `work` has done, or why it could not."""
@@ -178,23 +180,18 @@ class Calibration(MountNode):
         """Why a service has not done its work; the report of a fit is published all the same."""
         if isinstance(error, Contradiction) and error.report is not None:
             self._publish(topics.CALIBRATION_REPORT, error.report)
-        self._say(str(error))
-        return False, str(error)
+        return False, self._say(str(error))
 
     def _work_zero(self):
         if self._state.tracked is not None:
-            done = 'the zero is followed with each star; nothing is set anew'
-            self._say(done)
-            return done
+            return self._say('the zero is followed with each star; nothing is set anew')
         run, zero = self._state.calibrate_zero()
         if self.value('reference_age') and self._state.reference is not None:
             # the zero goes with the model that it is relative to
             self._send_model(self._state.dated_reference)
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
-        done = words.zero_sentence(run, zero, few)
-        self._say(done, few, **words.zero_values(run, zero))
-        return done
+        return self._say(words.zero_sentence(run, zero, few), few, **words.zero_values(run, zero))
 
     def _send_model(self, model):
         text = model.to_json()
@@ -232,8 +229,7 @@ class Calibration(MountNode):
         done = words.fit_sentence(report)
         if 'refused' in report:
             self._refused = done
-        self._say(done, 'refused' in report)
-        return done
+        return self._say(done, 'refused' in report)
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
@@ -281,9 +277,7 @@ class Calibration(MountNode):
             done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
             done += f'; {self._refused}'
-        done += self._write_page(found)
-        self._say_finding(done, document)
-        return done
+        return self._say_finding(done + self._write_page(found), document)
 
     def _work_blind_check(self):
         found = self._state.check_on_blind_stars(site_of(self.value('site')))
@@ -291,8 +285,7 @@ class Calibration(MountNode):
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
             done += self._write_page(found)
-        self._say_finding(done, found.document)
-        return done
+        return self._say_finding(done, found.document)
 
     def _write_page(self, found):
         """Why the page was not written, if it was to be."""
@@ -318,8 +311,8 @@ class Calibration(MountNode):
         return self._finding
 
     def _say_finding(self, done, document):
-        self._say(done, bool(self._refused), verdict=document['verdict'],
-                  effects=', '.join(document['applied']), published=document['published'])
+        return self._say(done, bool(self._refused), verdict=document['verdict'],
+                         effects=', '.join(document['applied']), published=document['published'])
 
     def finish(self):
         """Wait for nothing."""

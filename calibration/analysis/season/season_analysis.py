@@ -203,10 +203,8 @@ def past_and_rates(season, mean):
 
 def _timed(run):
     """Rows with times of their own, in order."""
-    if 'time' not in run:
-        return run.select(np.zeros(0, int))
-    _, first = np.unique(run['time'], return_index=True)
-    return run.select(first[np.isfinite(run['time'][first])])
+    time, first = np.unique(run.get('time'), return_index=True)
+    return run.select(first[np.isfinite(time)])
 
 
 def date_of(time, other=None):

@@ -138,9 +138,8 @@ def _reason(note):
 
 def _parts(run):
     """A run by its nights: number of each (0 where it is one), and its rows."""
-    time = run['time'] if 'time' in run else np.full(len(run), np.nan)
-    known = np.isfinite(time)
-    if not known.all() or len(run) < 2:
+    time = run.get('time')
+    if not np.isfinite(time).all() or len(run) < 2:
         return [(0, run)]
     order = np.argsort(time, kind='stable')
     ends = np.flatnonzero(np.diff(time[order]) > PAUSE_H * 3600.0) + 1

@@ -142,16 +142,13 @@ def estimate_zeros(groups, names, model, encoder):
         *(zeros * (rows.group == k)[:, None] for k in range(g)),
         held.columns(rows.az, rows.el) / ARCSEC], axis=2)  # (2, n, k)
     prior = np.r_[np.zeros(2 * g), np.ones(columns.shape[2] - 2 * g)]
-    if is_a_model(model):
-        fit = _fit(columns, rows.offsets(model), prior, rows)
-    else:  # about the terms as they are found: rotations are not linear
-        found = np.zeros(len(prior))
-        for _ in range(_ROUNDS if held.names else 1):
-            values = dict(zip(held.names, held.root @ found[2 * g:]))
-            about = PointingModel(values, mount=mount)
-            offsets = rows.offsets(about) + columns[:, :, 2 * g:] @ found[2 * g:]
-            fit = _fit(columns, offsets, prior, rows)
-            found = fit.coefficients
+    about, found = model, np.zeros(len(prior))
+    for _ in range(1 if is_a_model(model) or not held.names else _ROUNDS):
+        if not is_a_model(model):  # about the terms as they are found: rotations are not linear
+            about = PointingModel(dict(zip(held.names, held.root @ found[2 * g:])), mount=mount)
+        offsets = rows.offsets(about) + columns[:, :, 2 * g:] @ found[2 * g:]
+        fit = _fit(columns, offsets, prior, rows)
+        found = fit.coefficients
     weights, sigma = fit.weights, rows.noise(fit.scatter)
     misfit = _misfit(fit, prior, rows, g) if marked else 1.0
     inflation = LOSS.inflation if fit.robust else 1.0
