@@ -45,9 +45,9 @@ from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import PHYSICAL, STANDARD6, stacked_design
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, STANDARD6, stacked_design
 
 # ---------------------------------------------------------------------------------------- parts
 

@@ -7,8 +7,8 @@ from calibration.estimation.group_columns import orthonormal
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mounts import Mount, is_beyond
+from pointing_model.pointing_terms import stacked_design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import stacked_design
 
 LATITUDE = 31.0 * DEG
 TRUTH = np.array([40.0, -60.0, 35.0, -28.0, 30.0, -45.0, 15.0]) * ARCSEC

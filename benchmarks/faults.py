@@ -29,7 +29,7 @@ from zero_drift import axes_on
 from encoder_sim.mount_geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario
 from msg_tools import NAMESPACE, convert, topics
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.calibration_messages import joints_to_zero

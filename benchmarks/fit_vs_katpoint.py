@@ -32,8 +32,8 @@ from race import Row, peer, race, show
 from calibration.analysis.fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 #: katpoint's number and sign of each of our terms
 P_TERMS = {'IA': (1, 1), 'IE': (7, 1), 'CA': (4, -1), 'NPAE': (3, 1), 'AN': (5, 1),

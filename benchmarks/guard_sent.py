@@ -20,7 +20,7 @@ from guard_drives import Many, hermite
 
 from msg_tools.units import DEG
 from telescope_mount.guard.course import GuardSettings
-from telescope_mount.guard.keeper import Keeper
+from telescope_mount.guard.supervisor import Supervisor
 from telescope_mount.observing.axis_demand import Track
 
 TICK, SECONDS = 0.05, 240.0
@@ -35,7 +35,7 @@ class Session:
     def __init__(self, rng, own, here):
         self.rng, self.own, self.here, self.rate = rng, own, here, np.zeros(2)
         self.time, self.start = 0.0, round(own.time * 1e9)
-        self.keeper = Keeper(own.check.limits, own.over, GuardSettings(whole=False),
+        self.supervisor = Supervisor(own.check.limits, own.over, GuardSettings(whole=False),
                              lambda: self.time)
         self.track, self.asked, self.path, self.wrong = None, None, [here], []
         self.hung = self.silent = self.dead = 0.0
@@ -48,7 +48,7 @@ class Session:
 
     def happen(self, free):
         """Something."""
-        rng, keeper = self.rng, self.keeper
+        rng, supervisor = self.rng, self.supervisor
         what = rng.choice(['ask', 'hang', 'withdraw', 'silent', 'pause', 'abort', 'park', 'dead'],
                           p=[0.65, 0.08, 0.04, 0.05, 0.06, 0.05, 0.03, 0.04])
         if what == 'ask':
@@ -59,15 +59,15 @@ class Session:
             setattr(self, {'hang': 'hung'}.get(what, what), self.time + rng.uniform(0.3, 5.0))
         elif what == 'withdraw':
             self.asked = None
-            keeper.withdraw(self.now)
+            supervisor.withdraw(self.now)
         elif what == 'pause':
-            self.call(keeper.pause)
+            self.call(supervisor.pause)
         elif what == 'abort':
-            self.call(keeper.abort)
+            self.call(supervisor.abort)
         else:
-            self.call(keeper.park, free[rng.integers(len(free))])
+            self.call(supervisor.park, free[rng.integers(len(free))])
         if rng.random() < 0.5:
-            self.call(keeper.resume)
+            self.call(supervisor.resume)
 
     def call(self, what, *args):
         """A service."""
@@ -87,16 +87,16 @@ class Session:
             return
         if self.time >= self.silent:
             try:
-                self.keeper.take_reading(self.now, self.here, (self.here - before) / TICK)
+                self.supervisor.take_reading(self.now, self.here, (self.here - before) / TICK)
             except ValueError as err:
                 self.wrong.append(f'reading: {err}')
         if self.asked is not None and self.time >= self.hung and number % 4 == 0:
             with suppress(ValueError):
-                self.keeper.take_request(self.asked, self.now, 'commander')
-        for track in self.keeper.step(self.now, number % 10 == 0):
+                self.supervisor.take_request(self.asked, self.now, 'commander')
+        for track in self.supervisor.step(self.now, number % 10 == 0):
             self.check(track)
             self.track = track
-        self.states.add(self.keeper.state)
+        self.states.add(self.supervisor.state)
 
     def check(self, track):
         """What is sent."""
@@ -111,13 +111,13 @@ class Session:
         h = np.diff(times)[:, None]
         bend = np.abs(np.diff(rates, axis=0)) / h
         if np.any(bend > most + 1e-6):
-            self.wrong.append(f'{np.max(bend / most):.3f} of the acceleration ({self.keeper.state},'
-                              f' {len(times)} knots)')
+            self.wrong.append(f'{np.max(bend / most):.3f} of the acceleration '
+                              f'({self.supervisor.state}, {len(times)} knots)')
         at = np.array([(self.now - track.start) * 1e-9])
         jump = np.abs(hermite(times, angles, rates, at)[0][0] - self.here).max()
         if jump > 0.5 * TICK * np.max(self.own.rate):
             self.wrong.append(f'begins {jump / DEG:.3f} deg from where the mount is '
-                              f'({self.keeper.state})')
+                              f'({self.supervisor.state})')
 
     def depth(self):
         """By how much it went beyond anything while it moved, rad; 0 for nothing."""

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, INTERPRETATIONS, Harmonics
 from pointing_model.model import PointingModel

@@ -14,7 +14,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue

@@ -25,9 +25,9 @@ from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagn
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.formats import NoUsableRow, read_run
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 ROOT = Path(__file__).resolve().parent.parent
 NAMES = ('az', 'el', 'az_enc', 'el_enc')

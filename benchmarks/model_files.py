@@ -26,8 +26,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.model_files import PROGRAMS, export, read_model, uniform_sky
-from pointing_model.terms import PHYSICAL
 
 TARGET = 1e-3
 MORE = ('ECES', 'ACES', 'ACEC', 'HECA2', 'HESA2', 'HACA2', 'HASA2')

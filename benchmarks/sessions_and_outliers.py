@@ -25,9 +25,9 @@ from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.sessions import arrange
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.formats import write_csv
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
 LINE = 2.0 * np.pi / 47200

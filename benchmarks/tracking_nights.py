@@ -11,7 +11,7 @@ import numpy as np
 from calibration.estimation.gaussian_sum import GaussianSum, PossibleJump
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 #: of an ordinary mount, arcsec
 TERMS = {'IA': 140.0, 'IE': -80.0, 'CA': 45.0, 'NPAE': -20.0, 'AN': 35.0, 'AW': -25.0,

@@ -36,10 +36,10 @@ from calibration.analysis.tracking.warm_start import (
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
+from pointing_model.pointing_terms import design, terms_of
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import design, terms_of
-from telescope_mount.observing.next_star import SlewTime, next_star, until
+from telescope_mount.observing.tracking_star import SlewTime, next_star, until
 
 GOAL, EXPOSURE = 1.5 * ARCSEC, 10.0
 STEP = 10.0  # s, of the true path

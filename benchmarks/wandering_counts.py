@@ -36,8 +36,8 @@ from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
 from pointing_model.zero import Zeros
 from pointing_model.zero_drift import Following
-from telescope_mount.observing.order import seconds_a_star
 from telescope_mount.observing.star_choice import choose_stars
+from telescope_mount.observing.star_order import seconds_a_star
 
 RATES = (10.0, 30.0, 100.0)
 STARS, POLARIS, CHECK, BLIND, PACE = 90, 16, 30, 110, 14.0

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import mean_columns
 from pointing_model.rms import rms
 from pointing_model.runs.run import kept_words
-from pointing_model.terms import mean_columns
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero, is_marked
 
 from .analysis.external_check import tracking_errors

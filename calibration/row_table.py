@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msg_tools.status import Taken
+from msg_tools.status_rows import Taken
 from pointing_model.runs.run import REQUIRED, PointingRun
 
 from .rows import by_run, check_mount, with_marks
@@ -52,7 +52,7 @@ class RowTable:
 
     @property
     def taken(self):
-        """How many rows are here, and how many were, `msg_tools.status.Taken`."""
+        """How many rows are here, and how many were, `msg_tools.status_rows.Taken`."""
         return Taken(len(self), self.power_ons, self.forgotten, self.last_stamp)
 
     def add(self, run, stamp):

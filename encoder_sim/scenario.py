@@ -13,18 +13,8 @@ from msg_tools.units import DEG
 from pointing_model.mounts import parse_mount
 
 from . import keyed_noise
+from .field_kinds import both_axes, choice, number, of_pier, optional, section, sections, term, text
 from .scenario_encoders import Absolute, Incremental
-from .scenario_fields import (
-    both_axes,
-    choice,
-    number,
-    of_pier,
-    optional,
-    section,
-    sections,
-    term,
-    text,
-)
 
 #: travel of both axes (deg) that a mount has if its scenario does not say, by kind: the second
 #: axis of a German mount goes through the pole, the first to 10 deg past the meridian

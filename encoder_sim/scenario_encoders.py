@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 from encoder_reading.design import Design
 
-from .scenario_fields import choice, drawn, number, numbers, sections
+from .field_kinds import choice, drawn, number, numbers, sections
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.mounts import parse_mount
 
+from .field_kinds import in_si
 from .scenario import MountErrors, Scenario
-from .scenario_fields import in_si
 
 _ALTAZ = KINDS[USUAL]
 _FOLDER = resources.files('encoder_sim') / 'scenarios'

@@ -16,7 +16,7 @@ from .model import PointingModel
 from .model_application import turned
 from .model_document import identity, walks_of
 from .mounts import ALTAZ, mount_wording
-from .terms import design
+from .pointing_terms import design
 from .zero import NO_ZERO, active_zeros
 from .zero_drift import AXES, Following
 

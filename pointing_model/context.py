@@ -8,8 +8,8 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .mounts import ALTAZ, OF_MOUNT, is_beyond
+from .pointing_terms import Trig
 from .runs.run import COLUMNS, known_site
-from .terms import Trig
 
 #: columns of a run that are no drivers of the user's own
 _KNOWN = set(COLUMNS) - {'pressure'} | {

@@ -9,8 +9,8 @@ with the axis angles a = A_enc - IA and e = E_enc - IE - TF cos E. Rx turns abou
 axis (to the right of the tube), N lifts the right end of that axis by NPAE, Rz turns the mount
 from north to east, and T is the shortest rotation that leans the azimuth axis by (AN, AW) to
 north and west: T = exp of the rotation vector (-AN, -AW, 0). To first order this is the design
-of `terms`; to second order it is not, and 60" of tilt with 60" of collimation make 0.26" at 85
-degrees of elevation.
+of `pointing_terms`; to second order it is not, and 60" of tilt with 60" of collimation make 0.26"
+at 85 degrees of elevation.
 
 In another frame the names are others (IH ID CH NP MA ME; `Mount.names`) and the rotations the
 same. A place (a, e) with e beyond the pole is reached there with cos e < 0: of the two solutions
@@ -32,7 +32,7 @@ from msg_tools.units import ARCSEC, wrap
 
 from .mount_kinds import CANONICAL
 from .mounts import ALTAZ, OF_MOUNT, sides
-from .terms import Trig
+from .pointing_terms import Trig
 
 _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50

@@ -6,7 +6,7 @@ from msg_tools.units import ARCSEC
 
 from . import harmonics
 from .mounts import ALTAZ
-from .terms import design
+from .pointing_terms import design
 
 #: what a term may be where no model is given, 1 sigma: nothing is known but that the mount was set
 #: up with care (five minutes of arc)

@@ -11,7 +11,7 @@ from .context import Context
 from .fitted_effects import as_context, total
 from .harmonics import DEGREE, Harmonics, columns_of, names_of
 from .mounts import ALTAZ, Mount, is_beyond
-from .terms import Trig, design, known_terms
+from .pointing_terms import Trig, design, known_terms
 from .zero import NO_ZERO
 
 #: of a change of terms that the stars do not see, its largest 1: what of it moves a prediction that
@@ -35,7 +35,7 @@ class PointingModel:
     Parameters
     ----------
     terms : dict of str to float
-        Coefficients in radians by the names of `terms.terms_of` the mount, in the order of
+        Coefficients in radians by the names of `pointing_terms.terms_of` the mount, in the order of
         `covariance`.
     covariance : ndarray, shape (k, k), optional
         Of the terms, radians^2; zero if omitted.

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
 from msg_tools.readiness import unmatched
-from msg_tools.status import Progress, Taken
+from msg_tools.status_rows import Progress, Taken
 from msg_tools.steps import Steps, call
 
 from .runs.formats import read_run

@@ -67,7 +67,7 @@ def come_to_rest(watcher, plan, note):
     watcher : watcher.Watcher
         Of the graph, whose nodes still run.
     plan : str
-        Its state, as of `msg_tools.status.Progress`.
+        Its state, as of `msg_tools.status_rows.Progress`.
     note : callable
         Called with what is waited for, and what came of it.
 

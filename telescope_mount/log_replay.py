@@ -11,7 +11,7 @@ from msg_tools.bag import BagReader
 from msg_tools.bag.names import prefix_of
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.output import write_text
-from msg_tools.status import Taken
+from msg_tools.status_rows import Taken
 
 from . import domain
 from .graph import replay_graph

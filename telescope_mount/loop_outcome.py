@@ -73,7 +73,7 @@ def points_worse(before, after, judged=None):
     Parameters
     ----------
     before, after : dict or None
-        Of `telescope_mount.observing.night_table.blind_summary`: other stars each.
+        Of `telescope_mount.observing.night_memory.blind_summary`: other stars each.
     judged : dict, optional
         Both models on the stars of `after`, with ``radial`` where there were enough: what has
         become worse there for both is the night, and not the change.

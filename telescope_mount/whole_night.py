@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from msg_tools import NAMESPACE
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from telescope_mount.observing.plan import night_plan, parse_plan
 
 from . import domain

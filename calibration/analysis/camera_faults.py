@@ -10,7 +10,7 @@ and half of it at most in what the model leaves, as the other half was carried f
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 #: I - C^-1 of what is looked for: mirrored, upside down, exchanged, turned, half the scale
 SENSES = {

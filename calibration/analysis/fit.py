@@ -11,7 +11,7 @@ from pointing_model.harmonics import DEGREE, Harmonics, columns_of, names_of
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import PHYSICAL, Trig, known_terms, stacked_design
+from pointing_model.pointing_terms import PHYSICAL, Trig, known_terms, stacked_design
 from pointing_model.zero import NO_ZERO, RunZero, Zeros
 
 from ..estimation.gauss_newton import LinearProblem, gauss_newton
@@ -50,7 +50,7 @@ class RotationProblem:
 
     Parameters
     ----------
-    trig : terms.Trig
+    trig : pointing_terms.Trig
         Of the catalogue places, n of them.
     terms : sequence of str
         The fitted ones; rows beyond them are linear.
@@ -160,7 +160,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         The columns ``sigma_x`` and ``sigma_y`` weigh the rows if both are there; else all weigh
         the same. Rows with values that are not finite are left out and listed.
     names : sequence of str, optional
-        Terms to fit, of `terms.terms_of` the run's mount; by default its physical ones.
+        Terms to fit, of `pointing_terms.terms_of` the run's mount; by default its physical ones.
     held : PointingModel, or dict of str to float, optional
         What is known already and held fixed: a model with all that it has (terms, harmonics,
         effects), or values of terms, radians. It is in the model of the result, with the

@@ -11,8 +11,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, is_for_zero
 
 from .finding import Finding

@@ -7,7 +7,7 @@ import numpy as np
 from pointing_model.context import Context
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 from ..estimation.comparison import CHANCE, FEWEST, compare_residuals
 from ..estimation.step_scan import robust_fit

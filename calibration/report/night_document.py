@@ -1,7 +1,7 @@
 """What the fit of a night publishes, for JSON, and labels of what its checks compare."""
 
 from msg_tools.units import ARCSEC
-from pointing_model.terms import PHYSICAL
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.zero import BY_POLARIS
 
 from ..analysis import held_out as kinds

@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT))
 from msg_tools.units import ARCSEC, DEG  # noqa: E402
 from pointing_model.geometry import encoder_to_sky  # noqa: E402
 from pointing_model.mounts import parse_mount  # noqa: E402
-from pointing_model.terms import design  # noqa: E402
+from pointing_model.pointing_terms import design  # noqa: E402
 
 WIDTH, HEIGHT = 330, 170
 FAR = 13.0 * DEG  # so far a part is turned in a drawing

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import UNKNOWN
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 from .base import Effect, Offer, effect, form, offer
 

@@ -1,7 +1,7 @@
 """What follows the direction alone and has a term: refraction, flexure, terms left out."""
 
 from pointing_model.mount_kinds import KINDS, USUAL
-from pointing_model.terms import ZERO, Trig, terms_of
+from pointing_model.pointing_terms import ZERO, Trig, terms_of
 
 from .base import Effect, Offer, effect, form
 
@@ -72,7 +72,7 @@ def _terms(name, mount=USUAL):
 
 @form
 def _term(name, mount=USUAL):
-    """A term of `terms.terms_of` a mount that the declared model does not have, in first order."""
+    """A term of the mount that the declared model does not have, in first order."""
     term, names = terms_of(mount)[name], KINDS[mount]
     own = names.terms.get(name, ('', 1))[0]
     if KINDS[mount].vertical:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
-from pointing_model.terms import terms_of
+from pointing_model.pointing_terms import terms_of
 
 from .base import (
     AXES,

@@ -4,7 +4,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS, USUAL
-from pointing_model.terms import TERMS
+from pointing_model.pointing_terms import TERMS
 
 from .base import Effect, Offer, effect, form, offer
 

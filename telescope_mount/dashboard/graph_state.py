@@ -12,7 +12,7 @@ from msg_tools import NAMESPACE, convert, topics
 from msg_tools.bag.losses import utc
 from msg_tools.power_on import read_frame
 from msg_tools.readiness import is_count
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.calibration_messages import joints_to_zero, text_to_pair
 from pointing_model.model import PointingModel

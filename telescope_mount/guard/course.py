@@ -20,7 +20,7 @@ LAG = 0.5
 
 
 class GuardSettings(NamedTuple):
-    """How a `keeper.Keeper` sends.
+    """How a `supervisor.Supervisor` sends.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A keeper of drivers that are told a place and slew to it as they like.
+"""A supervisor of drivers that are told a place and slew to it as they like.
 
 What such a driver does on the way is its own. So it is sent the track alone, as far as it may be
 followed, and told again while all is well; that its axes keep to what was judged, all that lies
@@ -14,7 +14,7 @@ from msg_tools.units import DEG
 from ..observing.axis_demand import Track
 from .axis_track import resting
 from .course import Course
-from .keeper import Keeper
+from .supervisor import Supervisor
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
 LONGEST = 150.0 * DEG
@@ -25,8 +25,8 @@ POLE = 6.0 * DEG
 STOP = 0.1
 
 
-class GotoKeeper(Keeper):
-    """As `Keeper`, whose `settings.whole` is False; parameters are the same.
+class GotoSupervisor(Supervisor):
+    """As `Supervisor`, whose `settings.whole` is False; parameters are the same.
 
     A stop is a track at rest of `STOP` seconds. Legs that are longer than `LONGEST` are gone in
     parts. Where nothing is known of how fast and in which order the axes go, the limits' `timing`

@@ -18,11 +18,11 @@ from ..observing.allowed_sky import PLACE, rows_of
 from ..observing.axis_demand import Track
 from ..observing.instrument_health import AHEAD_LIVE, BEHIND_LIVE
 from .course import GuardSettings
-from .goto import GotoKeeper
+from .goto import GotoSupervisor
 from .guard_params import PARAMS
-from .keeper import ERROR, LATE, STILL, WARN, Keeper
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
+from .supervisor import ERROR, LATE, STILL, WARN, Supervisor
 
 #: steady seconds between looks at it all
 LOOK = 0.05
@@ -34,7 +34,7 @@ LATE_ONCE = 10.0
 LEADING = ('following', 'around', 'parking', 'waiting')
 #: s after a start in which it is no news that it is not active
 STARTS = 5.0
-#: of the keeper's sentence about axes that are not where they were sent
+#: of the supervisor's sentence about axes that are not where they were sent
 ASTRAY = 'look at its drive and encoder'
 #: s in which drivers take the last command
 HEARD = 0.3
@@ -44,7 +44,7 @@ LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 class MountGuard(ManagedNode):
     """Publishes `command`: it alone, and nothing that the mount must not follow.
 
-    What is checked and sent is in `guard.keeper`, which knows no ROS.
+    What is checked and sent is in `guard.supervisor`, which knows no ROS.
     """
 
     GATHER = 0.002  # of readings at 1 kHz; a command waits no longer than that
@@ -67,8 +67,8 @@ class MountGuard(ManagedNode):
                 f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
                 'least_elevation_deg and horizon lower there')
         self._park = parse_pair(value('park_deg'))
-        keeper = GotoKeeper if value('goto') else Keeper
-        self._keeper = keeper(limits, _site(self), GuardSettings(
+        supervisor = GotoSupervisor if value('goto') else Supervisor
+        self._supervisor = supervisor(limits, _site(self), GuardSettings(
             self._whole, max(value('ahead_s'), value('renew_s') + 2.0 * LOOK), value('silence_s'),
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
@@ -83,8 +83,8 @@ class MountGuard(ManagedNode):
         self.subscribe(topics.INCREMENTAL, self._on_reading)
         self.subscribe(topics.REQUEST, self._on_request)
         self.serve('abort', self._on_abort)
-        self.serve('pause', lambda: self._do('paused', self._keeper.pause))
-        self.serve('resume', lambda: self._do('resumed', self._keeper.resume), once=True)
+        self.serve('pause', lambda: self._do('paused', self._supervisor.pause))
+        self.serve('resume', lambda: self._do('resumed', self._supervisor.resume), once=True)
         self.serve('park', self._on_park, once=True)
         self.every(LOOK, self._tick)
         self.every(0.5, self._look_at_commanders)
@@ -120,13 +120,13 @@ class MountGuard(ManagedNode):
                 -BEHIND_LIVE <= stamp - time.time_ns() <= AHEAD_LIVE):
             raise ValueError("stamps of another clock than this machine's")  # as silent
         angles = self._limits.on_travel(*angles)
-        self._keeper.take_reading(stamp, angles, rates)
-        if self._keeper.state in ('waiting', 'around', 'stopping', 'parking'):
+        self._supervisor.take_reading(stamp, angles, rates)
+        if self._supervisor.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()
 
     def _on_request(self, message):
         if not len(message.points):
-            self._keeper.withdraw(self._now())
+            self._supervisor.withdraw(self._now())
             self._look()
             return
         if not self.active and not self._resting:
@@ -141,7 +141,7 @@ class MountGuard(ManagedNode):
         if self._crowd and not owner:
             raise ValueError(self._crowd)
         try:
-            self._keeper.take_request(Track(stamp, times, angles, rates), self._now(), owner)
+            self._supervisor.take_request(Track(stamp, times, angles, rates), self._now(), owner)
             self._request = message
         finally:
             self._look()
@@ -149,7 +149,7 @@ class MountGuard(ManagedNode):
     def _now(self):
         """ns; of a mount that answers of a time to come, that of its readings."""
         now = self.get_clock().now().nanoseconds
-        return max(now, self._keeper.readings.stamp) if self._whole else now
+        return max(now, self._supervisor.readings.stamp) if self._whole else now
 
     def _tick(self):
         """Look; where this process was held up, once more what waits is heard before."""
@@ -166,7 +166,7 @@ class MountGuard(ManagedNode):
             return
         now = time.monotonic()
         due = now - self._renewed >= self.value('renew_s')
-        tracks = self._keeper.step(self._now(), due)
+        tracks = self._supervisor.step(self._now(), due)
         for track in tracks:
             self._send(track)
         if tracks:
@@ -175,23 +175,23 @@ class MountGuard(ManagedNode):
 
     def _send(self, track):
         message = self._request
-        if not self._keeper.is_request(track) or message is None:
+        if not self._supervisor.is_request(track) or message is None:
             message = convert.trajectory(*track, self._names)
         message.header.frame_id = ''
         self._command_pub.publish(message)
 
     def _publish_status(self):
-        keeper = self._keeper
-        state, level, reason = keeper.state, keeper.level, self._reason
+        supervisor = self._supervisor
+        state, level, reason = supervisor.state, supervisor.level, self._reason
         if not self.active:
             state, level, reason = 'inactive', WARN, self.inactive
-        status = state, reason, keeper.refused
+        status = state, reason, supervisor.refused
         if status == self._published:
             return
         self._published = status
         self._status_pub.publish(convert.status(
             LEVELS[level], self.get_fully_qualified_name(), reason,
-            state=state, refused=keeper.refused[0], reason=keeper.refused[1],
+            state=state, refused=supervisor.refused[0], reason=supervisor.refused[1],
             goto=self.value('goto'), **self._sky))
         text = reason if reason.startswith(state) else f'{state}: {reason}'
         after, now = self._quiet, time.monotonic()
@@ -216,8 +216,8 @@ class MountGuard(ManagedNode):
 
     @property
     def _reason(self):
-        """That of the keeper; of axes that do not move, whether there is a driver at all."""
-        reason = self._keeper.reason
+        """That of the supervisor; of axes that do not move, whether there is a driver at all."""
+        reason = self._supervisor.reason
         if ASTRAY not in reason or self._is_driven():
             return reason
         return reason.replace(ASTRAY, 'no driver follows command: start it')
@@ -246,8 +246,8 @@ class MountGuard(ManagedNode):
 
     def activated(self):
         """Go on with the request that is renewed."""
-        if self._resting and self._keeper.state == 'paused':
-            self._do('', self._keeper.resume)
+        if self._resting and self._supervisor.state == 'paused':
+            self._do('', self._supervisor.resume)
         self._resting = False
         site = _site(self)
         for limit, distance in () if self._whole else self._limits.keep_out:
@@ -259,17 +259,17 @@ class MountGuard(ManagedNode):
 
     def deactivated(self):
         """Stop the mount, and follow nothing."""
-        now, before = self._now(), self._keeper.state
+        now, before = self._now(), self._supervisor.state
         with suppress(ValueError):  # it is aborted or parked, and stands
-            self._keeper.pause(now)
+            self._supervisor.pause(now)
             self._resting = before != 'paused'
-        for track in self._keeper.step(now, False):
+        for track in self._supervisor.step(now, False):
             self._send(track)
 
     def before_end(self):
         """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
-        if self.active and not self._whole and self._keeper.state in LEADING:
-            self._do('', self._keeper.abort)
+        if self.active and not self._whole and self._supervisor.state in LEADING:
+            self._do('', self._supervisor.abort)
             self._command_pub.wait_for_all_acked(Duration(seconds=HEARD))
 
     # --- services -----------------------------------------------------------------------------
@@ -286,9 +286,9 @@ class MountGuard(ManagedNode):
 
     def _on_abort(self):
         """Stop what this guard sends; say so where the axes move all the same."""
-        resting = self._keeper.state in ('idle', 'stopped', 'paused', 'parked')
-        done, text = self._do('aborted', self._keeper.abort)
-        if done and resting and not (self._whole or self._keeper.readings.at_rest(STILL)):
+        resting = self._supervisor.state in ('idle', 'stopped', 'paused', 'parked')
+        done, text = self._do('aborted', self._supervisor.abort)
+        if done and resting and not (self._whole or self._supervisor.readings.at_rest(STILL)):
             text += (': the axes move, or say no place, and not by this guard; what a driver does '
                      'by itself (home) ends by the driver alone')
         return done, text
@@ -296,7 +296,7 @@ class MountGuard(ManagedNode):
     def _on_park(self):
         if self._park is None:
             return False, 'no park position: set the parameter park_deg'
-        return self._do('on the way to the park position', self._keeper.park,
+        return self._do('on the way to the park position', self._supervisor.park,
                         tuple(angle * DEG for angle in self._park))
 
     # --- diagnostics --------------------------------------------------------------------------
@@ -316,15 +316,15 @@ class MountGuard(ManagedNode):
 
     def problems(self):
         """What holds the mount up."""
-        keeper = self._keeper
-        found = [(LEVELS[keeper.level], self._reason)] if keeper.level else []
+        supervisor = self._supervisor
+        found = [(LEVELS[supervisor.level], self._reason)] if supervisor.level else []
         if self._crowd:
             found.insert(0, (DiagnosticStatus.ERROR, self._crowd))
         return found
 
     def details(self):
         """What the mount does."""
-        return [*super().details(), ('mount', self._keeper.state), ('why', self._reason)]
+        return [*super().details(), ('mount', self._supervisor.state), ('why', self._reason)]
 
 
 def _site(node):

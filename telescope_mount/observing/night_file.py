@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from msg_tools.output import reason
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 
 FORMAT, VERSION = 'telescope_mount plan state', 1
 

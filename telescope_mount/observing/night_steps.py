@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from msg_tools.status import Progress, Taken
+from msg_tools.status_rows import Progress, Taken
 from msg_tools.steps import CallRefused, call
 from pointing_model.sky.star_catalogue import POLARIS_HIP, satellite_target
 from pointing_model.zero import MARK
@@ -19,9 +19,9 @@ from .axis_demand import AxesAtRest
 from .discrimination_step import distinguish_causes
 from .exposure import Exposer
 from .instruments import MOUNT
-from .night_table import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
+from .night_memory import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
 from .plan import POWER_CYCLES
-from .target_choice import TargetChoice
+from .step_targets import StepTargets
 from .tracking_step import hold_error
 
 #: the last stars, which `track` does not take again
@@ -62,7 +62,7 @@ class NightSteps:
         Blind checks so far.
     clocks : dict
         What the last step `clocks` has measured.
-    calibrated : msg_tools.status.Taken
+    calibrated : msg_tools.status_rows.Taken
         Observations that have reached the calibration.
     homes : bool
         Whether the plan homes the mount itself.
@@ -76,7 +76,7 @@ class NightSteps:
         What the last step that reports it has come to.
     refused : set of int
         Numbers of the stars that the guard has refused.
-    targets : TargetChoice
+    targets : StepTargets
     """
 
     def __init__(self, outbox, instruments, active, table, wake, keep):
@@ -84,7 +84,7 @@ class NightSteps:
         self._wake, self._keep = wake, keep
         self.exposer = Exposer(outbox, instruments, active, table, self._need_home,
                                self.set_waiting)
-        self.targets = TargetChoice(outbox, instruments, active, table, self.exposer)
+        self.targets = StepTargets(outbox, instruments, active, table, self.exposer)
         self.progress, self.text = Progress(), 'the start'
         self.evening, self.checks, self.calibrated = 0, [], Taken()
         self.homes, self.earlier, self.clocks = False, 0, {}

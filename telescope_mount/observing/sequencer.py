@@ -10,14 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from msg_tools.status import Progress, Taken
+from msg_tools.status_rows import Progress, Taken
 from msg_tools.steps import CallRefused, Steps
 from pointing_model.sky.earth import earth_orientation
 
 from .fault_watch import FaultWatch
 from .night_file import NightFile
+from .night_memory import blind_summary
 from .night_steps import NightSteps
-from .night_table import blind_summary
 from .plan import POWER_CYCLES, parse_plan
 
 #: said of a plan that was finished by an observer before
@@ -188,7 +188,7 @@ class Sequencer:
         self.advance()
 
     def calibration_has(self, taken):
-        """What the calibration has, `msg_tools.status.Taken`."""
+        """What the calibration has, `msg_tools.status_rows.Taken`."""
         before, table = self.night.calibrated, self._table
         anew = taken.newest < before.newest or not taken.kept and before.kept
         lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)

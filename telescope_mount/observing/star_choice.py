@@ -10,7 +10,7 @@ from pointing_model import harmonics
 from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 
-from .order import observing_order
+from .star_order import observing_order
 
 
 class AxisLimits(NamedTuple):

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
 from msg_tools.readiness import PUBLISHES, unmatched
-from msg_tools.status import Taken, handover
+from msg_tools.status_rows import Taken, handover
 from msg_tools.units import DEG
 from pointing_model.active_topics import active_calibration_of
 from pointing_model.calibration_messages import StarRequest
@@ -27,7 +27,7 @@ from .guard_link import NO_GUARD, GuardLink
 from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile
-from .night_table import NightTable
+from .night_memory import NightTable
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
 

@@ -7,9 +7,9 @@ import numpy as np
 from msg_tools.steps import CallRefused
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model_document import KEY, walks_of
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
-from .next_star import SlewTime, error_over, next_star, until
+from .tracking_star import SlewTime, error_over, next_star, until
 
 #: stars among which it chooses, and what a star takes beside its slew and exposure, s
 CANDIDATES, EXPOSURE = 40, 10.0
@@ -163,7 +163,7 @@ def choose_next(model, az, el, here, exposure, waited, rate):
 
     Returns
     -------
-    next_star.NextStar
+    tracking_star.NextStar
     """
     return next_star(model, az, el, here, (az, el), waited, sigma=model.noise,
                      exposure_s=exposure, slew=SlewTime((rate, rate)))

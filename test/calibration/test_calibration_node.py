@@ -15,7 +15,7 @@ from calibration.calibration_state import CalibrationState
 from calibration.report.encoder_wording import MARKS_UNKNOWN
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
-from msg_tools.status import Progress, handover
+from msg_tools.status_rows import Progress, handover
 from msg_tools.units import ARCSEC
 from pointing_model.calibration_messages import joints_to_zero, pair_to_text
 from pointing_model.model import PointingModel

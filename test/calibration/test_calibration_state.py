@@ -8,10 +8,10 @@ from calibration.calibration_state import CalibrationState
 from calibration.report.night_document import BOTH, FORMAT, HARMONICS, RAW, TERMS, ZEROED
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import Zeros
 
 LATITUDE = 34.3 * DEG

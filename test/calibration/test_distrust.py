@@ -8,9 +8,9 @@ from calibration.distrust import contradiction, distrusted, notes_of, reasons
 from calibration.rows import for_fitting
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 

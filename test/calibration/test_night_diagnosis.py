@@ -12,9 +12,9 @@ from calibration.report.wording import paragraph
 from calibration.rows import for_fitting, is_kept_out
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero, Zeros
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))

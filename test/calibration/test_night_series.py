@@ -9,9 +9,9 @@ from calibration.calibration_state import CalibrationState
 from calibration.night_series import NightSeries
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 from telescope_mount.papers.table_1 import (
     COLUMNS,
     PAPER_TABLE_1,

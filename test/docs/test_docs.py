@@ -124,7 +124,7 @@ def test_the_sample_night_is_small_and_can_be_fitted():
 
 def test_the_glossary_has_every_term_of_every_mount():
     from pointing_model.mount_kinds import KINDS
-    from pointing_model.terms import terms_of
+    from pointing_model.pointing_terms import terms_of
     text = (DOCS / 'glossary.md').read_text(encoding='utf-8')
     named = set(re.findall(r'\*\*([A-Z0-9]+)\*\*', text))
     wanted = {name for kind in KINDS for name in terms_of(kind)}

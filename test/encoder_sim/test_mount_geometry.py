@@ -124,7 +124,7 @@ def sky_grid():
 
 
 def test_the_terms_of_the_field_are_recovered():
-    from pointing_model.terms import PHYSICAL, design
+    from pointing_model.pointing_terms import PHYSICAL, design
 
     # so small that first order holds: the signs and the shares of both axes
     values = {'ia': 3.0, 'ie': -2.0, 'ca': 1.5, 'npae': -1.2, 'an': 2.5, 'aw': -1.7, 'tf': 2.2}

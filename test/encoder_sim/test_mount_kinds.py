@@ -57,7 +57,7 @@ def test_it_looks_where_the_model_with_the_same_terms_says(tmp_path, kind, latit
 
 @pytest.mark.parametrize('kind', ['equatorial', 'german', 'free:40,20,30'])
 def test_each_term_is_its_column_to_first_order(tmp_path, kind):
-    from pointing_model.terms import Trig, terms_of
+    from pointing_model.pointing_terms import Trig, terms_of
     mount = parse_mount(kind, LATITUDES[0])
     first, second = mount.axes_of(*sky(300, lowest=20 * DEG))
     plain = np.abs(np.cos(second)) > 0.1
@@ -217,7 +217,7 @@ def left(mount, latitude, first, second, kind='german', base=None, **parts):
 
 
 def column(name, mount, first, second):
-    from pointing_model.terms import Trig, terms_of
+    from pointing_model.pointing_terms import Trig, terms_of
     return np.array([np.broadcast_to(v, first.shape) for v in terms_of(mount)[name].of(
         Trig(first, second, mount=mount))])
 

@@ -6,7 +6,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ, ON_SKY, Mount
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 
 def random_sky(n, top=1.55, seed=1):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 
 def test_functions_of_the_paper():

@@ -6,8 +6,8 @@ from pointing_model import geometry
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
+from pointing_model.pointing_terms import TERMS, Trig, design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import TERMS, Trig, design
 from pointing_model.zero import RunZero, Zeros
 
 

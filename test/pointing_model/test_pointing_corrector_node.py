@@ -15,7 +15,7 @@ from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
-from pointing_model.terms import PHYSICAL
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.zero import RunZero
 
 START = 1_768_482_000_000_000_000

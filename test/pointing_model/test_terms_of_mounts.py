@@ -7,7 +7,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import Mount, through_pole
-from pointing_model.terms import TERMS, Trig, design, known_terms, terms_of
+from pointing_model.pointing_terms import TERMS, Trig, design, known_terms, terms_of
 
 FORK = Mount.equatorial(31.0 * DEG)
 MOUNTS = [FORK, Mount.equatorial(-25.0 * DEG, 'german'), Mount.free(1.0, 0.3)]

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from msg_tools.status import Taken
+from msg_tools.status_rows import Taken
 from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
@@ -14,7 +14,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from telescope_mount.observing.night_table import NightTable
+from telescope_mount.observing.night_memory import NightTable
 from telescope_mount.observing.sequencer import Sequencer
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00

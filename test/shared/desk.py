@@ -9,9 +9,9 @@ from calibration.calibration_node import Calibration
 from msg_tools import topics
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
-from pointing_model.terms import PHYSICAL
 
 START = 1_768_482_000_000_000_000
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))

@@ -4,8 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 START = 1_768_482_000_000_000_000
 MOUNT = PointingModel(

@@ -6,7 +6,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.geometry import linearised, values
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import Trig
+from pointing_model.pointing_terms import Trig
 
 LARGE = dict(zip(CANONICAL, np.array([150, -90, 300, -240, 280, -310, 120]) * ARCSEC))
 

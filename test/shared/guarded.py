@@ -10,7 +10,7 @@ from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.bridges.indi.indi_driver import MountDriver
 from telescope_mount.guard.course import GuardSettings
-from telescope_mount.guard.goto import GotoKeeper
+from telescope_mount.guard.goto import GotoSupervisor
 from telescope_mount.guard.limits import Axis, Limits
 from telescope_mount.observing.axis_demand import Track
 
@@ -21,7 +21,7 @@ class Guarded:
     def __init__(self, port, mount, travel, site=DEFAULT_SITE, **options):
         limits = Limits(mount, tuple(Axis(low * DEG, high * DEG, 6.0 * DEG, 60.0 * DEG)
                                      for low, high in travel), Horizon(10.0 * DEG), timing=0.8)
-        self.keeper = GotoKeeper(limits, site, GuardSettings(
+        self.supervisor = GotoSupervisor(limits, site, GuardSettings(
             whole=False, silence=3.0, commander=1.5), time.monotonic)
         self.driver = MountDriver('localhost', port, mount, site, period_ms=100, **options)
         self.asked, self.sent, self.here, self._due = None, 0, None, 0.0
@@ -39,23 +39,23 @@ class Guarded:
         rate = np.array([15.041 * ARCSEC, 0.0])
         self.asked = Track(time.time_ns(), times, np.array([first, second]) * DEG
                            + times[:, None] * rate, np.tile(rate, (2, 1)))
-        self.keeper.take_request(self.asked, time.time_ns(), 'a test')
+        self.supervisor.take_request(self.asked, time.time_ns(), 'a test')
 
     def until(self, condition, seconds=60.0):
         """Go on until `condition` holds."""
         end = time.monotonic() + seconds
         while not condition():
             now = time.monotonic()
-            assert now < end, (self.keeper.state, self.keeper.reason, self.driver.state())
+            assert now < end, (self.supervisor.state, self.supervisor.reason, self.driver.state())
             for stamp, angles in self.driver.readings():
                 self.here = angles
                 with suppress(ValueError):  # told its site, it jumps
-                    self.keeper.take_reading(stamp, angles, np.full(2, np.nan))
+                    self.supervisor.take_reading(stamp, angles, np.full(2, np.nan))
             if self.asked is not None:
-                self.keeper.take_request(self.asked, time.time_ns(), 'a test')
+                self.supervisor.take_request(self.asked, time.time_ns(), 'a test')
             due = now - self._due > 0.5
             self._due = now if due else self._due
-            for track in self.keeper.step(time.time_ns(), due):
+            for track in self.supervisor.step(time.time_ns(), due):
                 self.sent += 1
                 if self.driver.ready:
                     self.driver.command(*track)

@@ -4,8 +4,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 TRUTH = np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC
 MODEL = PointingModel(dict(zip(PHYSICAL, TRUTH)))

@@ -7,8 +7,8 @@ from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.course import GuardSettings
-from telescope_mount.guard.keeper import Keeper
 from telescope_mount.guard.limits import Axis, Limits
+from telescope_mount.guard.supervisor import Supervisor
 from telescope_mount.observing.axis_demand import Track
 
 START = 1_768_482_000 * 10**9  # 2026-01-15T13:00:00, night at the default site
@@ -22,8 +22,8 @@ class Mount:
         limits = limits or Limits(axes=(Axis(-270.0 * DEG, 270.0 * DEG, *AXIS),
                               Axis(-5.0 * DEG, 95.0 * DEG, *AXIS)), horizon=Horizon(10.0 * DEG))
         self.time, self.start = 0.0, start
-        self.keeper = Keeper(limits, DEFAULT_SITE, GuardSettings(**{'whole': False, **settings}),
-                             lambda: self.time)
+        self.supervisor = Supervisor(limits, DEFAULT_SITE, GuardSettings(
+            **{'whole': False, **settings}), lambda: self.time)
         self.here, self.speed = np.array(here) * DEG, np.zeros(2)
         self.sent, self.asked, self.reads = [], None, True
         self.path = []
@@ -38,7 +38,7 @@ class Mount:
         rates = np.full((len(times), 2), rate * DEG)
         self.asked = Track(self.now, times, np.array([az, el]) * DEG + times[:, None] * rates,
                            rates)
-        self.keeper.take_request(self.asked, self.now, 'observer')
+        self.supervisor.take_request(self.asked, self.now, 'observer')
         return self
 
     def run(self, seconds):
@@ -53,17 +53,17 @@ class Mount:
                 self.speed = (self.here - before) / 0.05
             self.path.append(self.here)
             if self.reads:
-                self.keeper.take_reading(self.now, self.here, self.speed)
+                self.supervisor.take_reading(self.now, self.here, self.speed)
             if self.asked is not None and round(self.time / 0.05) % 4 == 0:
-                self.keeper.take_request(self.asked, self.now, 'observer')
-            tracks = self.keeper.step(self.now, round(self.time / 0.05) % 10 == 0)
+                self.supervisor.take_request(self.asked, self.now, 'observer')
+            tracks = self.supervisor.step(self.now, round(self.time / 0.05) % 10 == 0)
             assert all(not track.rates[-1].any() for track in tracks)  # at rest, whatever comes
             self.sent += tracks
         return self
 
     @property
     def state(self):
-        return self.keeper.state
+        return self.supervisor.state
 
 
 def off(mount):

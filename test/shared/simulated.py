@@ -10,8 +10,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.context import Context
 from pointing_model.effects import dictionary, smooths, steps
+from pointing_model.pointing_terms import PHYSICAL, stacked_design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, stacked_design
 
 TRUTH = dict(zip(PHYSICAL, np.array([20.0, -35.0, 25.0, -18.0, 30.0, -22.0, 15.0]) * ARCSEC))
 SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}

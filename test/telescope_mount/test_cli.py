@@ -11,8 +11,8 @@ from places import LOG, ROOT
 
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 from telescope_mount import domain
 from telescope_mount.commands import COMMANDS, fit
 

@@ -484,10 +484,10 @@ def test_the_checker_lets_pass(source):
 
 def test_the_simulator_may_use_the_sky_and_nothing_else_of_the_model():
     found = names_used(nodes_of(
-        'from pointing_model import sky, terms\n'
+        'from pointing_model import sky, pointing_terms\n'
         'from pointing_model.sky.star_catalogue import Star\nfrom pointing_model import x'))
     assert {name for _, name in forbidden('encoder_sim', found)} == {
-        'pointing_model.terms', 'pointing_model'}
+        'pointing_model.pointing_terms', 'pointing_model'}
 
 
 def test_algorithms_know_no_ros():

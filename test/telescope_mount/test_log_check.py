@@ -22,8 +22,8 @@ from msg_tools.homing import cloud_to_homing, homing_to_cloud
 from msg_tools.units import ARCSEC
 from pointing_model.calibration_messages import zero_to_joints
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 from telescope_mount.cli import main
 from telescope_mount.log_check import _calibrate, _Rows, verify_log
 from telescope_mount.log_comparison import LogComparison

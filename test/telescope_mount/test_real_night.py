@@ -2,7 +2,7 @@
 
 import pytest
 
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from telescope_mount import domain
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.real_night import _folder, _free

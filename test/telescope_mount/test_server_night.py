@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from fake_server import TELESCOPE, FakeServer, switch
 
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount import whole_night as night

@@ -12,6 +12,7 @@ from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount, through_pole
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.formats import iso_utc, read_run
 from pointing_model.runs.plate_solves.fits_images import (
     NotThere,
@@ -20,7 +21,6 @@ from pointing_model.runs.plate_solves.fits_images import (
     solution_of,
 )
 from pointing_model.sky.places import Site, Weather, observed_to_icrs
-from pointing_model.terms import PHYSICAL
 from telescope_mount.runs import load_run
 
 if find_spec('astropy') is None:

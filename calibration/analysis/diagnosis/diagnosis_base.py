@@ -18,8 +18,8 @@ from pointing_model.effects import period_of
 from pointing_model.effects.base import AXES
 from pointing_model.harmonics import basis, sky_factor
 from pointing_model.mounts import ALTAZ
+from pointing_model.pointing_terms import known_terms, stacked_design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import known_terms, stacked_design
 
 #: rows that are looked at of each run at least, where there are more than are looked at
 OF_RUN = 30

@@ -11,8 +11,8 @@ from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import rms
-from pointing_model.terms import stacked_design
 
 from .diagnosis_base import Base, Observations
 from .page_figures import correlations

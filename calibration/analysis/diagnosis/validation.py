@@ -30,7 +30,7 @@ from msg_tools.forks import forked
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 from ..finding import Finding
 from .diagnosis_base import observations

@@ -7,8 +7,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
+from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import design
 from pointing_model.zero import MARK, is_for_zero, is_marked
 from pointing_model.zero_drift import harmonic_columns
 

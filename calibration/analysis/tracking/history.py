@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from msg_tools.units import ARCSEC
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 from .motion_causes import TrackingSettings
 from .tracker import Tracker

@@ -17,7 +17,7 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.held_terms import BROAD
 from pointing_model.model import PointingModel
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 from ...estimation.gaussian_sum import GaussianSum
 from ..finding import Finding

@@ -16,7 +16,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 from ...estimation.gaussian_sum import GaussianSum
 from ..finding import Finding

@@ -18,8 +18,8 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.held_terms import Held, is_a_model, zero_columns
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import design
 from pointing_model.zero import is_marked, way_of
 
 from ...estimation.estimate import Estimate

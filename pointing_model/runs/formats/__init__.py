@@ -2,7 +2,7 @@
 
 from .checks import NoUsableRow
 from .csv import iso_utc, write_csv
-from .files import read_run, swap_encoders
+from .run_reader import read_run, swap_encoders
 from .run_table import NoObservations
 
 __all__ = ['NoObservations', 'NoUsableRow', 'iso_utc', 'read_run', 'swap_encoders', 'write_csv']

@@ -15,7 +15,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model import geometry
 from pointing_model.mounts import is_beyond
-from pointing_model.terms import stacked_design, terms_of
+from pointing_model.pointing_terms import stacked_design, terms_of
 
 #: the equinoxes that are tried; the first is taken where the rows do not tell
 J2000, OF_DATE = 'J2000', 'of date'

@@ -14,7 +14,7 @@ import numpy as np
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, value_of
 from pointing_model.mounts import ALTAZ, through_pole
-from pointing_model.terms import TERMS, Trig, terms_of
+from pointing_model.pointing_terms import TERMS, Trig, terms_of
 
 
 def column(result, *factors):

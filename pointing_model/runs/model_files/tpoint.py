@@ -19,7 +19,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
-from pointing_model.terms import terms_of
+from pointing_model.pointing_terms import terms_of
 
 from .program import (
     ModelFile,

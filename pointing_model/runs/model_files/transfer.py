@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
 from pointing_model.mounts import ALTAZ, through_pole
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 from .program import Program, Sheet, model_of, rotations
 from .term_columns import OF_TERM, TERM_OF, model_columns, on_sky

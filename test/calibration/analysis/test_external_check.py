@@ -5,9 +5,9 @@ from calibration.analysis.external_check import external_check, split_half
 from calibration.analysis.fit import fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
 
 MODEL = PointingModel(dict(zip(

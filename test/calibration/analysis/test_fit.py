@@ -9,9 +9,9 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL, design
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, design
 from pointing_model.zero import RunZero
 
 

@@ -15,8 +15,8 @@ from calibration.analysis.harmonic_fit import (
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import Harmonics, names_of
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import NO_ZERO
 from telescope_mount.commands.options import SHARED
 from test.calibration.test_night_diagnosis import same_series

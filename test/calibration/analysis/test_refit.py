@@ -9,8 +9,8 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 START, PACE = 1_768_482_000.0, 15.0

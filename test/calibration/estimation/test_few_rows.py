@@ -9,7 +9,7 @@ from calibration.estimation.few_rows import interval_factor, kept_rows
 from calibration.report.documents import fit_document
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
-from pointing_model.terms import PHYSICAL, stacked_design
+from pointing_model.pointing_terms import PHYSICAL, stacked_design
 
 
 def runs(n, count, wrong=0, noise=(1.0, 1.0)):

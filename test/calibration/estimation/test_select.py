@@ -25,7 +25,7 @@ from calibration.estimation.select import choose, search, settled, significance
 from calibration.estimation.selection_problem import ModelChoice, SelectionProblem
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
-from pointing_model.terms import stacked_design
+from pointing_model.pointing_terms import stacked_design
 
 
 def index(problem, name):

@@ -21,8 +21,8 @@ from pointing_model.effects import (
     steps,
     to_document,
 )
+from pointing_model.pointing_terms import design
 from pointing_model.sky.star_catalogue import load_catalogue
-from pointing_model.terms import design
 
 RNG = np.random.default_rng(7)
 

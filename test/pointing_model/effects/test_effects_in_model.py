@@ -19,8 +19,8 @@ from pointing_model.effects import (
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_document import from_document
+from pointing_model.pointing_terms import PHYSICAL, TERMS, stacked_design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, TERMS, stacked_design
 
 RNG = np.random.default_rng(7)
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.status import Progress
+from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.cli import main
 from telescope_mount.dashboard.graph_state import LastMessages

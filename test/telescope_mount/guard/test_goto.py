@@ -13,7 +13,7 @@ from pointing_model.sky.places import DEFAULT_SITE
 from pointing_model.sky.skyline import Horizon
 from telescope_mount.guard.axis_track import Cubic
 from telescope_mount.guard.course import GuardSettings
-from telescope_mount.guard.goto import LONGEST, STOP, GotoKeeper
+from telescope_mount.guard.goto import LONGEST, STOP, GotoSupervisor
 from telescope_mount.guard.limits import Axis, Limits
 
 GERMAN = Mount.equatorial(34.3 * DEG, 'german')
@@ -28,7 +28,7 @@ class Driver(Renewed):
         limits = Limits(GERMAN, (Axis(-10.0 * DEG, 190.0 * DEG, *rates),
                                  Axis(-90.0 * DEG, 270.0 * DEG, *rates)), Horizon(10.0 * DEG),
                         timing=timing)
-        self.keeper = GotoKeeper(limits, DEFAULT_SITE,
+        self.supervisor = GotoSupervisor(limits, DEFAULT_SITE,
                                  GuardSettings(**{'whole': False, **settings}),
                                  lambda: self.time)
         self.way = way
@@ -82,7 +82,7 @@ def test_a_stop_is_a_rest_that_is_over_at_once():
 
 def test_a_driver_that_hears_no_more_stands_at_the_end_of_the_piece():
     driver = Driver().run(0.2).ask(20.0, 60.0).run(1.0)
-    driver.keeper.step = lambda *_: []
+    driver.supervisor.step = lambda *_: []
     driver.asked = None
     driver.run(1.7)
     here = driver.here
@@ -102,7 +102,7 @@ def test_a_driver_that_goes_another_way_is_stopped():
     with pytest.raises(ValueError, match='aborted: call resume'):
         driver.ask(60.0, 40.0).run(3.0)
     assert driver.state == 'aborted' and 'outside of the way that was judged' in (
-        driver.keeper.reason)
+        driver.supervisor.reason)
     assert np.abs(driver.here / DEG - 90.0).max() < 4.0
 
 
@@ -110,19 +110,19 @@ def test_below_the_horizon_is_refused_and_nothing_is_sent():
     driver = Driver().run(0.2)
     with pytest.raises(ValueError, match='elevation'):
         driver.ask(150.0, 10.0)
-    assert not driver.keeper.step(driver.now)
+    assert not driver.supervisor.step(driver.now)
 
 
 def test_it_parks_and_pauses():
     driver = Driver().run(0.2).ask(60.0, 40.0).run(1.0)
-    driver.keeper.pause(driver.now)
+    driver.supervisor.pause(driver.now)
     here = driver.run(1.0).here
     assert driver.state == 'paused' and np.all(driver.run(1.0).here == here)
-    driver.keeper.resume(driver.now)
+    driver.supervisor.resume(driver.now)
     driver.run(20.0)
     assert driver.state == 'following'
     driver.asked = None
-    driver.keeper.park(driver.now, (90.0 * DEG, 90.0 * DEG))
+    driver.supervisor.park(driver.now, (90.0 * DEG, 90.0 * DEG))
     driver.run(30.0)
     assert driver.state == 'parked' and np.abs(driver.here / DEG - 90.0).max() < 0.2
     assert driver.sent[-1].start < driver.now - 10**10
@@ -133,7 +133,7 @@ def test_a_mount_that_is_found_again_elsewhere_is_judged_from_there():
     driver = Driver().run(0.2).ask(60.0, 40.0).run(20.0)
     driver.reads = False
     driver.run(2.0)
-    assert driver.state == 'stopped' and driver.keeper.level == 2
+    assert driver.state == 'stopped' and driver.supervisor.level == 2
     driver.reads, sent = True, len(driver.sent)
     driver.here = np.array([90.0, 90.0]) * DEG
     for _ in range(4):

@@ -11,8 +11,8 @@ from msg_tools.node import MountNode
 from msg_tools.params import BadInput
 from msg_tools.units import DEG
 from telescope_mount.guard import mount_guard_node
-from telescope_mount.guard.keeper import ERROR, LATE, OK, WARN
 from telescope_mount.guard.mount_guard_node import MountGuard
+from telescope_mount.guard.supervisor import ERROR, LATE, OK, WARN
 
 TIMES = np.array([0.0, 20.0, 40.0])
 PLACE = {'latitude_deg': 34.3, 'longitude_deg': 109.0}
@@ -116,7 +116,7 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     assert np.allclose(mount.here / DEG, (22.0, 51.0), atol=0.05)
     assert not graph.call('pause').success
     # axes that do not move: is there a driver?
-    guard._keeper._set_state('aborted', 2, 'the azimuth is 3.0 deg from where it was sent: '
+    guard._supervisor._set_state('aborted', 2, 'the azimuth is 3.0 deg from where it was sent: '
                              'stopped; look at its drive and encoder, and call resume')
     mount.until('aborted', 'look at its drive')
     graph.tester.destroy_subscription(graph.subscriptions.pop(1))
@@ -185,10 +185,10 @@ def test_a_late_machine_is_said_once_in_ten_seconds_and_not_each_time(graph, mon
     monkeypatch.setattr(mount_guard_node, 'time', SimpleNamespace(monotonic=lambda: seconds[0]))
     for _ in range(180):
         for told in (('stopping', WARN, LATE), ('following', OK, 'as requested')):
-            guard._keeper._set_state(*told)
+            guard._supervisor._set_state(*told)
             guard._publish_status()
             seconds[0] += 0.3
     assert sum(LATE in line for line in lines) == 11 and len(lines) == 22
-    guard._keeper._set_state('aborted', ERROR, 'the azimuth is elsewhere')
+    guard._supervisor._set_state('aborted', ERROR, 'the azimuth is elsewhere')
     guard._publish_status()
     assert lines[-1] == 'aborted: the azimuth is elsewhere'

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bench import SECOND, Bench
 
-from msg_tools.status import Progress, Taken
+from msg_tools.status_rows import Progress, Taken
 from msg_tools.units import ARCSEC
 from telescope_mount.observing.night_file import NightFile
 

@@ -7,7 +7,7 @@ from bench import START, Bench
 from msg_tools.units import DEG, wrap
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue
-from telescope_mount.observing.order import observing_order, seconds_a_star, weight_of_slews
+from telescope_mount.observing.star_order import observing_order, seconds_a_star, weight_of_slews
 
 STARS = 20
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from bench import EXPOSURE, SECOND, START, Bench, offset
 
-from msg_tools.status import Taken
+from msg_tools.status_rows import Taken
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.run import first_of_last
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place

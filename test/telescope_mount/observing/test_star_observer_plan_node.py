@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.power_on import PowerOn
-from msg_tools.status import Progress, handover_rows
+from msg_tools.status_rows import Progress, handover_rows
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect

@@ -10,7 +10,7 @@ from calibration.analysis.tracking.tracked_night import TrackedNight
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.active_calibration import tracked_sigma
 from pointing_model.model import PointingModel
-from pointing_model.terms import PHYSICAL
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.zero import RunZero
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.observing.tracking_step import TrackedModel, choose_next, next_time

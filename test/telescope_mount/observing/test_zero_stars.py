@@ -8,9 +8,9 @@ from bench import START, Bench
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.pointing_terms import design
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.terms import design
 from pointing_model.zero import MARK
 from telescope_mount.observing.star_choice import ANYWHERE, axes_at
 from telescope_mount.observing.zero_stars import (

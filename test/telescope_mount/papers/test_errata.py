@@ -31,7 +31,7 @@ from encoder_sim.scenario_encoders import Incremental
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 from telescope_mount.papers.table_1 import PAPER_TABLE_1
 
 PAGE = ROOT / 'docs' / 'papers.md'

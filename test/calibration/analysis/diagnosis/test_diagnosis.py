@@ -18,8 +18,8 @@ from msg_tools import forks
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.effects import Amount
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL, STANDARD6
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, STANDARD6
 
 
 def off_centre(size):

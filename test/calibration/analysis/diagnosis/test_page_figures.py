@@ -13,8 +13,8 @@ from calibration.analysis.diagnosis.page_figures import (
     its_own,
 )
 from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import PHYSICAL, stacked_design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL, stacked_design
 
 
 @pytest.fixture(scope='module')

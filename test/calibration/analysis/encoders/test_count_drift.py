@@ -6,9 +6,9 @@ from calibration.analysis.encoders.count_drift import count_drift, zero_followin
 from calibration.calibration_state import CalibrationState
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero_drift import KEY, Following
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))

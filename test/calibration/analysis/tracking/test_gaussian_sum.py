@@ -8,7 +8,7 @@ from calibration.analysis.tracking.tracker import Tracker
 from calibration.estimation.gaussian_sum import GaussianSum, PossibleJump
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
-from pointing_model.terms import design
+from pointing_model.pointing_terms import design
 
 N, HOUR = 3, 3_600_000_000_000
 

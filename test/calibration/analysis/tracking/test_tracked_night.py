@@ -17,9 +17,9 @@ from calibration.analysis.tracking.warm_start import (
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
+from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import design
-from telescope_mount.observing.next_star import SlewTime, error_over, next_star, until
+from telescope_mount.observing.tracking_star import SlewTime, error_over, next_star, until
 from test.calibration.analysis.tracking.test_tracker import known
 
 MINUTE = 60_000_000_000

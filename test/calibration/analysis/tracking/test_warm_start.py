@@ -16,9 +16,9 @@ from calibration.calibration_state import CalibrationState
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.terms import PHYSICAL
 from pointing_model.zero import RunZero
 
 DAY, START = 86400.0, 1_768_482_000.0

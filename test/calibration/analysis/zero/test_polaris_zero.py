@@ -5,9 +5,9 @@ from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from calibration.report.zero_wording import zero_document, zero_statement
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import PHYSICAL
 
 LATITUDE = 34.3 * DEG
 MOUNT = PointingModel(dict(zip(

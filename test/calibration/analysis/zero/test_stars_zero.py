@@ -9,9 +9,9 @@ from calibration.rows import zero_exposures_by_run
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.pointing_terms import design
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.terms import design
 from pointing_model.zero import MARK, is_for_zero, way_of
 
 ZERO = np.array([20.0, -15.0]) * ARCSEC  # coordinate angles

@@ -12,6 +12,7 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.mounts import Mount
+from pointing_model.pointing_terms import terms_of
 from pointing_model.runs.model_files import (
     PROGRAMS,
     export,
@@ -22,7 +23,6 @@ from pointing_model.runs.model_files import (
 from pointing_model.runs.model_files import (
     coefficient_table as table,
 )
-from pointing_model.terms import terms_of
 
 PHI = math.radians(33.3)
 GERMAN, FORK = Mount.equatorial(PHI, 'german'), Mount.equatorial(PHI)
@@ -60,7 +60,7 @@ def test_tpoints_signs_are_those_of_its_corrections():
               'DAF': (-sin_el, 0), 'HCES': (sh * cd, 0), 'HCEC': (ch * cd, 0), 'DCES': (0, sd),
               'DCEC': (0, cd)}
     program = program_for(PROGRAMS['tpoint'], FORK)
-    from pointing_model.terms import Trig
+    from pointing_model.pointing_terms import Trig
     for name, expected in theirs.items():
         ((own, share),) = program.column(name)
         x, y = terms_of(FORK)[own[0]].of(Trig(ha, dec, FORK))

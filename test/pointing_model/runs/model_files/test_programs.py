@@ -13,6 +13,7 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import PHYSICAL, TERMS, Trig
 from pointing_model.runs.model_files import (
     PROGRAMS,
     export,
@@ -24,7 +25,6 @@ from pointing_model.runs.model_files import (
 )
 from pointing_model.runs.model_files.term_columns import OF_TERM, model_columns, on_sky, summed
 from pointing_model.runs.model_files.tpoint import columns_of
-from pointing_model.terms import PHYSICAL, TERMS, Trig
 
 SEVEN = dict(zip(PHYSICAL, np.array([412.5, -31.25, 25.0, -18.5, 30.75, -22.0, 15.5]) * ARCSEC))
 SKY = uniform_sky(200)

@@ -34,15 +34,15 @@ def test_behind_the_guard_it_is_brought_onto_a_track_stands_and_parks():
         assert mount.here / DEG == pytest.approx((0.0, 80.0))
         mount.ask(-4.0, 78.0)  # across north, by azimuths below 0
         mount.until(lambda: telescope.tracking and not telescope.slewing
-                    and mount.keeper.state == 'following' and mount.off() < 1.5)
+                    and mount.supervisor.state == 'following' and mount.off() < 1.5)
         with pytest.raises(ValueError, match='elevation'):
             mount.ask(0.0, 89.5)
         mount.ask(40.0, 60.0)
         mount.until(lambda: telescope.slewing)
         mount.asked = None  # the commander is gone
-        mount.until(lambda: mount.keeper.state == 'stopped' and not telescope.tracking)
-        mount.keeper.park(time.time_ns(), (0.1, 80.0 * DEG))
-        mount.until(lambda: mount.keeper.state == 'parked')
+        mount.until(lambda: mount.supervisor.state == 'stopped' and not telescope.tracking)
+        mount.supervisor.park(time.time_ns(), (0.1, 80.0 * DEG))
+        mount.until(lambda: mount.supervisor.state == 'parked')
         mount.until(lambda: not telescope.tracking)
 
 

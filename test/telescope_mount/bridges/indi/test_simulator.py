@@ -68,19 +68,19 @@ def _behind_the_guard(server):
     with Guarded(server.port, MOUNT, ((-10.0, 190.0), (-90.0, 270.0)), SITE) as mount:
         mount.until(lambda: mount.here is not None)
         mount.ask(84.0, 84.0)
-        mount.until(lambda: mount.keeper.state == 'following' and mount.off() < 30.0)
+        mount.until(lambda: mount.supervisor.state == 'following' and mount.off() < 30.0)
         # below the horizon: refused, and what was under way stops
         with pytest.raises(ValueError, match='horizon of 10.0 deg'):
             mount.ask(150.0, 20.0)
         mount.asked = None
-        mount.until(lambda: mount.keeper.state == 'stopped')
+        mount.until(lambda: mount.supervisor.state == 'stopped')
         telescope = mount.driver.telescope
         mount.until(lambda: telescope.get('TELESCOPE_TRACK_STATE').on == 'TRACK_OFF')
         # a commander that is gone in the middle of a slew
         mount.ask(60.0, 60.0)
         mount.until(lambda: telescope.slewing)
         mount.asked = None
-        mount.until(lambda: not telescope.slewing and mount.keeper.state == 'stopped', 3.0)
+        mount.until(lambda: not telescope.slewing and mount.supervisor.state == 'stopped', 3.0)
         assert np.all(mount.here / DEG > 70.0)
         # and stands: an aborted slew goes on tracking, whatever it was told with the abort
         mount.until(lambda: not mount.driver._stopping, 4.0)
@@ -91,7 +91,7 @@ def _behind_the_guard(server):
         mount.ask(60.0, 60.0)
         mount.until(lambda: telescope.slewing)
         server.stop()
-        mount.until(lambda: 'no reading of the encoders' in mount.keeper.reason)
+        mount.until(lambda: 'no reading of the encoders' in mount.supervisor.reason)
         assert 'is lost: a mount whose driver still runs goes where it was sent last' in (
             mount.driver.state()[0])
 

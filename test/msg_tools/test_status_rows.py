@@ -3,7 +3,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from msg_tools.status import OBSERVATIONS, Progress, Taken, handover, handover_rows
+from msg_tools.status_rows import OBSERVATIONS, Progress, Taken, handover, handover_rows
 
 
 def status(**rows):

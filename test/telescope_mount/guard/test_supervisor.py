@@ -11,11 +11,11 @@ from msg_tools.units import DEG
 from pointing_model.mounts import Mount as Places
 from pointing_model.sky.places import DEFAULT_SITE, sun_place
 from pointing_model.sky.skyline import Horizon
-from telescope_mount.guard import keeper as keeper_of
+from telescope_mount.guard import supervisor as supervisor_of
 from telescope_mount.guard.axis_track import Cubic, braked, ended
-from telescope_mount.guard.keeper import LATE, WARN
 from telescope_mount.guard.limits import Axis, Limits, travel_of
 from telescope_mount.guard.sky_limits import SUN, SkyCircles
+from telescope_mount.guard.supervisor import LATE, WARN
 from telescope_mount.observing.axis_demand import Track
 
 NOON = START + 15 * 3600 * 10**9
@@ -38,14 +38,14 @@ def test_without_its_commander_it_stands_within_half_a_second_and_its_braking(mo
     assert np.abs(mount.speed).max() > 2.0 * DEG
     mount.asked = None
     mount.run(0.5 + 0.05)
-    assert mount.state == 'stopped' and 'no longer renewed' in mount.keeper.reason
+    assert mount.state == 'stopped' and 'no longer renewed' in mount.supervisor.reason
     mount.run(AXIS[0] / AXIS[1])
     assert not mount.speed.any()
 
 
 def test_without_the_guard_it_stops_by_itself(mount):
     mount.ask(200.0, 30.0).run(5.0)
-    mount.keeper.step = lambda *_: []
+    mount.supervisor.step = lambda *_: []
     mount.asked = None
     mount.run(1.5 + 0.5 + AXIS[0] / AXIS[1])
     assert not mount.speed.any()
@@ -55,8 +55,8 @@ def test_a_silent_encoder_stops_it_and_it_goes_on_when_that_speaks(mount):
     mount.ask(200.0, 30.0).run(5.0)
     mount.reads = False
     mount.run(0.6)
-    assert mount.state == 'stopped' and mount.keeper.level == 2
-    assert 'no reading of the encoders for 0.5 s' in mount.keeper.reason
+    assert mount.state == 'stopped' and mount.supervisor.level == 2
+    assert 'no reading of the encoders for 0.5 s' in mount.supervisor.reason
     mount.reads = True
     assert mount.run(60.0).state == 'following' and off(mount) < 0.01
 
@@ -78,16 +78,16 @@ def test_it_goes_around_the_sun():
 
 def test_pause_holds_it_and_resume_goes_on(mount):
     mount.ask(80.0, 30.0).run(3.0)
-    mount.keeper.pause(mount.now)
+    mount.supervisor.pause(mount.now)
     mount.run(4.0)
     assert mount.state == 'paused' and not mount.speed.any()
-    mount.keeper.resume(mount.now)
+    mount.supervisor.resume(mount.now)
     assert mount.run(40.0).state == 'following' and off(mount) < 0.01
 
 
 def test_after_an_abort_nothing_moves_until_resume(mount):
     mount.ask(80.0, 30.0).run(3.0)
-    mount.keeper.abort(mount.now)
+    mount.supervisor.abort(mount.now)
     mount.asked = None
     mount.run(4.0)
     here = mount.here
@@ -95,14 +95,14 @@ def test_after_an_abort_nothing_moves_until_resume(mount):
         mount.ask(90.0, 40.0)
     mount.asked = None
     assert np.array_equal(mount.run(2.0).here, here)
-    mount.keeper.resume(mount.now)
+    mount.supervisor.resume(mount.now)
     assert mount.ask(90.0, 40.0).run(40.0).state == 'following'
 
 
 def test_it_parks(mount):
     mount.ask(80.0, 30.0).run(3.0)
     mount.asked = None
-    mount.keeper.park(mount.now, (-90.0 * DEG, 80.0 * DEG))
+    mount.supervisor.park(mount.now, (-90.0 * DEG, 80.0 * DEG))
     mount.run(80.0)
     assert mount.state == 'parked' and np.allclose(mount.here / DEG, (-90.0, 80.0), atol=0.01)
     assert not mount.speed.any()
@@ -111,7 +111,7 @@ def test_it_parks(mount):
 def test_it_has_one_commander(mount):
     mount.ask(80.0, 30.0).run(1.0)
     with pytest.raises(ValueError, match='player asks while observer commands'):
-        mount.keeper.take_request(mount.asked._replace(start=mount.now), mount.now, 'player')
+        mount.supervisor.take_request(mount.asked._replace(start=mount.now), mount.now, 'player')
 
 
 def test_a_refusal_is_told_once_and_stops_what_was_under_way(mount):
@@ -120,7 +120,7 @@ def test_a_refusal_is_told_once_and_stops_what_was_under_way(mount):
         mount.ask(120.0, 2.0)
     mount.run(4.0)
     assert mount.state == 'stopped' and not mount.speed.any()
-    assert mount.keeper.refused[0] == mount.asked.start
+    assert mount.supervisor.refused[0] == mount.asked.start
 
 
 @pytest.mark.parametrize('angles, words', [
@@ -129,7 +129,7 @@ def test_a_refusal_is_told_once_and_stops_what_was_under_way(mount):
 def test_readings_that_cannot_be_are_refused(mount, angles, words):
     mount.time += 0.05
     with pytest.raises(ValueError, match=words):
-        mount.keeper.take_reading(mount.now, angles, (0.0, 0.0))
+        mount.supervisor.take_reading(mount.now, angles, (0.0, 0.0))
 
 
 def test_an_axis_that_does_not_follow_is_stopped_for_good(mount):
@@ -139,40 +139,40 @@ def test_an_axis_that_does_not_follow_is_stopped_for_good(mount):
     while mount.state == 'following' and mount.time < 60.0:
         mount.run(0.05)
         mount.sent = []
-    assert mount.state == 'aborted' and 'from where it was sent' in mount.keeper.reason
+    assert mount.state == 'aborted' and 'from where it was sent' in mount.supervisor.reason
 
 
 def test_a_whole_track_that_may_have_been_lost_is_sent_once_more():
     """A simulated mount that is killed and started again knows nothing of it, and nobody renews."""
     mount = Mount(whole=True).run(0.2)
-    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+    supervisor, times = mount.supervisor, np.arange(0.0, 601.0, 20.0)
     track = Track(mount.now, times, np.full((len(times), 2), [0.5, 0.9]), np.zeros((len(times), 2)))
-    keeper.take_request(track, mount.now)
-    assert len(keeper.step(mount.now)) == 1
-    keeper.take_request(track, mount.now)  # no reading since
-    sent, = keeper.step(mount.now)
-    assert keeper.is_request(sent) and sent.start == track.start
-    keeper.take_reading(mount.now + 10**8, mount.here, (0.0, 0.0))
-    keeper.take_request(track, mount.now)  # it is on its way
-    assert keeper.step(mount.now) == []
+    supervisor.take_request(track, mount.now)
+    assert len(supervisor.step(mount.now)) == 1
+    supervisor.take_request(track, mount.now)  # no reading since
+    sent, = supervisor.step(mount.now)
+    assert supervisor.is_request(sent) and sent.start == track.start
+    supervisor.take_reading(mount.now + 10**8, mount.here, (0.0, 0.0))
+    supervisor.take_request(track, mount.now)  # it is on its way
+    assert supervisor.step(mount.now) == []
 
 
 @pytest.mark.parametrize('asleep', [False, True])
 def test_a_guard_that_is_started_again_lets_a_mount_move_that_is_read_only_when_it_does(asleep):
     mount = Mount(whole=True, asleep=asleep)
-    keeper, times = mount.keeper, np.arange(0.0, 601.0, 20.0)
+    supervisor, times = mount.supervisor, np.arange(0.0, 601.0, 20.0)
 
     def ask(el, number):
         track = Track(mount.now + number, times, np.full((len(times), 2), [0.5, el]),
                       np.zeros((len(times), 2)))
-        keeper.take_request(track, mount.now)
-        first = keeper.step(mount.now)
-        keeper.take_request(track, mount.now)
-        return first, keeper.step(mount.now)
-    assert ask(0.9, 1)[0] == [] and keeper.state == ('following' if asleep else 'waiting')
-    keeper.withdraw(mount.now)
+        supervisor.take_request(track, mount.now)
+        first = supervisor.step(mount.now)
+        supervisor.take_request(track, mount.now)
+        return first, supervisor.step(mount.now)
+    assert ask(0.9, 1)[0] == [] and supervisor.state == ('following' if asleep else 'waiting')
+    supervisor.withdraw(mount.now)
     assert len(ask(1.0, 2)[1]) == asleep
-    keeper.withdraw(mount.now)
+    supervisor.withdraw(mount.now)
     if asleep:  # and below the horizon not even then
         with pytest.raises(ValueError, match='horizon'):
             ask(0.1, 3)
@@ -181,8 +181,8 @@ def test_a_guard_that_is_started_again_lets_a_mount_move_that_is_read_only_when_
 def test_whole_tracks_are_passed_as_they_were_asked_for():
     mount = Mount(whole=True).run(0.2)
     mount.ask(80.0, 30.0)
-    out, = mount.keeper.step(mount.now)
-    assert mount.keeper.is_request(out) and out.start == mount.asked.start
+    out, = mount.supervisor.step(mount.now)
+    assert mount.supervisor.is_request(out) and out.start == mount.asked.start
     assert out.angles is mount.asked.angles
 
 
@@ -207,20 +207,20 @@ def test_an_unknown_turn_leaves_what_is_safe_on_each():
 
 
 def test_a_lag_of_a_driver_is_no_fault_and_a_blocked_axis_is(mount):
-    take, seen = mount.keeper.take_reading, []
+    take, seen = mount.supervisor.take_reading, []
 
     def late(stamp, here, speed):
         seen.append(here)
         take(stamp, seen[max(len(seen) - 9, 0)], speed)  # 0.4 s
 
-    mount.keeper.take_reading = late
+    mount.supervisor.take_reading = late
     assert mount.ask(150.0, 50.0).run(60.0).state == 'following'
     here = np.array(mount.here)
-    mount.keeper.take_reading = lambda stamp, *_: take(stamp, here, (0.0, 0.0))
+    mount.supervisor.take_reading = lambda stamp, *_: take(stamp, here, (0.0, 0.0))
     mount.ask(20.0, 50.0)
     with pytest.raises(ValueError, match='aborted: call resume'):
         mount.run(6.0)
-    assert 'the azimuth is' in mount.keeper.reason
+    assert 'the azimuth is' in mount.supervisor.reason
 
 
 @pytest.mark.parametrize('latitude, east', [(34.3, (150.0, 170.0)), (-34.3, (150.0, 190.0))])
@@ -231,7 +231,7 @@ def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
     here = np.array(limits.on_travel(80.0 * DEG, math.copysign(35.0 * DEG, latitude))) / DEG
     mount = Mount(here=here, limits=limits).run(0.2)
     mount.ask(*east, 0.0).run(120.0)
-    assert mount.state == 'following', mount.keeper.reason
+    assert mount.state == 'following', mount.supervisor.reason
     want = np.array(limits.on_travel(*np.array(east) * DEG))
     assert np.allclose(mount.here, want, atol=1e-6)
     assert german.horizon_of(*np.array(mount.path).T)[1].min() > 10.0 * DEG
@@ -243,12 +243,12 @@ def test_a_german_mount_changes_its_side_above_the_horizon(latitude, east):
 def test_a_first_reading_beyond_the_travel_is_not_believed_and_nothing_is_sent_by_it(beyond):
     mount = Mount()
     with pytest.raises(ValueError, match=r'cannot be: give radians, within the travel'):
-        mount.keeper.take_reading(mount.now, np.array(beyond) * DEG, (0.0, 0.0))
+        mount.supervisor.take_reading(mount.now, np.array(beyond) * DEG, (0.0, 0.0))
     mount.ask(170.0, 50.0)
     mount.asked = None
-    mount.keeper.abort(mount.now)
-    assert mount.keeper.step(mount.now) == [] and mount.keeper.readings.here is None
-    mount.keeper.resume(mount.now)
+    mount.supervisor.abort(mount.now)
+    assert mount.supervisor.step(mount.now) == [] and mount.supervisor.readings.here is None
+    mount.supervisor.resume(mount.now)
     mount.run(0.2)
     assert mount.ask(170.0, 50.0).run(60.0).state == 'following'
     assert np.abs(off(mount)).max() < 30.0
@@ -262,14 +262,14 @@ def test_a_first_reading_a_turn_off_ends_with_those_that_contradict_it(first, th
     for _ in range(6):
         mount.time += 0.05
         with contextlib.suppress(ValueError):
-            mount.keeper.take_reading(mount.now, mount.here, (np.nan, np.nan))
-    mount.sent += mount.keeper.step(mount.now, False)
-    assert mount.state == 'aborted' and 'jumped to another place' in mount.keeper.reason
+            mount.supervisor.take_reading(mount.now, mount.here, (np.nan, np.nan))
+    mount.sent += mount.supervisor.step(mount.now, False)
+    assert mount.state == 'aborted' and 'jumped to another place' in mount.supervisor.reason
     stop = mount.sent[-1]
     assert len(mount.sent) > sent and stop.angles[:, 0] / DEG == pytest.approx(then)
     assert not stop.rates.any()
     mount.asked = None
-    mount.keeper.resume(mount.now)
+    mount.supervisor.resume(mount.now)
     assert mount.ask(then, 60.0).run(20.0).state == 'following'
     assert abs(mount.here[0] / DEG - then) < 1.0
 
@@ -280,8 +280,8 @@ def test_an_azimuth_that_is_read_within_one_turn_keeps_counting(readings):
     mount = Mount(here=(readings[0], 50.0))
     for angle in readings:
         mount.time += 1.0
-        mount.keeper.take_reading(mount.now, np.array([angle, 50.0]) * DEG, (0.0, 0.0))
-    way = mount.keeper.readings.here[0] / DEG - readings[0]
+        mount.supervisor.take_reading(mount.now, np.array([angle, 50.0]) * DEG, (0.0, 0.0))
+    way = mount.supervisor.readings.here[0] / DEG - readings[0]
     assert way == pytest.approx((readings[-1] - readings[0]) % 360.0)
 
 
@@ -296,47 +296,48 @@ def test_a_guard_that_was_held_up_says_that_its_machine_is_late_and_goes_on(moun
     mount.ask(150.0, 50.0).run(3.0)
     mount.time += 2.0
     mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
-    mount.keeper.take_reading(mount.now, mount.here, mount.speed)
-    assert mount.keeper.step(mount.now) == []
-    assert (mount.state, mount.keeper.reason) == ('stopping', LATE)
+    mount.supervisor.take_reading(mount.now, mount.here, mount.speed)
+    assert mount.supervisor.step(mount.now) == []
+    assert (mount.state, mount.supervisor.reason) == ('stopping', LATE)
     assert mount.run(60.0).state == 'following' and np.abs(off(mount)).max() < 30.0
 
 
 def test_a_search_for_a_way_that_takes_long_does_not_make_what_it_finds_too_late(monkeypatch):
     az, el = np.array(sun_place(NOON * 1e-9)) / DEG
-    mount, find, late = Mount(NOON, (az - 40.0, el)).run(0.2), keeper_of.lead, []
+    mount, find, late = Mount(NOON, (az - 40.0, el)).run(0.2), supervisor_of.lead, []
 
     def search(*args):
         mount.time += 0.5  # of a machine that is busy
         return find(*args)
-    monkeypatch.setattr(keeper_of, 'lead', search)
+    monkeypatch.setattr(supervisor_of, 'lead', search)
     mount.ask(az + 40.0, el)
     for _ in range(600):
         mount.run(0.05)
-        late += [mount.keeper.reason] * (mount.keeper.reason == LATE)
+        late += [mount.supervisor.reason] * (mount.supervisor.reason == LATE)
     assert not late and mount.run(90.0).state == 'following'
 
 
 def test_a_guard_that_was_held_up_and_then_reads_no_number_waits_and_goes_on(mount, recwarn):
-    keeper = mount.ask(150.0, 50.0).keeper
+    supervisor = mount.ask(150.0, 50.0).supervisor
     mount.run(3.0)
     mount.time += 2.0  # held up: what was sent has ended at rest
     mount.here, mount.speed = mount.sent[-1].angles[-1], np.zeros(2)
-    keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
-    assert keeper.step(mount.now) == []
-    assert (keeper.state, keeper.level) == ('stopped', WARN) and 'no number' in keeper.reason
+    supervisor.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    assert supervisor.step(mount.now) == []
+    assert (supervisor.state, supervisor.level) == ('stopped', WARN)
+    assert 'no number' in supervisor.reason
     mount.asked = None
-    keeper.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
-    assert not keeper.readings.at_rest(1.0)  # nothing is known of its rate yet
+    supervisor.take_reading(mount.now + 1, mount.here, (np.nan, np.nan))
+    assert not supervisor.readings.at_rest(1.0)  # nothing is known of its rate yet
     assert mount.run(0.2).ask(150.0, 50.0).run(60.0).state == 'following'
     assert not recwarn.list
 
 
 def test_a_first_message_without_a_number_is_waited_after(recwarn):
     mount = Mount()
-    mount.keeper.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
+    mount.supervisor.take_reading(mount.now, (np.nan, np.nan), (np.nan, np.nan))
     mount.ask(40.0, 50.0)
-    assert mount.keeper.step(mount.now) == [] and mount.state == 'waiting'
+    assert mount.supervisor.step(mount.now) == [] and mount.state == 'waiting'
     assert mount.run(20.0).state == 'following'
     assert not recwarn.list
 
@@ -345,7 +346,7 @@ def test_a_request_from_the_future_is_refused_and_locks_nobody_out(mount):
     times, angles = np.array([0.0, 100.0]), np.tile([60.0 * DEG, 45.0 * DEG], (2, 1))
     late = Track(mount.now + 3600 * 10**9, times, angles, np.zeros((2, 2)))
     with pytest.raises(ValueError, match='a request for 3600 s from now: send one of now'):
-        mount.keeper.take_request(late, mount.now, 'somebody')
+        mount.supervisor.take_request(late, mount.now, 'somebody')
     assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
 
 
@@ -354,13 +355,13 @@ def test_a_clock_that_is_set_back_ends_what_was_asked_for_and_no_more(mount):
     mount.asked, there, late = None, mount.here, mount.asked
     early = late._replace(start=late.start - 3600 * 10**9)
     with pytest.raises(ValueError, match='older'):  # who asks has heard of it before the guard
-        mount.keeper.take_request(early, mount.now, 'observer')
+        mount.supervisor.take_request(early, mount.now, 'observer')
     mount.sent, mount.start, mount.speed = [], mount.start - 3600 * 10**9, np.zeros(2)
     mount.run(0.2)
     with pytest.raises(ValueError, match='send one of now'):  # who asks has not heard of it yet
-        mount.keeper.take_request(late, mount.now, 'observer')
-    assert mount.keeper.refused == (0, '')
-    assert (mount.state, mount.keeper.reason) == ('stopped', 'the clock was set back: ask anew')
+        mount.supervisor.take_request(late, mount.now, 'observer')
+    assert mount.supervisor.refused == (0, '')
+    assert (mount.state, mount.supervisor.reason) == ('stopped', 'the clock was set back: ask anew')
     assert mount.sent == [] and np.all(mount.here == there)
     assert mount.ask(40.0, 60.0).run(20.0).state == 'following'
     assert np.abs(off(mount)).max() < 30.0
@@ -370,14 +371,14 @@ def test_a_mount_that_goes_on_after_its_clock_was_set_back_is_stopped_from_its_o
     mount.ask(140.0, 60.0).run(5.0)
     mount.asked, going = None, mount.sent[-1]
     mount.sent, mount.start = [], mount.start - 3600 * 10**9
-    keeper, speed = mount.keeper, mount.speed[0]
+    supervisor, speed = mount.supervisor, mount.speed[0]
     assert speed > 2.0 * DEG
     # no reading of the new time yet: nothing is known
     mount.time += 0.05
-    assert keeper.step(mount.now) == [] and keeper.step(mount.now) == []
+    assert supervisor.step(mount.now) == [] and supervisor.step(mount.now) == []
     here = mount.here + np.array([0.05 * speed, 0.0])
-    keeper.take_reading(mount.now, here, mount.speed)
-    stop, = keeper.step(mount.now)
+    supervisor.take_reading(mount.now, here, mount.speed)
+    stop, = supervisor.step(mount.now)
     assert stop.start == mount.now < going.start and np.all(stop.angles[0] == here)
     assert stop.rates[0, 0] == speed and not stop.rates[-1].any()
-    assert keeper.step(mount.now) == [] and keeper.state == 'stopped'
+    assert supervisor.step(mount.now) == [] and supervisor.state == 'stopped'

@@ -96,7 +96,7 @@ def _unit(columns):
 
 #: to settle, to expose and to centre, s
 ON_A_STAR = 25.0
-#: slew between two stars of `order.observing_order`, with both ends, deg
+#: slew between two stars of `observing_order`, with both ends, deg
 BETWEEN_STARS = 60.0
 #: beyond, time and place of the stars begin to be one
 _MOST = 3.0
@@ -111,7 +111,7 @@ def seconds_a_star(rate):
 
 
 def weight_of_slews(rate):
-    """What their length counts in `order.observing_order`, of a mount with `rate` deg/s.
+    """What their length counts in `observing_order`, of a mount with `rate` deg/s.
 
     1 where stars take longer than slews, else as many times as slews take longer, at most 3. Of
     30 stars (twelve draws) 1, 2 and 3 lead to slews of 47, 42 and 37 deg, and to a correlation of

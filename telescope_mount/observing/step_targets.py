@@ -6,13 +6,13 @@ from msg_tools.steps import CallRefused
 from msg_tools.units import DEG
 from pointing_model.sky.star_catalogue import POLARIS_HIP, StarTarget, load_catalogue
 
-from .order import seconds_a_star, weight_of_slews
 from .star_choice import AxisLimits, choose_stars
+from .star_order import seconds_a_star, weight_of_slews
 from .zero_choice import ZeroChoice
 
 
-class TargetChoice:
-    """Chooses among the stars of the catalogue, by the parameters of the observer.
+class StepTargets:
+    """Chosen among the stars of the catalogue, by the parameters of the observer.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pointing_model.terms import PHYSICAL, STANDARD6, TERMS, Trig, design, stacked_design
+from pointing_model.pointing_terms import PHYSICAL, STANDARD6, TERMS, Trig, design, stacked_design
 
 
 def test_columns_are_those_of_the_convention():

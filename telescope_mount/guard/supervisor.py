@@ -36,7 +36,7 @@ LATE = ('this machine is late: nothing was sent in time; the mount has stopped, 
         'soon as it is judged anew')
 
 
-class Keeper:
+class Supervisor:
     """What is asked for, where the axes are, and what is sent.
 
     Parameters

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pointing_model.runs.run import PointingRun
-from telescope_mount.observing.night_table import NEEDED, NightTable
+from telescope_mount.observing.night_memory import NEEDED, NightTable
 
 
 def rows(*names):
