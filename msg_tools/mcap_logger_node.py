@@ -13,6 +13,7 @@ from std_srvs.srv import SetBool
 
 from . import topics
 from .bag import BagWriter
+from .bag.compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .bag.parameter_query import ParameterCollector, as_text
 from .bag.recorder import Recorder
 from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
@@ -40,7 +41,8 @@ PARAMS = (
     Param('exclude', [''], 'regular expressions; a topic whose full name matches one is not',
           check=check_patterns, fixed=True),
     Param('all', False, 'record every topic there is, whenever it appears', fixed=True),
-    Param('compression', 'zstd', 'of the chunks', choices=('zstd', 'lz4', 'none'), fixed=True),
+    Param('compression', DEFAULT_COMPRESSION, 'of the chunks', choices=tuple(COMPRESSORS),
+          fixed=True),
     Param('flush_period_s', 0.5, 'wall time after which what came is safe on the disk [s]', 0.05,
           60.0, fixed=True),
     Param('max_file_mb', 0.0, 'size after which a new file is begun [MB]; 0: never', 0.0, 1e6,

@@ -7,21 +7,17 @@ import time
 import zlib
 from array import array
 
-import lz4.frame
-import zstandard
 from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
+
+from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 
 MAGIC = b'\x89MCAP0\r\n'
 NEVER = 2**63 - 1  # what rosbag2 writes as the starting time of an empty bag
 
 _MESSAGE = struct.Struct('<BQHIQQ').pack
 _OP_MESSAGE = int(Opcode.MESSAGE)
-
-
-COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.frame.compress,
-               'none': bytes}
 
 
 def _bytes(record):
@@ -41,7 +37,8 @@ class McapFile:
         Who writes, for the header.
     chunk_size : int
         Bytes (before compression) after which a chunk is closed.
-    compression : {'zstd', 'lz4', 'none'}
+    compression : str
+        Of `compression.COMPRESSORS`.
 
     Attributes
     ----------
@@ -59,7 +56,7 @@ class McapFile:
     After an OSError the file ends with the last whole record again.
     """
 
-    def __init__(self, path, library, *, chunk_size=2**20, compression='zstd'):
+    def __init__(self, path, library, *, chunk_size=2**20, compression=DEFAULT_COMPRESSION):
         self._stream = open(path, 'xb', buffering=0)  # noqa: SIM115 (lives as long as the file)
         self._compress = COMPRESSORS[compression]
         self._compression = '' if compression == 'none' else compression

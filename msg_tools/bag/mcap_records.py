@@ -5,13 +5,12 @@ import struct
 import zlib
 from io import BytesIO
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-#: a chunk that claims more than this is not believed (the usual size is 1 MiB)
-MAX_CHUNK = 128 * 2**20
+from .compression import decompress
+
 PARSE_ERRORS = (
     struct.error, McapError, ValueError, KeyError, IndexError, EOFError, MemoryError,
     OverflowError,
@@ -92,24 +91,6 @@ def by_checksum(body, most):
         if zlib.crc32(buffer) == crc:
             return buffer
     return None
-
-
-def decompress(data, compression, size):
-    """At most `size` bytes of `data`; fewer where it was cut."""
-    if size > MAX_CHUNK:
-        raise ValueError(f'a chunk claims {size} bytes, more than {MAX_CHUNK}')
-    if compression == '':
-        return bytes(data[:size])
-    try:
-        if compression == 'zstd':
-            decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
-            with decompressor.stream_reader(data) as stream:
-                return stream.read(size)
-        if compression == 'lz4':
-            return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise ValueError(f'{compression} data damaged: {error}') from None
-    raise ValueError(f'chunk compression {compression!r} is unknown')
 
 
 def index_record(body):

@@ -12,7 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from .. import version_of
-from .chunks import COMPRESSORS, NEVER, McapFile
+from .chunks import NEVER, McapFile
+from .compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .metadata import information, sync_folder, write_metadata
 from .ros_schema import dump_yaml, message_definition, qos_dict, split_type, type_hash
 
@@ -56,7 +57,8 @@ class BagWriter:
         Bytes (before compression) after which a chunk is closed.
     chunk_seconds : float
         Age at which the next message closes a chunk; between messages `refresh` must do it.
-    compression : {'zstd', 'lz4', 'none'}
+    compression : str
+        Of `compression.COMPRESSORS`.
     max_bytes : int
         A file that would grow beyond it (its index not counted) is followed by another; 0: never.
     max_seconds : float
@@ -85,7 +87,7 @@ class BagWriter:
     """
 
     def __init__(self, folder, *, metadata=None, chunk_size=2**20, chunk_seconds=0.5,
-                 compression='zstd', max_bytes=0, max_seconds=0.0):
+                 compression=DEFAULT_COMPRESSION, max_bytes=0, max_seconds=0.0):
         self.folder = Path(folder)
         if compression not in COMPRESSORS:
             raise ValueError(
