@@ -15,7 +15,7 @@ from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
 from .declarations import NUMBERS, declarations
 from .rows import CLOCK, UNKNOWN, decimal_points, is_number
-from .run_table import Table, content
+from .run_table import RunFormat, Table, content
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
 CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_told'})
@@ -31,7 +31,7 @@ _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
 _CLOSE = 1.0
 
 
-def csv_delimiter(lines):
+def looks_like(lines):
     """The delimiter if this is a table with a header row, else None."""
     top = content(lines)[:2]
     if not top:
@@ -46,7 +46,7 @@ def csv_delimiter(lines):
     return delimiter if known or alike else None
 
 
-def read_csv(path, lines, delimiter, encoder=None):
+def read(path, lines, encoder=None):
     """Read a table with a header row.
 
     Parameters
@@ -54,7 +54,6 @@ def read_csv(path, lines, delimiter, encoder=None):
     path : Path
         For messages.
     lines : list of str
-    delimiter : str
     encoder : {'enc', 'abs'}, optional
         Which pair of encoder columns must be there.
 
@@ -68,6 +67,7 @@ def read_csv(path, lines, delimiter, encoder=None):
         A column is missing or twice there, or most of its cells are bad; most rows have another
         length.
     """
+    delimiter = looks_like(lines)
     cells = Cells(path, lines, delimiter)
     header = cells.header
     names, by_header = _header_names(header)
@@ -342,7 +342,7 @@ def write_csv(run, path, *, plain=False):
 
 
 def _declarations(run):
-    """Comments by which `read_csv` knows mount and site."""
+    """Comments by which `read` knows mount and site."""
     mount = run.mount
     if mount.vertical:
         return []
@@ -352,3 +352,7 @@ def _declarations(run):
     return [f'mount: {mount_text(mount)}', *(
         f'{key}: {place[name] / unit!r}' for key, (name, unit) in _SITE.items()
         if place.get(name) is not None)]
+
+
+FORMAT = RunFormat('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...)',
+                   looks_like, read, rank=1, of_encoder=True)

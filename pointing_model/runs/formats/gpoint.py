@@ -10,7 +10,7 @@ from pointing_model.mounts import ALTAZ
 
 from .declarations import declarations
 from .rows import YEAR_1900, YEAR_2100, WordRows, is_number
-from .run_table import NoObservations, Table, content
+from .run_table import NoObservations, RunFormat, Table, content
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is
@@ -125,3 +125,6 @@ def _time(rows, dates):
         int(i): 'is outside 1900 to 2100 as Julian date and as modified one' for i in bad})
     seconds[bad] = np.nan
     return seconds
+
+
+FORMAT = RunFormat('input of gpoint', looks_like, read)

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from .rows import WordRows, is_number
-from .run_table import Table, own_name
+from .run_table import RunFormat, Table, own_name
 
 _ROW = re.compile(r'#?\s*(\d{4}-\d\d-\d\d)\.(\d+)\s', re.ASCII)
 _NEEDED = ('id', 'UTh', 'AZd', 'ELd', 'pnt.X', 'pnt.Y')
@@ -92,3 +92,6 @@ def _table(rows, cells):
     if text:
         notes.append(f'columns left out, they are not numeric: {", ".join(text)}')
     return Table(columns, rows.lines, {'format': 'iram', 'notes': notes}, rows.reasons)
+
+
+FORMAT = RunFormat('an IRAM log (# id ...)', looks_like, read)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .rows import is_number
-from .run_table import Table
+from .run_table import RunFormat, Table
 
 _SIDEREAL_HOUR = 3600.0 / 1.00273790935  # s of UT
 _WANTED = {'RAA': ('az', 'el'), 'TAA': ('az_enc', 'el_enc'), 'ABS_AA': ('az_abs', 'el_abs')}
@@ -88,3 +88,6 @@ def _hours(clock):
         return np.nan
     hours = sum(float(part) / 60.0**i for i, part in enumerate(parts))
     return hours if 0.0 <= hours < 24.0 else np.nan
+
+
+FORMAT = RunFormat('a raw MMT night (CAT:, RAA:, TAA:)', looks_like, read)

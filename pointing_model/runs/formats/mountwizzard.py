@@ -10,7 +10,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
 from .rows import Rows
-from .run_table import NoObservations, Table
+from .run_table import NoObservations, RunFormat, Table
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
@@ -119,3 +119,6 @@ def _latitude(path, values):
         raise ValueError(f'{path}: points of several sites, at latitudes {known.min():.2f} to '
                          f'{known.max():.2f}: a run is of one mount')
     return float(np.median(known)) * DEG
+
+
+FORMAT = RunFormat('a model of MountWizzard4', looks_like, read)

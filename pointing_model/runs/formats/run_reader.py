@@ -1,6 +1,8 @@
 """Which kind of pointing-run file this is, and the run that it holds."""
 
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount, parse_mount
@@ -8,32 +10,17 @@ from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE
 from pointing_model.runs.plate_solves.mapping import looks_like_mapping
 from pointing_model.runs.run import PointingRun, known_site
 
-from . import (
-    axis_places,
-    checks,
-    gpoint,
-    hints,
-    iram,
-    mmt,
-    mountwizzard,
-    solve_columns,
-    tpoint_data,
-    unam,
-)
-from .csv import csv_delimiter, read_csv
+from . import axis_places, checks, hints, solve_columns
 from .images import read_images
 from .rows import is_number
 from .run_table import content, read_lines
 
-_KINDS = ('a CSV file with a header row (az_deg, el_deg, az_enc_deg, el_enc_deg, ...), a TPOINT '
-          'file (caption, ": ALTAZ" or ": EQUAT", latitude, rows), a raw MMT night (CAT:, '
-          'RAA:, TAA:), an IRAM log (# id ...), a log of the UNAM control system, a model of '
-          'MountWizzard4, input of gpoint, or the YAML of a folder of solved images')
-
-
+_MODULES = [import_module(f'.{module.name}', __package__)
+            for module in iter_modules([str(Path(__file__).parent)])]
+#: what modules of this package declare, in the order in which they are tried
+FORMATS = sorted((module.FORMAT for module in _MODULES if hasattr(module, 'FORMAT')),
+                 key=lambda one: one.rank)
 #: what may be given of the equinox of catalogue places
-#: of a log or a program each, and told by it before any table
-_FORMATS = (mmt, iram, unam, gpoint, mountwizzard)
 EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
 
 
@@ -185,20 +172,17 @@ def _read_table(path, encoder):
     if looks_like_mapping(path) and path.is_file():
         return read_images(path)
     lines = read_lines(path)
-    for kind in _FORMATS:
-        if kind.looks_like(lines):
-            return kind.read(path, lines)
-    delimiter = csv_delimiter(lines)
-    if delimiter:
-        return read_csv(path, lines, delimiter, encoder)
-    if tpoint_data.looks_like(lines):
-        return tpoint_data.read(path, lines)
+    for one in FORMATS:
+        if one.looks_like(lines):
+            return one.read(path, lines, encoder) if one.of_encoder else one.read(path, lines)
     body = content(lines)
     for delimiter in (',', ';', '\t', None):
         cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []
         if len(cells) > 3 and sum(map(is_number, cells)) >= 4 and (delimiter or len(body) > 1):
             raise ValueError(hints.without_header(path, body, delimiter))
-    raise ValueError(f'{path} is not a pointing run: expected {_KINDS}')
+    raise ValueError(f'{path} is not a pointing run: expected '
+                     f'{", ".join(one.wording for one in FORMATS)}, or the YAML of a folder of '
+                     'solved images')
 
 
 def swap_encoders(path, columns, meta):

@@ -1,7 +1,9 @@
 """What the readers of pointing runs hand over."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +29,28 @@ _RADIANS = 6.3  # a little more than a turn
 
 class NoObservations(ValueError):
     """A sound file that holds no row."""
+
+
+class RunFormat(NamedTuple):
+    """A format of run files, which a module of this package declares as `FORMAT`.
+
+    Attributes
+    ----------
+    wording : str
+        What such a file is, for people.
+    looks_like : callable
+        Whether lines are of it.
+    read : callable
+        `Table` of path and lines; with `of_encoder` also of which encoder is wanted.
+    rank : int
+        Formats of lower rank are tried first: 0 for what a log or program writes, and no other.
+    """
+
+    wording: str
+    looks_like: Callable
+    read: Callable
+    rank: int = 0
+    of_encoder: bool = False
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pointing_model.runs.run import REQUIRED
 
 from .equatorial import PLACES, read_exported, read_short
 from .rows import WordRows, is_number, usual_width
-from .run_table import NoObservations, Table, content
+from .run_table import NoObservations, RunFormat, Table, content
 
 _SHORT = 'EQUATORIAL, SHORT'  # no option of a file
 _OPTIONS = ('ALTAZ', 'J2000', 'NODA', 'ALLSKY')  # beside EQUAT... and ROT...
@@ -175,3 +175,7 @@ def _run_parameters(path, number, line, meta):
         meta['weather']['humidity'] = values[9]
     if len(values) >= 11:
         meta['weather']['wavelength_um'] = values[10]
+
+
+FORMAT = RunFormat('a TPOINT file (caption, ": ALTAZ" or ": EQUAT", latitude, rows)', looks_like,
+                   read, rank=2)

@@ -8,7 +8,7 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
 from .rows import WordRows, is_number, usual_width
-from .run_table import Table, content
+from .run_table import RunFormat, Table, content
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
@@ -85,3 +85,6 @@ def _commented(lines):
     rows = ((number, line.lstrip().removeprefix('#').split())
             for number, line in enumerate(lines, 1) if line.lstrip().startswith('#'))
     return [number for number, row in rows if _is_row(row)]
+
+
+FORMAT = RunFormat('a log of the UNAM control system', looks_like, read)
