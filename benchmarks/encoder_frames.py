@@ -23,7 +23,7 @@ class Source:
 
     Parameters
     ----------
-    params : scenario_encoders.Absolute
+    params : absolute.Absolute
     seed : int
     blobs : int
         Of 60 pixels, at other places in each frame.

@@ -22,8 +22,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from calibration.analysis.fit import fit_terms
-from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation, direction
-from encoder_sim.scenario import MountErrors, Wobble
+from encoder_sim.mount_geometry import (
+    MountErrors,
+    MountGeometry,
+    Wobble,
+    azimuth_elevation,
+    direction,
+)
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.formats import iso_utc
 from pointing_model.runs.plate_solves.frames import parse_frame, to_icrs
@@ -54,7 +59,7 @@ def simulated(count=40, hours=4.0, seed=5, beside=15.0, noise=1.0, mount=SOLID):
         How far the axes point beside the star, arcsec, standard deviation of each.
     noise : float
         Of the readings, arcsec.
-    mount : encoder_sim.scenario.MountErrors
+    mount : encoder_sim.mount_geometry.MountErrors
 
     Returns
     -------

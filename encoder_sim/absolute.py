@@ -1,12 +1,126 @@
 """The absolute encoder of paper 001 on an axis: disc, linear CCD and reader."""
 
+from dataclasses import dataclass, fields
+
 import numpy as np
 
 from encoder_reading.axis_reader import AxisReader, read_frames
+from encoder_reading.design import Design
 from encoder_reading.frame_readings import FrameReadings
 
 from .ccd import LinearCCD
-from .encoder_scale import ZeroDrift, disc_angle, stamp_delays, tilted_angle
+from .encoder_scale import EncoderScale, ZeroDrift, disc_angle, stamp_delays, tilted_angle
+from .field_kinds import choice, drawn, number
+
+
+@dataclass(frozen=True)
+class Absolute(EncoderScale):
+    """The absolute encoder of paper 001 on one axis.
+
+    Grey levels are those of the 8 bits. Flaws of disc and CCD are drawn from the seed of the night
+    and stay what they are. What is not a flaw, `Design` explains.
+
+    Attributes
+    ----------
+    code : {'table', 'equation2'}
+        The disc of the paper's table 1, or of its eq. 2.
+    bar_position_error : float
+        1-sigma of a bar's place on the circle, m.
+    missing_bars, shifted_bars : float
+        Fraction of the bars that are not there, or not at their place.
+    bar_shift : float
+        How far a shifted bar is off, to either side, in bar periods.
+    mounting : {'forward', 'reversed'}
+        Whether the pixels run along the disc or against it, which the reader is not told.
+    scale_error : float
+        The image is that much larger, relative.
+    tilt, tilt_phase : float
+        Of the disc against the plane across the axis (rad), and the axis angle at which the line
+        of both planes lies at the head (rad). It reads tilt^2 / 4 twice a turn, and the track
+        leaves the focus once a turn by radius * sin(tilt): 0.1 deg are 0.16" and 69 um.
+    runout, runout_phase : float
+        Axial run-out of the track, to either side (m), and the disc angle at which it is nearest
+        to the optics (rad). ESO's encoders at La Silla are mounted to 20 um of axial stroke, with
+        0.20 +- 0.07 mm between head and disc (encoder manual, 3.1 to 3.2.1).
+    focus_error : float
+        Distance of the track from the focus in the mean of a turn, m.
+    defocus_slope : float
+        Blur that a distance from the focus adds in quadrature, 1-sigma, pixels/m. The default is
+        a numerical aperture of 0.2 at 4.8 um of the disc a pixel.
+    lean : float
+        Of the light along the track, against the axis, rad: so far out of the vertical the image
+        moves with the distance, 91" for 1 mm at 1 deg.
+    image_growth : float
+        By how much the image gets larger with the distance, relative, 1/m: 1 / (distance of the
+        lens) where it is not telecentric.
+    lamp_left : float
+        Light of the lamp at the start of the night, relative to a new one. The infrared LED of an
+        encoder keeps more than 90 % for 30 years at 80 degC (Avago, AV02-4387EN, fig. 14), a
+        bare one lost 25 % in 1400 h, most of them at 130 and 180 degC (SciTec, lifetime tests).
+    lamp_halving : float
+        A fault: time in which a dying lamp loses half of its light, s; 0: it does not.
+    exposure : float
+        Time during which a moving disc smears, s; the stamp is its middle.
+    base, contrast : float
+        Grey level between the bars and height of a bar in the inverted image (paper 001, eq. 4).
+    shading_tilt, shading_falloff : float
+        Illumination at the ends of the row, relative to its middle: more by `shading_tilt` at the
+        last pixel and less at the first, and less by `shading_falloff` at both.
+    pixel_nonuniformity : float
+        1-sigma of the pixels' sensitivity, relative.
+    disc_dust, ccd_dust : int
+        Opaque blobs on the track, at random places of the turn, and before the CCD.
+    dust_size : float
+        Their width, pixels.
+    noise : float
+        1-sigma of the read-out of a pixel, grey levels.
+    full_well : float
+        Electrons at grey level 255, which decide the shot noise; 0: none.
+    """
+
+    diameter: float = drawn(Design, 'diameter')
+    code: str = choice('table', 'table', 'equation2')
+    bar_wide: float = drawn(Design, 'bar_wide')
+    bar_narrow: float = drawn(Design, 'bar_narrow')
+    bar_position_error: float = number(0.0, 'um', 0.0, 50.0)
+    missing_bars: float = number(0.0, 'percent', 0.0, 50.0)
+    shifted_bars: float = number(0.0, 'percent', 0.0, 100.0)
+    bar_shift: float = number(0.15, '', 0.0, 0.5)
+    heads: int = drawn(Design, 'heads')
+    mounting: str = choice('forward', 'forward', 'reversed')
+    geometry: str = drawn(Design, 'geometry')
+    pixels: int = drawn(Design, 'pixels')
+    bar_pitch: float = drawn(Design, 'bar_pitch')
+    scale_error: float = number(0.0, 'percent', -0.5, 0.5)
+    blur: float = drawn(Design, 'blur')
+    tilt: float = number(0.0, 'deg', 0.0, 5.0)
+    tilt_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    runout: float = number(0.0, 'um', 0.0, 1000.0)
+    runout_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    focus_error: float = number(0.0, 'um', -2000.0, 2000.0)
+    defocus_slope: float = number(0.02, 'px_per_um', 0.0, 1.0)
+    lean: float = number(0.0, 'deg', -45.0, 45.0)
+    image_growth: float = number(0.0, 'percent_per_mm', -10.0, 10.0)
+    lamp_left: float = number(100.0, 'percent', 0.0, 200.0)
+    lamp_halving: float = number(0.0, 'h', 0.0, 1e6)
+    exposure: float = number(0.0, 'us', 0.0, 100000.0)
+    base: float = number(91.0, '', 0.0, 250.0)
+    contrast: float = number(88.0, '', 1.0, 250.0)
+    shading_tilt: float = number(0.0, 'percent', -90.0, 90.0)
+    shading_falloff: float = number(0.0, 'percent', 0.0, 90.0)
+    pixel_nonuniformity: float = number(0.0, 'percent', 0.0, 50.0)
+    disc_dust: int = number(0, '', 0, 10000, kind=int)
+    ccd_dust: int = number(0, '', 0, 100, kind=int)
+    dust_size: float = number(60.0, 'px', 1.0, 1000.0)
+    noise: float = number(0.0, '', 0.0, 100.0)
+    full_well: float = number(0.0, 'ke', 0.0, 100000.0)
+    method: str = drawn(Design, 'method')
+
+    @property
+    def design(self):
+        """The drawing, and so all that a reader gets to know; how it is mounted it finds out."""
+        return Design(**{item.name: getattr(self, item.name) for item in fields(Design)
+                         if item.name not in ('mounting', 'sense')})
 
 
 class AbsoluteEncoder:
@@ -14,7 +128,7 @@ class AbsoluteEncoder:
 
     Parameters
     ----------
-    params : scenario_encoders.Absolute
+    params : Absolute
     seed : int
     axis : str
         What it is called.

@@ -11,12 +11,38 @@ import numpy as np
 
 from msg_tools.units import DEG
 
+from .field_kinds import number
+
 AXES = ('azimuth', 'elevation')
 _TURN = 2.0 * np.pi
 # the ringing is damped by this many time constants within the settling time, and swings so often
 _DECAY, _SWINGS = 8.0, 4.0
 #: how many commands back `MountAxes.state` can still answer
 _MEMORY = 64
+
+
+@dataclass(frozen=True)
+class AxisDynamics:
+    """How an axis moves.
+
+    Attributes
+    ----------
+    max_rate, max_acceleration : float
+        rad/s and rad/s^2 of the axis.
+    settling_time : float
+        Seconds from the end of a slew until the ringing has died out.
+    settling_amplitude : float
+        Ringing just after a slew at full rate, rad.
+    travel_min, travel_max : float
+        Ends of the travel, rad.
+    """
+
+    max_rate: float = number(6.0, 'deg_s', 1e-3, 360.0)
+    max_acceleration: float = number(3.0, 'deg_s2', 1e-3, 3600.0)
+    settling_time: float = number(1.0, 's', 0.0, 60.0)
+    settling_amplitude: float = number(0.0, 'arcsec', 0.0, 600.0)
+    travel_min: float = number(-36000.0, 'deg', -36000.0, 36000.0)
+    travel_max: float = number(36000.0, 'deg', -36000.0, 36000.0)
 
 
 @dataclass(frozen=True)

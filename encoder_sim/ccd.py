@@ -49,7 +49,7 @@ class LinearCCD:
 
     Parameters
     ----------
-    params : scenario_encoders.Absolute
+    params : absolute.Absolute
     disc : disc.Disc
     seed : int
         Decides the flaws and the noise.
@@ -376,7 +376,7 @@ class Defocus:
 
     Parameters
     ----------
-    params : scenario_encoders.Absolute
+    params : absolute.Absolute
     steps : float
         Entries of the track's table a pixel.
 

@@ -1,14 +1,66 @@
-"""How far the axes stay behind their demand: `scenario.Drive` at work."""
+"""How far the axes stay behind their demand: `Drive` at work."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
 from . import keyed_noise
 from .axis_motion import AXES
+from .field_kinds import number
 
 #: so many time constants of the loop are remembered, in pieces of one with 8 nodes each
 _REMEMBERED = 30
 _NODES, _WEIGHTS = leggauss(8)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The servo and the friction of one axis.
+
+    A position loop of finite gain lags behind a demand that moves: by rate / gain (velocity error
+    of a type-1 servo; W. Gawronski, IPN Progress Report 42-159, 2004, for antennas and telescopes).
+    Where static friction exceeds the sliding one, the axis sticks until the drive has wound up, and
+    slips: the slip and the rate below which that happens as of B. Armstrong-Helouvry 1990, Proc.
+    IEEE ICRA, 1377 (Stribeck friction); a telescope so measured: that of ARIES, 50/80 cm, LuGre.
+
+    Attributes
+    ----------
+    gain : float
+        Velocity constant of the position loop, rad/s a rad; 0: ideal. About 2 pi times the
+        bandwidth, which is 1 to 3 Hz (L. Zago 1995, thesis EPFL 1394, for ESO's telescopes).
+    feed_forward : float
+        Part of the demanded rate that is fed forward, so that only the rest makes a lag.
+    stick : float
+        How far the axis slips at once, rad.
+    stick_rate : float
+        It slides smoothly at rates well above this (Stribeck), rad/s.
+    """
+
+    gain: float = number(0.0, 'per_s', 0.0, 1000.0)
+    feed_forward: float = number(0.0, 'percent', 0.0, 100.0)
+    stick: float = number(0.0, 'arcsec', 0.0, 600.0)
+    stick_rate: float = number(20.0, 'arcsec_per_s', 1e-3, 36000.0)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """The shaft coupling between an axis and its incremental encoder.
+
+    Friction in the encoder's bearing and seal twists it against the motion. After a reversal the
+    twist goes over to the other side along the way (P. R. Dahl 1968, Aerospace Corp. TOR-158).
+
+    Attributes
+    ----------
+    wind_up : float
+        Twist when the axis has moved far: friction torque over torsional rigidity, rad. 0.01 Nm
+        over 500 Nm/rad is 4".
+    distance : float
+        Way over which all but 1/e of a change has been made, rad.
+    """
+
+    wind_up: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    distance: float = number(0.5, 'deg', 1e-3, 90.0)
 
 
 class Drives:

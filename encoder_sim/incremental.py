@@ -1,16 +1,25 @@
 """The incremental encoder of paper 000: a counter that a reference mark clears after power-on.
 
-What the grating shows to the head (`_shown`), where the index pulse lies (`_pulse`) and when it is
-met (`_passages`), and what the counter makes of both (`feed`): in one file, as they share the state
-of one device.
+What is wrong with it (`Incremental`), what the grating shows to the head (`_shown`), and what the
+counter makes of that and of the mark (`feed`): in one file, as they share the state of one device.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from . import keyed_noise
-from .encoder_scale import SineSignals, ZeroDrift, disc_angle, stamp_delays, tilted_angle
+from .encoder_scale import (
+    EncoderScale,
+    SineSignals,
+    ZeroDrift,
+    disc_angle,
+    stamp_delays,
+    tilted_angle,
+)
+from .field_kinds import choice, number, sections
+from .reference_mark import Passages, ReferenceMark
 
 _TURN = 2.0 * np.pi
 _MILLION = 1e6
@@ -18,6 +27,154 @@ _MILLION = 1e6
 MARK_TOLERANCE = 10
 #: of the monitor of the supply, ns
 MONITOR_PERIOD = 10**9
+
+
+@dataclass(frozen=True)
+class CountLoss:
+    """A fault: at once the counter is `counts` too low, `at` seconds after the start."""
+
+    at: float = number(0.0, 's', 0.0, 1e6)
+    counts: int = number(0, '', -10**9, 10**9, kind=int)
+
+
+@dataclass(frozen=True)
+class Incremental(EncoderScale):
+    """The incremental encoder of paper 000 on one axis.
+
+    The reference mark gives a triangular signal (a slit seen through a slit) that a comparator
+    turns into the index pulse. At the reference temperature and the nominal supply its peak is 1.
+
+    Attributes
+    ----------
+    lines, interpolation : int
+        Lines of the grating, and counts (edges in quadrature) a line.
+    tilt, tilt_phase : float
+        Of the disc against the plane across the axis (rad), and the axis angle at which the line
+        of both planes lies at the head (rad).
+    heads : int
+        One reading head, or the mean of two opposite ones.
+    subdivision_1, subdivision_2, subdivision_phase : float
+        Error of the interpolation, once and twice a line (rad), and its phase (rad).
+    worm_teeth : int
+        Of the wheel, where the encoder sits on the worm: its periodic error is then in the
+        reading, so many times a turn of the axis.
+    worm_1, worm_2, worm_phase : float
+        Amplitude once and twice a turn of the worm (rad) and phase (rad). Amateurs measured 7 to
+        10" from peak to peak of good worms and 30" of mass-produced ones (ATM list, July 1995).
+    offset_cos, offset_sin : float
+        Direct voltage left on either signal of the grating, relative to its amplitude at rest.
+        The scope manual of Heidenhain (PWM 20, 2014) allows +-15 degrees of on-to-off ratio, 13 %,
+        and an amplitude ratio of 0.8 to 1.25 and a phase of 80 to 100 degrees; for encoders that
+        are interpolated finely 10 %, 0.9 to 1.1 and 85 to 95 degrees.
+    amplitude_mismatch : float
+        By how much the cosine is larger than the sine, relative to their mean.
+    quadrature_error : float
+        By how much the phase between both is more than a quarter of a line, rad.
+    bandwidth : float
+        At which the signals have fallen by 3 dB, Hz of lines; 0: none. The inputs of PWM 8 have
+        60 to 100 kHz, which no telescope reaches: 6 deg/s of paper 000's grating are 790 Hz. A
+        noise filter or a slow converter does.
+    mark_angle : float
+        Nominal axis angle of the reference mark, rad.
+    mark_scatter : float
+        1-sigma of where the mark is noticed, passage by passage, rad. One that is tied to a line
+        of the grating can be good to a count; no maker's figure was found, for these (Renishaw
+        calls that of its RESR rings "a repeatable home position") or for others.
+    spurious_index : float
+        Index pulses where there is no mark, by disturbances on its line, a second. The first one
+        after power-on clears the counter as a mark would; a later one gives it the lie, which
+        controllers call a broken index. No rates were found: it is a fault, not a property.
+    pulse_width : float
+        Width of the mark's signal at half its peak, rad. The counter is cleared at the near edge
+        of the pulse, so from above that much further up than from below.
+    threshold : float
+        Of the comparator: it decides how wide the pulse is, and a mark with a weaker signal gives
+        none.
+    signal_slope, signal_supply : float
+        Relative change of the signal by a degC and by a volt.
+    pulse_time : float
+        The shortest pulse that is noticed, s.
+    mark_from : {'any', 'below', 'above'}
+        The direction from which the mark clears the counter.
+    mark_slope, mark_supply : float
+        How the place of the mark on the grating moves, in the reading: rad/degC, rad/V. It counts
+        when the mark is met.
+    zero_supply : float
+        Drift of the reading with the supply at any time, rad/V.
+    supply, supply_nominal, supply_rate : float
+        Supply at the start (V), that of the data sheet (V), and its change (V/s).
+    supply_scatter : float
+        1-sigma of the supply from one power-on to the next, the same on both axes, V.
+    thermometer_noise, voltmeter_noise : float
+        1-sigma of what the electronics measure of temperature (degC) and supply (V).
+    voltmeter_step : float
+        Resolution of the latter, V: 4 mV of a usual monitor of 12 bits (Texas Instruments,
+        INA219); 0: none.
+    supply_ripple, ripple_frequency : float
+        Amplitude (V) and frequency (Hz) of what the mains leave on it.
+    max_count_rate : float
+        Edges a second that the counter can follow; the others are lost. 0: all.
+    miscounts : float
+        Wrong counts by noise, up or down, in a million counts passed.
+    jitter : float
+        1-sigma noise of one reading, in counts.
+    rate_gate : float
+        The rate is the counts of so long a time before the reading, over it (s): the M method of
+        a counter (Ohmae et al. 1982, IEEE Trans. Ind. Electron. IE-29, 207). Two counts and
+        their jitter are its noise: 0.7"/s a count in 100 ms.
+    losses : tuple of CountLoss
+        A fault: counts lost by a disturbance.
+    home_side : {'below', 'above'}
+        From where homing comes to the mark.
+    home_rate : float
+        At which homing passes it, rad/s.
+    """
+
+    lines: int = number(47200, '', 1, 1_000_000, kind=int)
+    interpolation: int = number(400, '', 1, 100_000, kind=int)
+    tilt: float = number(0.0, 'deg', 0.0, 30.0)
+    tilt_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    heads: int = number(1, '', 1, 2, kind=int)
+    subdivision_1: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_2: float = number(0.0, 'arcsec', 0.0, 60.0)
+    subdivision_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    worm_teeth: int = number(180, '', 1, 10000, kind=int)
+    worm_1: float = number(0.0, 'arcsec', 0.0, 600.0)
+    worm_2: float = number(0.0, 'arcsec', 0.0, 600.0)
+    worm_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    offset_cos: float = number(0.0, 'percent', -200.0, 200.0)
+    offset_sin: float = number(0.0, 'percent', -200.0, 200.0)
+    amplitude_mismatch: float = number(0.0, 'percent', -150.0, 150.0)
+    quadrature_error: float = number(0.0, 'deg', -60.0, 60.0)
+    bandwidth: float = number(0.0, 'hz', 0.0, 1e9)
+    mark_angle: float = number(180.0, 'deg', -360.0, 360.0)
+    mark_scatter: float = number(0.0, 'arcsec', 0.0, 600.0)
+    spurious_index: float = number(0.0, 'hz', 0.0, 1.0)
+    pulse_width: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    threshold: float = number(50.0, 'percent', 1.0, 1000.0)
+    signal_slope: float = number(0.0, 'percent_per_degc', -100.0, 100.0)
+    signal_supply: float = number(0.0, 'percent_per_v', -1000.0, 1000.0)
+    pulse_time: float = number(0.0, 'ms', 0.0, 1000.0)
+    mark_from: str = choice('any', 'any', 'below', 'above')
+    mark_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    mark_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    zero_supply: float = number(0.0, 'arcsec_per_v', -3600.0, 3600.0)
+    supply: float = number(5.0, 'v', 0.0, 100.0)
+    supply_nominal: float = number(5.0, 'v', 0.1, 100.0)
+    supply_rate: float = number(0.0, 'v_per_hour', -10.0, 10.0)
+    supply_scatter: float = number(0.0, 'v', 0.0, 10.0)
+    thermometer_noise: float = number(0.0, 'c', 0.0, 60.0)
+    voltmeter_noise: float = number(0.0, 'v', 0.0, 10.0)
+    voltmeter_step: float = number(0.0, 'v', 0.0, 1.0)
+    supply_ripple: float = number(0.0, 'v', 0.0, 10.0)
+    ripple_frequency: float = number(100.0, 'hz', 0.01, 1e6)
+    max_count_rate: float = number(0.0, 'mhz', 0.0, 1000.0)
+    miscounts: float = number(0.0, '', 0.0, 1e5)
+    jitter: float = number(0.0, '', 0.0, 1000.0)
+    rate_gate: float = number(100.0, 'ms', 0.1, 10000.0)
+    losses: tuple = sections(CountLoss)
+    home_side: str = choice('below', 'below', 'above')
+    home_rate: float = number(0.25, 'deg_s', 1e-4, 90.0)
 
 
 class Status(NamedTuple):
@@ -60,29 +217,12 @@ class Status(NamedTuple):
         return bool(abs(self.mark_error) > MARK_TOLERANCE)
 
 
-class _Passages(NamedTuple):
-    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge.
-
-    And the rate of the axis there, rad/s.
-    """
-
-    row: np.ndarray
-    sense: np.ndarray
-    angle: np.ndarray
-    rate: np.ndarray
-
-
-_NONE = _Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0), np.empty(0))
-#: the mark is nowhere else, whatever drifts
-_REACH = 0.2
-
-
 class IncrementalEncoder:
     """One axis: grating, index pulse, counter.
 
     Parameters
     ----------
-    params : scenario_encoders.Incremental
+    params : Incremental
     seed : int
     axis : str
         ``azimuth`` or ``elevation``: with the seed it decides the random numbers.
@@ -106,6 +246,7 @@ class IncrementalEncoder:
         self._device = f'incremental/{axis}'
         self._zero = ZeroDrift(params, seed, self._device)
         self._signals = SineSignals(params)
+        self._mark = ReferenceMark(params, seed, self._device)
         self._turn_counts = params.lines * params.interpolation
         self.count_angle = _TURN / self._turn_counts
         self._cycles = sorted(params.power_cycles)  # still to come
@@ -172,7 +313,7 @@ class IncrementalEncoder:
     def _grating_count(self, angle, rate=0.0, shift=0.0):
         return np.floor((self._shown(angle, rate) + shift) / self.count_angle)
 
-    # --- reference mark -------------------------------------------------------------------------
+    # --- supply ---------------------------------------------------------------------------------
 
     def _volts(self, seconds):
         p = self.params
@@ -196,72 +337,7 @@ class IncrementalEncoder:
             volts = p.voltmeter_step * round(volts / p.voltmeter_step)
         return volts
 
-    def _pulse(self, volts, temperature):
-        """Lower edge and width of the index pulse, rad; no width where the signal is too weak."""
-        p = self.params
-        volts, warmth = volts - p.supply_nominal, temperature - p.reference_temperature
-        peak = (1.0 + p.signal_supply * volts) * (1.0 + p.signal_slope * warmth)
-        there = peak > p.threshold
-        peak = np.where(there, peak, 1.0)
-        width = np.where(there, 2.0 * p.pulse_width * (1.0 - p.threshold / peak), np.nan)
-        shift = self.zero_drift + p.mark_supply * volts + p.mark_slope * warmth
-        return p.mark_angle - shift + 0.5 * (p.pulse_width - width), width
-
-    def _passages(self, stamps, angles, volts, temperature):
-        """`_Passages` that are noticed, and the rows behind those that are too short."""
-        if len(stamps) < 2:
-            return _NONE, _NONE.row
-        met, short = _NONE, _NONE.row
-        if not self._far_from_mark(angles):
-            met, short = self._met(stamps, angles, volts, temperature)
-        if self.params.spurious_index > 0.0:
-            met = _merged(met, self._spurious(stamps, angles))
-        return met, short
-
-    def _spurious(self, stamps, angles):
-        """`_Passages` where there is no mark: what a disturbance makes of the index signal."""
-        moments = keyed_noise.pulses(
-            self.seed, self._device, 'spurious index', self.params.spurious_index,
-            int(stamps[0]), int(stamps[-1]))
-        row = np.searchsorted(stamps, moments)
-        span, step = np.diff(stamps)[row - 1] * 1e-9, np.diff(angles)[row - 1]
-        part = (moments - stamps[row - 1]) * 1e-9 / span
-        found = _Passages(row, np.where(step >= 0.0, 1.0, -1.0), angles[row - 1] + part * step,
-                          step / span)
-        known = np.isfinite(found.angle)
-        return _Passages(*(column[known] for column in found))
-
-    def _met(self, stamps, angles, volts, temperature):
-        """`_passages` of the mark itself."""
-        p = self.params
-        before, after = angles[:-1], angles[1:]
-        sense = np.where(after >= before, 1.0, -1.0)
-        lower, width = (np.broadcast_to(v, before.shape) for v in self._pulse(volts, temperature))
-        # the pulse begins at its near edge, met from below or from above, once a turn
-        edge = np.where(sense > 0.0, lower, lower + width)
-        # a comparison with NaN, where there is no pulse, is never true
-        turns_before = np.floor(sense * (before - edge) / _TURN)
-        turns_after = np.floor(sense * (after - edge) / _TURN)
-        crossed = turns_after > turns_before
-        rate = (after - before) / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
-        short = crossed & (np.abs(rate) * p.pulse_time > width)
-        rows = np.flatnonzero(crossed & ~short)
-        place = edge[rows] + sense[rows] * _TURN * (turns_before[rows] + 1.0)
-        if p.mark_scatter > 0.0:
-            place = place + p.mark_scatter * keyed_noise.normal(
-                self.seed, self._device, 'mark scatter', stamps[rows + 1])
-        return _Passages(rows + 1, sense[rows], place, rate[rows]), np.flatnonzero(short) + 1
-
-    def _far_from_mark(self, angles):
-        """Whether no passage is possible; most calls end here."""
-        low, high = angles.min() - _REACH, angles.max() + _REACH
-        turn = np.ceil((low - self.params.mark_angle) / _TURN)
-        return self.params.mark_angle + turn * _TURN > high
-
-    def _clears(self, passages):
-        """Which passages may clear the counter."""
-        wanted = {'any': 0.0, 'below': 1.0, 'above': -1.0}[self.params.mark_from]
-        return (passages.sense == wanted) | (wanted == 0.0)
+    # --- counter --------------------------------------------------------------------------------
 
     def _check_mark(self, passages, lost):
         """Compare the counter with the mark at passages after that which cleared it."""
@@ -274,8 +350,6 @@ class IncrementalEncoder:
         error = counts - sides * self.params.pulse_width / self.count_angle
         error -= self._turn_counts * np.rint(error / self._turn_counts)
         self._mark_error = float(np.rint(error))
-
-    # --- counter --------------------------------------------------------------------------------
 
     def _count_losses(self, stamps, angles):
         """Counts lost from the first sample up to each, shape (n,)."""
@@ -360,12 +434,12 @@ class IncrementalEncoder:
         self._supply = self._monitor(volts[-1], int(stamps[-1]) // MONITOR_PERIOD)
 
         lost = self._count_losses(all_stamps, all_angles) + self._lost
-        passages, short = self._passages(
-            all_stamps, all_angles, volts[1 - known:], temperature[1 - known:])
+        passages, short = self._mark.passages(
+            all_stamps, all_angles, volts[1 - known:], temperature[1 - known:], self.zero_drift)
         self._missed += len(short)
         valid_from = 0
         if not self.homed:
-            hits = np.flatnonzero(self._clears(passages))
+            hits = np.flatnonzero(self._mark.clears(passages))
             if len(hits) == 0:
                 return np.full(len(stamps), np.nan)
             row, self._sense, angle, rate = (column[hits[0]] for column in passages)
@@ -379,7 +453,7 @@ class IncrementalEncoder:
                               float(temperature[valid_from]) + p.thermometer_noise * noise)
             self._since = stamps[valid_from]
             lost = lost - lost[row]
-            passages = _Passages(*(column[hits[0] + 1:] for column in passages))
+            passages = Passages(*(column[hits[0] + 1:] for column in passages))
         self._check_mark(passages, lost)
         lost = lost[known:]
         self._lost = lost[-1]
@@ -409,7 +483,7 @@ class IncrementalEncoder:
         is.
         """
         return (self.homed and not self.params.spurious_index
-                and self._far_from_mark(np.append(angles, self._last[1]))
+                and self._mark.far_from(np.append(angles, self._last[1]))
                 and not (self._cycles and stamps[-1] * 1e-9 - self.start >= self._cycles[0]))
 
     def rate(self, stamps, angles, rates=0.0, temperature=None):
@@ -449,10 +523,3 @@ def _for_each(values, samples):
     """A number for each sample: `values`, or the same one."""
     values = np.asarray(values, dtype=float)
     return values if values.shape == samples.shape else np.broadcast_to(values, samples.shape)
-
-
-def _merged(*parts):
-    """All passages of `parts`, as they were met."""
-    row, sense, angle, rate = map(np.concatenate, zip(*parts))
-    order = np.lexsort((sense * angle, row))
-    return _Passages(row[order], sense[order], angle[order], rate[order])

@@ -10,8 +10,8 @@ from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaRe
 from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
+from .absolute import Absolute
 from .ccd import LinearCCD
-from .scenario_encoders import Absolute
 
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1
@@ -41,7 +41,7 @@ class IndexingTable:
 
     Parameters
     ----------
-    params : scenario_encoders.Absolute
+    params : absolute.Absolute
     seed : int
         Of disc, table and noise.
     methods : iterable of str

@@ -12,15 +12,183 @@ of rising azimuth, its up that of rising elevation; through the pole both stay w
 are reversed on the sky. Gravity pulls along the vertical of the ground, whatever the mount.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from msg_tools.units import wrap
+from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
+from .field_kinds import choice, number, of_pier, sections, term, text
 from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
 _DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Wobble:
+    """One harmonic of the azimuth bearing: the axis leans by amplitude * cos(k A - phase).
+
+    ``lean`` is the side towards which it leans, as seen by the tube: ``forward``, where the tube
+    points, or ``left`` of it.
+    """
+
+    per_turn: int = number(1, '', 1, 100, kind=int)
+    lean: str = choice('forward', 'forward', 'left')
+    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    phase: float = number(0.0, 'deg', -360.0, 360.0)
+
+
+@dataclass(frozen=True)
+class Bump:
+    """A bump of the azimuth track: where the tube points over it, the axis leans by `amplitude`.
+
+    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`.
+    """
+
+    at: float = number(0.0, 'deg', -360.0, 360.0)
+    width: float = number(10.0, 'deg', 0.1, 180.0)
+    lean: str = choice('forward', 'forward', 'left')
+    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+
+
+@dataclass(frozen=True)
+class Runout:
+    """Non-repetitive run-out of the azimuth bearing: a lean that no turn of the axis repeats.
+
+    Balls that are not alike go round with their cage, (1 - d / D cos a) / 2 times a turn of the
+    axis for balls of diameter d on a circle D at contact angle a (T. A. Harris, Rolling Bearing
+    Analysis, ch. 25), and slip. ISO 230-7 and ASME B89.3.4 call it asynchronous error motion.
+
+    Attributes
+    ----------
+    per_turn : float
+        Periods in a turn of the axis: 0.4 to 0.45 for the cage, that times the number of balls
+        for their passing.
+    lean : {'forward', 'left'}
+        As for `Wobble`.
+    amplitude, phase : float
+        rad.
+    slip : float
+        1-sigma by which the balls are ahead or behind in phase, rad,
+    slip_time : float
+        and the time after which they have forgotten it, s.
+    """
+
+    per_turn: float = number(0.43, '', 0.01, 1000.0)
+    lean: str = choice('forward', 'forward', 'left')
+    amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    phase: float = number(0.0, 'deg', -360.0, 360.0)
+    slip: float = number(0.0, 'deg', 0.0, 3600.0)
+    slip_time: float = number(0.5, 'h', 1e-3, 1000.0)
+
+
+@dataclass(frozen=True)
+class MountErrors:
+    """Geometry of the mount, in the signs of the field: encoder - catalogue.
+
+    The terms are those of an alt-azimuth mount, in the frame of the axes: of another mount they
+    are the same rotations, and the file has its names for them (IH ID CH NP MA ME TF; `aw` is
+    -MA). So are `azimuth` and `elevation` the first and the second axis.
+
+    Attributes
+    ----------
+    kind : str
+        As `mounts.parse_mount` takes it: altaz, equatorial, german, free:AZ,EL[,ROLL]. How an
+        equatorial one stands the latitude decides at which it is.
+    ia, ie : float
+        Zero of the axes, rad: the axis angle is larger than the true angle by this.
+    ca : float
+        Collimation: the boresight lies to the left of the tube's axis where it is positive, rad.
+    npae : float
+        Non-perpendicular axes: the right end of the second axis is high where positive, rad.
+    an, aw : float
+        Lean of the first axis towards angle 0 of the first axis (north, the meridian) and towards
+        -90 degrees (west; the east of an equatorial mount), rad.
+    tf : float
+        Sag of the horizontal tube, rad.
+    wobble : tuple of Wobble
+        Bearing of the first axis.
+    bumps : tuple of Bump
+        Its track.
+    runouts : tuple of Runout
+        Its bearing, what no turn repeats.
+    creep, creep_period : float
+        The tube creeps back against the drive of the second axis by up to `creep` (rad) as the
+        axis turns through `creep_period` (rad), and then snaps back: a sawtooth.
+    backlash_azimuth, backlash_elevation : float
+        Play between an axis (with its encoders) and the tube, rad, full width.
+    fork_sag : float
+        Slope of the ends of the arms of a fork if they were level, rad. (Equatorial mounts only,
+        as all that follows down to the counterweight.) The arms are cantilevers along the polar
+        axis; across their plane the ends, and the declination bearings in them, turn about the
+        declination axis by that times the pull across the polar axis, cos(latitude) cos(hour
+        angle): FO is -fork_sag cos(latitude) in the north (TPOINT's catalogue: change in
+        declination as cos h). In their plane they are stiff.
+    declination_axis_sag : float
+        Slope of the end of the declination axis that carries the tube if it were level, rad:
+        F L^2 / (2 E I) of a cantilever (any textbook, such as Timoshenko's Strength of Materials).
+        It turns the tube about the horizontal across the axis, by as much of its weight as
+        pulls across it. The tube is on the left end as it sees it: in the east while it looks at
+        the meridian from there, with the counterweight down; on the other end where negative. So
+        DAF is -declination_axis_sag. (TPOINT's catalogue: the axis of German and cross-axis
+        mounts bends downward; its DAB has another factor, the sine of the axis' zenith distance.)
+    counterweight_west, counterweight_meridian : float
+        Lean of the polar axis towards west and towards the meridian while the counterweight hangs
+        on its west side, and the reverse in the east, rad: MA and ME of two signs. (Users of
+        mounts tell of heads that rock in the oversize holes of their bolts: Astro-Physics' group,
+        2018 and 2020. No measured lean was found.)
+    counterweight_by : {'play', 'bending', 'flip'}
+        How that goes over: what the mount is out of balance presses the axis to one end of the
+        play in bearings and seat, and to the other where the pull turns over, with the cosine of
+        the hour angle of the axis; or it bends the axis, by as much; or friction holds the axis
+        where it lies until the mount goes through the pole.
+    ca_rate, an_rate, aw_rate, tf_rate : float
+        Drift with time, rad/s.
+    ca_slope, an_slope, aw_slope, tf_slope : float
+        Drift with temperature, rad/degC from `reference_temperature`.
+    """
+
+    kind: str = text('altaz', parse=lambda kind: parse_mount(kind, 0.0))
+    ia: float = term('IA', 'arcsec', -36000.0, 36000.0)
+    ie: float = term('IE', 'arcsec', -36000.0, 36000.0)
+    ca: float = term('CA', 'arcsec', -36000.0, 36000.0)
+    npae: float = term('NPAE', 'arcsec', -36000.0, 36000.0)
+    an: float = term('AN', 'arcsec', -36000.0, 36000.0)
+    aw: float = term('AW', 'arcsec', -36000.0, 36000.0)
+    tf: float = term('TF', 'arcsec', -3600.0, 3600.0)
+    wobble: tuple = sections(Wobble)
+    bumps: tuple = sections(Bump)
+    runouts: tuple = sections(Runout)
+    creep: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    creep_period: float = number(15.0, 'deg', 0.1, 360.0)
+    backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    backlash_elevation: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    fork_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_by: str = of_pier(choice('play', 'play', 'bending', 'flip'))
+    ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
+    an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
+    aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)
+    tf_rate: float = term('TF', 'arcsec_per_hour', -600.0, 600.0)
+    ca_slope: float = term('CA', 'arcsec_per_degc', -600.0, 600.0)
+    an_slope: float = term('AN', 'arcsec_per_degc', -600.0, 600.0)
+    aw_slope: float = term('AW', 'arcsec_per_degc', -600.0, 600.0)
+    tf_slope: float = term('TF', 'arcsec_per_degc', -600.0, 600.0)
+    reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
+
+    def at(self, latitude=0.0):
+        """The `pointing_model.mounts.Mount` of this kind at `latitude`, rad."""
+        return parse_mount(self.kind, latitude)
+
+    @property
+    def names(self):
+        """What its axes and terms are called: `pointing_model.mount_kinds.MountKind`."""
+        return self.at().names
 
 
 def _about(axis, angle):
@@ -81,7 +249,7 @@ class MountGeometry:
 
     Parameters
     ----------
-    mount : scenario.MountErrors
+    mount : MountErrors
     start : float
         Start of the night, UTC s, from which the drifts count.
     seed : int

@@ -14,7 +14,8 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.mounts import parse_mount
 
 from .field_kinds import in_si
-from .scenario import MountErrors, Scenario
+from .mount_geometry import MountErrors
+from .scenario import Scenario
 
 _ALTAZ = KINDS[USUAL]
 _FOLDER = resources.files('encoder_sim') / 'scenarios'

@@ -1,13 +1,71 @@
 """Turbulent air and few photons: the noise of a star's place, and refraction that wanders."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
 
 from . import keyed_noise
+from .field_kinds import number
 
 #: a Gaussian's full width at half its height, over sigma
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
+
+
+@dataclass(frozen=True)
+class Seeing:
+    """What turbulence and light leave of a star's place, beside `Camera.star_noise`.
+
+    Image motion of one axis, (0.182 (D/r0)^(5/3))^(1/2) lambda/D for an instant (Noll 1976, J.
+    Opt. Soc. Am. 66, 207; as a measure of seeing: H. M. Martin 1987, PASP 99, 1360), goes down
+    with the root of the exposure beyond `motion_time`. Photons: the width of the image over the
+    root of their number, and the background's (K. A. Winick 1986, J. Opt. Soc. Am. A 3, 1809).
+
+    Attributes
+    ----------
+    fwhm : float
+        Of the seeing at the zenith, rad; it goes with airmass^0.6.
+    aperture : float
+        Of the telescope, m.
+    motion_time : float
+        After this the image has moved elsewhere, s: size of the largest eddies over the wind.
+    star_rate : float
+        Electrons a second of a star of magnitude 0 above the air; 0: no photon noise.
+    extinction : float
+        Magnitudes an airmass.
+    sky : float
+        Magnitude of a square arcsecond of the sky.
+    """
+
+    fwhm: float = number(0.0, 'arcsec', 0.0, 60.0)
+    aperture: float = number(0.2, 'm', 0.01, 50.0)
+    motion_time: float = number(1.0, 's', 1e-3, 100.0)
+    star_rate: float = number(0.0, 'ke_per_s', 0.0, 1e9)
+    extinction: float = number(0.2, '', 0.0, 5.0)
+    sky: float = number(20.0, '', 0.0, 25.0)
+
+
+@dataclass(frozen=True)
+class AirLayers:
+    """Layers of the air that are not level, and not for long: refraction wanders.
+
+    They lean by a vector of two components that follow an AR(1) process in time; refraction is
+    about their normal. So a star is displaced by R0 lean / sin^2 E in elevation and by
+    R0 lean / sin E across, R0 being 55" (C. Hirt 2006, Astron. Astrophys. 459, 283, finds
+    zenith refraction of 0.05-0.2"; M. S. Taylor et al. 2013, Astron. J. 145, 82: some tenths of
+    an arcsecond over ten minutes, from structures below 60 m).
+
+    Attributes
+    ----------
+    lean : float
+        1-sigma of each component, rad; 1 deg displaces a star in the zenith by 1".
+    correlation_time : float
+        s.
+    """
+
+    lean: float = number(0.0, 'deg', 0.0, 10.0)
+    correlation_time: float = number(10.0, 'min', 0.01, 10000.0)
 
 
 def airmass(elevation):
@@ -21,7 +79,7 @@ def motion_sigma(seeing, elevation, exposure, wavelength):
 
     Parameters
     ----------
-    seeing : scenario.Seeing
+    seeing : Seeing
     elevation : ndarray
         rad.
     exposure, wavelength : float
@@ -77,7 +135,7 @@ class WanderingRefraction:
 
     Parameters
     ----------
-    layers : scenario.AirLayers
+    layers : AirLayers
     constant : float
         Of the refraction: constant times tan z, rad.
     seed : int

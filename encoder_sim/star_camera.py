@@ -1,6 +1,6 @@
 """The star camera: where the brightest star of the field lies on the chip."""
 
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from typing import NamedTuple
 
 import erfa
@@ -12,12 +12,42 @@ from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weath
 from pointing_model.sky.star_catalogue import load_catalogue
 
 from . import keyed_noise
+from .field_kinds import number
 from .mount_geometry import FORWARD, RIGHT, UP, direction
 from .seeing import WanderingRefraction, seeing_sigma
 
 #: a coarse place leaves out refraction, precession and aberration since the first exposure
 _MARGIN = 0.5 * DEG
 _CHUNK = 64
+
+
+@dataclass(frozen=True)
+class CameraErrors:
+    """The star camera.
+
+    Attributes
+    ----------
+    field_of_view : float
+        Full width of the square field, rad.
+    mag_limit : float
+        The faintest star that it sees.
+    star_noise : float
+        1-sigma of one measured star, per axis, rad.
+    scale_error : float
+        Relative error of the plate scale: distances come out too large by it.
+    rotation : float
+        Measured miss distances are turned by this from +x towards +y, rad.
+    trail : float
+        Charge that the read-out leaves behind draws the image of a star of magnitude 4 towards
+        +x by this, rad; less of a bright one (its flux to the power -0.1).
+    """
+
+    field_of_view: float = number(40.0, 'arcmin', 0.1, 600.0)
+    mag_limit: float = number(7.0, '', -2.0, 13.0)
+    star_noise: float = number(0.0, 'arcsec', 0.0, 600.0)
+    scale_error: float = number(0.0, 'percent', -50.0, 50.0)
+    rotation: float = number(0.0, 'deg', -180.0, 180.0)
+    trail: float = number(0.0, 'arcsec', -600.0, 600.0)
 
 
 class ExposureTimes(NamedTuple):

@@ -1,13 +1,59 @@
-"""The wind on the simulated mount: `scenario.Wind` by time and direction."""
+"""The wind on the simulated mount: `Wind` by time and direction."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from pointing_model.mounts import ALTAZ
 
+from .field_kinds import number
 from .seeing import SlowNoise
 
 #: speed at which the sizes are stated, m/s
 REFERENCE_SPEED = 10.0
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Wind on the tube: it bends the structure, which no encoder sees, and turns the axes.
+
+    The force goes with the dynamic pressure, so with speed^2, and with how far across the tube the
+    wind blows; its fluctuation is 2 `intensity` of it with von Karman's spectrum, low-passed by the
+    size of the structure (L. Zago 1995, thesis EPFL 1394, ch. 2 and 4; D. G. MacMynowski and
+    T. Andersen 2010, Appl. Opt. 49, 625). The servo takes up what is slower than itself.
+
+    Attributes
+    ----------
+    speed : float
+        Mean speed, m/s.
+    origin : float
+        Azimuth from which it blows, rad.
+    intensity : float
+        Turbulence intensity: 1-sigma of the speed over its mean.
+    length : float
+        Of the largest eddies, m.
+    size : float
+        Of what the wind blows at, m; smaller eddies cancel on it.
+    shelter : float
+        Part of the pressure that the building takes away where the tube looks down the wind;
+        against the wind nothing, across half of it.
+    bending : float
+        Of the tube by a steady 10 m/s across it, rad.
+    shake : float
+        By how much such a wind turns an axis before the servo has answered, rad.
+    bandwidth : float
+        Of the servo, Hz.
+    """
+
+    speed: float = number(0.0, 'm_s', 0.0, 60.0)
+    origin: float = number(0.0, 'deg', -360.0, 360.0)
+    intensity: float = number(15.0, 'percent', 0.0, 100.0)
+    length: float = number(80.0, 'm', 0.1, 2000.0)
+    size: float = number(1.0, 'm', 0.01, 100.0)
+    shelter: float = number(50.0, 'percent', 0.0, 100.0)
+    bending: float = number(0.0, 'arcsec', 0.0, 600.0)
+    shake: float = number(0.0, 'arcsec', 0.0, 600.0)
+    bandwidth: float = number(2.0, 'hz', 1e-3, 1000.0)
 
 
 def von_karman(frequency, speed, length):
@@ -34,7 +80,7 @@ class WindLoad:
 
     Parameters
     ----------
-    params : scenario.Wind
+    params : Wind
     seed : int
     mount : pointing_model.mounts.Mount
         How the axes stand.

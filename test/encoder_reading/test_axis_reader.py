@@ -6,8 +6,7 @@ import pytest
 from encoder_reading.axis_reader import AxisReader, lowest_reading, read_frames
 from encoder_reading.design import Design
 from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED, FrameReadings
-from encoder_sim.absolute import AbsoluteEncoder
-from encoder_sim.scenario_encoders import Absolute
+from encoder_sim.absolute import Absolute, AbsoluteEncoder
 from msg_tools.units import ARCSEC, DEG, wrap
 
 ANGLES = np.random.default_rng(4).uniform(0.0, 2.0 * np.pi, 400)

@@ -4,8 +4,8 @@ import pytest
 from encoder_reading.bar_lattice import BarLattice
 from encoder_reading.design import Design
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc
+from encoder_sim.absolute import Absolute
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.scenario_encoders import Absolute
 
 HALF = 28
 

@@ -8,7 +8,7 @@ from encoder_reading.design import Design
 from encoder_reading.disc import Disc
 from encoder_reading.paper_reader import PaperReader
 from encoder_reading.template_reader import TemplateReader
-from encoder_sim.scenario_encoders import Absolute
+from encoder_sim.absolute import Absolute
 
 
 def test_the_default_is_the_papers_encoder_and_the_simulated_one():

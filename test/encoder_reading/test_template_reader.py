@@ -8,8 +8,8 @@ from encoder_reading.bar_decoding import REASONS
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc, windows_of
 from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.template_reader import TemplateReader
+from encoder_sim.absolute import Absolute
 from encoder_sim.ccd import LinearCCD, pixel_noise
-from encoder_sim.scenario_encoders import Absolute
 from msg_tools.units import ARCSEC, wrap
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}

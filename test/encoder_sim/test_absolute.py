@@ -7,9 +7,8 @@ from encoder_reading.axis_reader import read_frames
 from encoder_reading.frame_readings import CORRECTED, EXACT, REJECTED
 from encoder_reading.paper_reader import PaperReader
 from encoder_reading.template_reader import TemplateReader
-from encoder_sim.absolute import AbsoluteEncoder
+from encoder_sim.absolute import Absolute, AbsoluteEncoder
 from encoder_sim.keyed_noise import uniform
-from encoder_sim.scenario_encoders import Absolute
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, wrap
 

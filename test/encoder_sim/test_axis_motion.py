@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from encoder_sim.axis_motion import MountAxes, Trajectory, catch_up, plan_move
-from encoder_sim.scenario import AxisDynamics
+from encoder_sim.axis_motion import AxisDynamics, MountAxes, Trajectory, catch_up, plan_move
 from msg_tools.units import ARCSEC, DEG
 
 LIMITS = AxisDynamics(max_rate=4 * DEG, max_acceleration=2 * DEG, settling_time=1.0)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from encoder_reading.disc import BAR_ANGLE, BARS, Disc, pixel_places
+from encoder_sim.absolute import Absolute
 from encoder_sim.ccd import LinearCCD, pixel_noise
-from encoder_sim.scenario_encoders import Absolute
 
 WIDE_PITCH = {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}
 

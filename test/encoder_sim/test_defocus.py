@@ -5,9 +5,8 @@ import pytest
 
 from encoder_reading.disc import blurred_bar
 from encoder_reading.frame_readings import REJECTED
-from encoder_sim.absolute import AbsoluteEncoder
+from encoder_sim.absolute import Absolute, AbsoluteEncoder
 from encoder_sim.ccd import Defocus, LinearCCD
-from encoder_sim.scenario_encoders import Absolute
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 

@@ -7,10 +7,20 @@ import pytest
 
 from encoder_sim.drives import Drives, ShaftCouplings
 from encoder_sim.mount import RESTLESS_RATE, SimulatedMount
-from encoder_sim.mount_geometry import FORWARD, MountGeometry, azimuth_elevation, bent, direction
-from encoder_sim.scenario import AirLayers, MountErrors, Runout, Scenario, Seeing, Wind
+from encoder_sim.mount_geometry import (
+    FORWARD,
+    MountErrors,
+    MountGeometry,
+    Runout,
+    azimuth_elevation,
+    bent,
+    direction,
+)
+from encoder_sim.scenario import Scenario
 from encoder_sim.scenario_file import load_scenario, scenario_names
 from encoder_sim.seeing import (
+    AirLayers,
+    Seeing,
     SlowNoise,
     WanderingRefraction,
     airmass,
@@ -20,7 +30,7 @@ from encoder_sim.seeing import (
     seeing_sigma,
 )
 from encoder_sim.star_camera import Camera
-from encoder_sim.wind_gusts import WindLoad, von_karman
+from encoder_sim.wind_gusts import Wind, WindLoad, von_karman
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue

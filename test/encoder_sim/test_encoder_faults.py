@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from encoder_sim.absolute import AbsoluteEncoder
+from encoder_sim.absolute import Absolute, AbsoluteEncoder
 from encoder_sim.encoder_scale import stamp_delays
-from encoder_sim.incremental import MARK_TOLERANCE, IncrementalEncoder
+from encoder_sim.incremental import MARK_TOLERANCE, Incremental, IncrementalEncoder
 from encoder_sim.keyed_noise import pulses
-from encoder_sim.scenario_encoders import Absolute, Incremental
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 

@@ -3,8 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.encoder_scale import ZeroDrift, disc_angle
-from encoder_sim.scenario_encoders import EncoderScale
+from encoder_sim.encoder_scale import EncoderScale, ZeroDrift, disc_angle
 from msg_tools.units import ARCSEC, DEG
 
 TURN = np.linspace(0.0, 2 * np.pi, 361)

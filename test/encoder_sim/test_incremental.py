@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from encoder_sim.incremental import MARK_TOLERANCE, IncrementalEncoder
-from encoder_sim.scenario_encoders import CountLoss, Incremental
+from encoder_sim.incremental import MARK_TOLERANCE, CountLoss, Incremental, IncrementalEncoder
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from encoder_sim.encoder_scale import disc_angle, tilted_angle
-from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
-from encoder_sim.scenario import CameraErrors, MountErrors, Scenario, TrueWeather
+from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
+from encoder_sim.scenario import Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario, scenario_names
-from encoder_sim.star_camera import Camera
+from encoder_sim.star_camera import Camera, CameraErrors
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.sky.places import observed_place
 from pointing_model.sky.star_catalogue import load_catalogue

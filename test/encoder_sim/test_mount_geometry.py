@@ -7,11 +7,12 @@ from encoder_sim.mount_geometry import (
     FORWARD,
     RIGHT,
     UP,
+    MountErrors,
     MountGeometry,
+    Wobble,
     azimuth_elevation,
     direction,
 )
-from encoder_sim.scenario import MountErrors, Wobble
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG, wrap
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from encoder_sim.mount_geometry import MountGeometry, direction
-from encoder_sim.scenario import MountErrors, Scenario
+from encoder_sim.mount_geometry import MountErrors, MountGeometry, direction
+from encoder_sim.scenario import Scenario
 from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -302,8 +302,7 @@ def test_a_mount_without_a_polar_axis_has_none_of_it(tmp_path, kind):
 
 
 def test_an_encoder_on_the_worm_has_its_periodic_error():
-    from encoder_sim.incremental import IncrementalEncoder
-    from encoder_sim.scenario_encoders import Incremental
+    from encoder_sim.incremental import Incremental, IncrementalEncoder
     params = Incremental(worm_teeth=180, worm_1=8 * ARCSEC, worm_2=3 * ARCSEC, worm_phase=0.5,
                          mark_angle=0.0)
     angles = np.linspace(-0.1, 0.2, 4000)

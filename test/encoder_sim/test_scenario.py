@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from encoder_sim.scenario import MountErrors
+from encoder_sim.mount_geometry import MountErrors
 from encoder_sim.scenario_file import load_scenario, scenario_files, scenario_names, undeclared
 from msg_tools.units import ARCSEC, DEG
 

@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from encoder_sim.mount_geometry import MountGeometry, direction
-from encoder_sim.scenario import CameraErrors as Params
-from encoder_sim.scenario import MountErrors, Scenario, TrueWeather
+from encoder_sim.mount_geometry import MountErrors, MountGeometry, direction
+from encoder_sim.scenario import Scenario, TrueWeather
 from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
+from encoder_sim.star_camera import CameraErrors as Params
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Weather, observed_place
 from pointing_model.sky.star_catalogue import load_catalogue, satellite_target

@@ -26,8 +26,8 @@ from calibration.analysis.external_check import PAPER
 from calibration.analysis.fit import fit_harmonics
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
 from encoder_sim.encoder_scale import disc_angle
+from encoder_sim.incremental import Incremental
 from encoder_sim.indexing_table import SCALES
-from encoder_sim.scenario_encoders import Incremental
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor

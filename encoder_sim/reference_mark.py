@@ -1,0 +1,132 @@
+"""The reference mark of an incremental encoder: where its index pulse lies, and when it is met."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import keyed_noise
+
+_TURN = 2.0 * np.pi
+#: the mark is nowhere else, whatever drifts
+_REACH = 0.2
+
+
+class Passages(NamedTuple):
+    """Pulses met: number of the sample behind each, sense (-1, 1), axis angle of its near edge.
+
+    And the rate of the axis there, rad/s.
+    """
+
+    row: np.ndarray
+    sense: np.ndarray
+    angle: np.ndarray
+    rate: np.ndarray
+
+
+_NONE = Passages(np.empty(0, dtype=int), np.empty(0), np.empty(0), np.empty(0))
+
+
+class ReferenceMark:
+    """The mark of one axis, and the index pulses that its comparator gives.
+
+    Parameters
+    ----------
+    params : incremental.Incremental
+    seed : int
+    device : str
+        Name of the encoder and axis, for the random numbers.
+    """
+
+    def __init__(self, params, seed, device):
+        self._params, self._seed, self._device = params, seed, device
+
+    def passages(self, stamps, angles, volts, temperature, drift):
+        """Those that are noticed.
+
+        Parameters
+        ----------
+        stamps : ndarray of int, shape (n,)
+            ns.
+        angles, volts, temperature : ndarray, shape (n,)
+            Of the axis, rad; of the supply, V; degC.
+        drift : float
+            Of the zero since this power-on, rad.
+
+        Returns
+        -------
+        met : Passages
+        short : ndarray of int
+            The rows behind those that are too short.
+        """
+        if len(stamps) < 2:
+            return _NONE, _NONE.row
+        met, short = _NONE, _NONE.row
+        if not self.far_from(angles):
+            met, short = self._met(stamps, angles, volts, temperature, drift)
+        if self._params.spurious_index > 0.0:
+            met = _merged(met, self._spurious(stamps, angles))
+        return met, short
+
+    def _pulse(self, volts, temperature, drift):
+        """Lower edge and width of the index pulse, rad; no width where the signal is too weak."""
+        p = self._params
+        volts, warmth = volts - p.supply_nominal, temperature - p.reference_temperature
+        peak = (1.0 + p.signal_supply * volts) * (1.0 + p.signal_slope * warmth)
+        there = peak > p.threshold
+        peak = np.where(there, peak, 1.0)
+        width = np.where(there, 2.0 * p.pulse_width * (1.0 - p.threshold / peak), np.nan)
+        shift = drift + p.mark_supply * volts + p.mark_slope * warmth
+        return p.mark_angle - shift + 0.5 * (p.pulse_width - width), width
+
+    def _spurious(self, stamps, angles):
+        """`Passages` where there is no mark: what a disturbance makes of the index signal."""
+        moments = keyed_noise.pulses(
+            self._seed, self._device, 'spurious index', self._params.spurious_index,
+            int(stamps[0]), int(stamps[-1]))
+        row = np.searchsorted(stamps, moments)
+        span, step = np.diff(stamps)[row - 1] * 1e-9, np.diff(angles)[row - 1]
+        part = (moments - stamps[row - 1]) * 1e-9 / span
+        found = Passages(row, np.where(step >= 0.0, 1.0, -1.0), angles[row - 1] + part * step,
+                         step / span)
+        known = np.isfinite(found.angle)
+        return Passages(*(column[known] for column in found))
+
+    def _met(self, stamps, angles, volts, temperature, drift):
+        """`passages` of the mark itself."""
+        p = self._params
+        before, after = angles[:-1], angles[1:]
+        sense = np.where(after >= before, 1.0, -1.0)
+        lower, width = (np.broadcast_to(v, before.shape)
+                        for v in self._pulse(volts, temperature, drift))
+        # the pulse begins at its near edge, met from below or from above, once a turn
+        edge = np.where(sense > 0.0, lower, lower + width)
+        # a comparison with NaN, where there is no pulse, is never true
+        turns_before = np.floor(sense * (before - edge) / _TURN)
+        turns_after = np.floor(sense * (after - edge) / _TURN)
+        crossed = turns_after > turns_before
+        rate = (after - before) / np.maximum(np.diff(stamps) * 1e-9, 1e-12)
+        short = crossed & (np.abs(rate) * p.pulse_time > width)
+        rows = np.flatnonzero(crossed & ~short)
+        place = edge[rows] + sense[rows] * _TURN * (turns_before[rows] + 1.0)
+        if p.mark_scatter > 0.0:
+            place = place + p.mark_scatter * keyed_noise.normal(
+                self._seed, self._device, 'mark scatter', stamps[rows + 1])
+        return Passages(rows + 1, sense[rows], place, rate[rows]), np.flatnonzero(short) + 1
+
+    def far_from(self, angles):
+        """Whether no passage is possible; most calls end here."""
+        low, high = angles.min() - _REACH, angles.max() + _REACH
+        turn = np.ceil((low - self._params.mark_angle) / _TURN)
+        return self._params.mark_angle + turn * _TURN > high
+
+    def clears(self, passages):
+        """Which passages may clear the counter."""
+        wanted = {'any': 0.0, 'below': 1.0, 'above': -1.0}[self._params.mark_from]
+        return (passages.sense == wanted) | (wanted == 0.0)
+
+
+def _merged(*parts):
+    """All passages of `parts`, as they were met."""
+    row, sense, angle, rate = map(np.concatenate, zip(*parts))
+    order = np.lexsort((sense * angle, row))
+    return Passages(row[order], sense[order], angle[order], rate[order])
