@@ -26,7 +26,7 @@ def _observe(folder, specs, asked):
         written = observe(
             folder, specs, asked['plan'], partial(write_results, folder),
             lambda step, done, total: _say('at', step, done, total), asked['domain'],
-            claim=domain.join, stall=asked['stall'], say=partial(_say, 'said'))
+            claim=domain.join, stall=asked['stall'], hold_up=partial(_say, 'said'))
     except NightFailed as err:
         _say('failed', str(err))
     else:

@@ -27,8 +27,8 @@ from pointing_model.rms import rms
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_simulator import MODEL, set_model
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
-from telescope_mount.bridges.indi.simulator import MODEL, set_model
 from telescope_mount.bridges.indi.two_axes import draw_errors
 
 

@@ -29,8 +29,8 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient
 from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
+from telescope_mount.bridges.indi.indi_simulator import set_model
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope
-from telescope_mount.bridges.indi.simulator import set_model
 from telescope_mount.graph import server_graph
 from telescope_mount.server_night import SIMULATED
 

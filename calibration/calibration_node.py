@@ -66,8 +66,8 @@ class Calibration(MountNode):
             self.serve(name, partial(self._answer, work), once=True)
         self.serve('diagnose', self._work_diagnosis, once=True)
         self.serve('~/cancel', self._long.cancel)
-        self.every(1.0, self._tell_stage)
-        self._say('knows nothing of the night yet: no observation, no zero, no model')
+        self.every(1.0, self._publish_stage)
+        self._publish_status('knows nothing of the night yet: no observation, no zero, no model')
 
     def _publish(self, topic, content):
         """A message, a text or a document."""
@@ -83,7 +83,7 @@ class Calibration(MountNode):
         if tracked:
             self._publish_tracked()  # before the observer hears that the row was taken
         else:
-            self._say('collecting')
+            self._publish_status('collecting')
         self._expect_zero()
 
     def _on_table(self, message):
@@ -92,9 +92,9 @@ class Calibration(MountNode):
             new = self._state.add_table(run, convert.from_stamp(message.header.stamp))
             if new > 1:  # it may overtake its last row
                 self._taken_up = [words.rows_sentence(self._state.rows.taken, self._state.zeros)]
-                self._say_taken_up()
+                self._publish_restart()
             else:
-                self._say('collecting')
+                self._publish_status('collecting')
 
     # --- started anew, this node or another -----------------------------------------------------
 
@@ -107,10 +107,10 @@ class Calibration(MountNode):
         self._send_model(model)
         self._send_zero(zero)
         self._publish(topics.TRACKING, worded(night.document()))
-        self._say(last_update(night))
+        self._publish_status(last_update(night))
 
-    def _say_taken_up(self):
-        self._say(words.restart_sentence(self._taken_up, self._state.model))
+    def _publish_restart(self):
+        self._publish_status(words.restart_sentence(self._taken_up, self._state.model))
 
     def _on_active(self, message):
         """Of a calibration before: what it has published died with it."""
@@ -123,7 +123,7 @@ class Calibration(MountNode):
         self._model_name, self._has_published = identity(text), True
         self._send_zero(zero, stamp)
         self._taken_up.append('the active zero')
-        self._say_taken_up()
+        self._publish_restart()
 
     def _on_observer(self, message):
         progress = Progress.read(message)
@@ -132,7 +132,7 @@ class Calibration(MountNode):
             return
         run = self._state.rows.all()
         self._publish(topics.CALIBRATION_TABLE, run_to_cloud(run, self._state.last_stamp))
-        self._say('gave the rows of the night to an observer that has none',
+        self._publish_status('gave the rows of the night to an observer that has none',
                   **handover_rows(len(run), self._observer))
 
     def _rows(self, message):
@@ -160,7 +160,7 @@ class Calibration(MountNode):
         run = self._state.rows.newest
         return [homing for homing in axis_homings(self._marks or {}, run) if homing.homed]
 
-    def _say(self, text, warn=False, **values):
+    def _publish_status(self, text, warn=False, **values):
         """The text on the status topic."""
         self._publish(topics.CALIBRATION_STATUS, convert.status(
             DiagnosticStatus.WARN if warn else DiagnosticStatus.OK,
@@ -180,18 +180,19 @@ class Calibration(MountNode):
         """Why a service has not done its work; the report of a fit is published all the same."""
         if isinstance(error, Contradiction) and error.report is not None:
             self._publish(topics.CALIBRATION_REPORT, error.report)
-        return False, self._say(str(error))
+        return False, self._publish_status(str(error))
 
     def _work_zero(self):
         if self._state.tracked is not None:
-            return self._say('the zero is followed with each star; nothing is set anew')
+            return self._publish_status('the zero is followed with each star; nothing is set anew')
         run, zero = self._state.calibrate_zero()
         if self.value('reference_age') and self._state.reference is not None:
             # the zero goes with the model that it is relative to
             self._send_model(self._state.dated_reference)
         self._publish_zero(zero)
         few = zero.n - zero.rejected < self.value('least_exposures')
-        return self._say(words.zero_sentence(run, zero, few), few, **words.zero_values(run, zero))
+        return self._publish_status(
+            words.zero_sentence(run, zero, few), few, **words.zero_values(run, zero))
 
     def _send_model(self, model):
         text = model.to_json()
@@ -220,7 +221,7 @@ class Calibration(MountNode):
             self._state.mount.names.keys))
 
     def _work_fit(self):
-        self._say('fitting')
+        self._publish_status('fitting')
         model, report = self._state.fit(self._homings())
         report['homing_stamp_ns'] = self._marks_stamp
         self._publish(topics.CALIBRATION_REPORT, report)
@@ -229,7 +230,7 @@ class Calibration(MountNode):
         done = words.fit_sentence(report)
         if 'refused' in report:
             self._refused = done
-        return self._say(done, 'refused' in report)
+        return self._publish_status(done, 'refused' in report)
 
     def _publish_model(self, model):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
@@ -247,7 +248,7 @@ class Calibration(MountNode):
         site = site_of(self.value('site'))
         try:
             self._refuse_beside_another()
-            self._say('diagnosing')
+            self._publish_status('diagnosing')
             found = await self._long.run('diagnosing', partial(
                 state.find_effects, self.value('alpha'), site, until))
             state.apply(found, site, until)
@@ -264,10 +265,10 @@ class Calibration(MountNode):
         if text := self._state.requests.news():
             self._publish(topics.DISCRIMINATION, text)
 
-    def _tell_stage(self):
+    def _publish_stage(self):
         stage, self._long.stage = self._long.stage, ''
         if self._long.name and stage:
-            self._say(f'{self._long.name}: {stage}')
+            self._publish_status(f'{self._long.name}: {stage}')
 
     def _diagnosed(self, found):
         from .report.wording import paragraph
@@ -277,7 +278,7 @@ class Calibration(MountNode):
             done = self._refused = paragraph(found.diagnosis.cautions)
         elif self._refused:
             done += f'; {self._refused}'
-        return self._say_finding(done + self._write_page(found), document)
+        return self._finding_status(done + self._write_page(found), document)
 
     def _work_blind_check(self):
         found = self._state.check_on_blind_stars(site_of(self.value('site')))
@@ -285,7 +286,7 @@ class Calibration(MountNode):
         done = found.document['judged']['why']
         if found.document['judged']['taken_back']:
             done += self._write_page(found)
-        return self._say_finding(done, found.document)
+        return self._finding_status(done, found.document)
 
     def _write_page(self, found):
         """Why the page was not written, if it was to be."""
@@ -310,8 +311,8 @@ class Calibration(MountNode):
         self._refused = words.refusal_sentences(document)
         return self._finding
 
-    def _say_finding(self, done, document):
-        return self._say(done, bool(self._refused), verdict=document['verdict'],
+    def _finding_status(self, done, document):
+        return self._publish_status(done, bool(self._refused), verdict=document['verdict'],
                          effects=', '.join(document['applied']), published=document['published'])
 
     def finish(self):

@@ -340,7 +340,7 @@ class CalibrationState:
             report['notes'].append(origin_sentence(origin))
         if night.follows:
             report[FOLLOWS] = night.follows.document()
-        report['notes'] = list(map(self.mount.names.say, report['notes']))
+        report['notes'] = list(map(self.mount.names.translate, report['notes']))
         self._refuse_contradicted(report)
         self.contradiction, self._homings = None, homings
         model, expected = night.chosen.model, report['expected']

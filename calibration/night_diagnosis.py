@@ -148,10 +148,10 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     if follows:
         document[FOLLOWS] = follows.document()
         document['notes'] = [*map(count_drift_line, document[FOLLOWS]), *document['notes']]
-    say = rows.mount.names.say
-    document['notes'] = list(map(say, document['notes']))
+    translate = rows.mount.names.translate
+    document['notes'] = list(map(translate, document['notes']))
     for entry in document['refused']:
-        entry['why'] = say(entry['why'])
+        entry['why'] = translate(entry['why'])
     model = chosen.published(**(provenance or {}), verdict=document['verdict'], **{
         name: document[name] for name in ('wander', 'expected') if document[name]})
     document['alpha'] = alpha

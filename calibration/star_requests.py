@@ -59,7 +59,7 @@ class StarRequests:
             else:
                 self.update(state, until)
                 return
-        self._tell(self._diagnosed, {
+        self._set_document(self._diagnosed, {
             'state': 'nothing open', 'says': f'the diagnosis leaves no causes to tell apart: '
             f'{verdict}', 'request': None, 'sets': []})
 
@@ -78,9 +78,9 @@ class StarRequests:
                      'request': None, 'sets': []}
         if found['request'] is None:
             self._causes = None
-        self._tell(until or state.last_stamp, found)
+        self._set_document(until or state.last_stamp, found)
 
-    def _tell(self, stamp, found):
+    def _set_document(self, stamp, found):
         self.document = {'format': CAUSES_FORMAT, 'version': CAUSES_VERSION, 'last_stamp_ns': stamp,
                          'diagnosed_ns': self._diagnosed, **found}
         self._news = json.dumps(self.document)

@@ -260,10 +260,10 @@ class MountGeometry:
 
     def __init__(self, mount, start=0.0, seed=0, latitude=DEFAULT_SITE.latitude):
         self.mount = mount
-        stand = mount.at(latitude)
+        orientation = mount.at(latitude)
         # columns: the axes of the frame in ENU
-        self._stand = None if stand.vertical else np.array(stand.frame).T
-        self._zenith = np.array(stand.zenith)
+        self._orientation = None if orientation.vertical else np.array(orientation.frame).T
+        self._zenith = np.array(orientation.zenith)
         self.start = start
         self._slips = [
             ar_noise(part.slip_time, seed, 'bearing', f'slip {i}') if part.slip > 0.0 else None
@@ -324,10 +324,10 @@ class MountGeometry:
         # up of the first axis in its frame is leant towards x (-aw) and y (an): east and north
         carried = _lean(-np.asarray(aw), an) @ azimuth @ _about(FORWARD, -mount.npae)
         tube = carried @ _about(RIGHT, raised) @ _about(UP, ca)
-        if self._stand is not None:
-            tube = self._stand @ tube
+        if self._orientation is not None:
+            tube = self._orientation @ tube
         if mount.declination_axis_sag:
-            tube = self._cantilever(self._stand @ carried) @ tube
+            tube = self._cantilever(self._orientation @ carried) @ tube
         if np.any(tf):
             tube = self._sag(tube, tf) @ tube
         return np.swapaxes(tube, -1, -2)

@@ -130,7 +130,7 @@ def seeing_sigma(seeing, elevation, mag, exposure, wavelength):
                     photon_sigma(seeing, elevation, mag, exposure))
 
 
-class WanderingRefraction:
+class TurbulentRefraction:
     """Refraction about a normal of the air's layers that leans now here, now there.
 
     Parameters

@@ -14,7 +14,7 @@ from pointing_model.sky.star_catalogue import load_catalogue
 from . import keyed_noise
 from .field_kinds import number
 from .mount_geometry import FORWARD, RIGHT, UP, direction
-from .seeing import WanderingRefraction, seeing_sigma
+from .seeing import TurbulentRefraction, seeing_sigma
 
 #: a coarse place leaves out refraction, precession and aberration since the first exposure
 _MARGIN = 0.5 * DEG
@@ -100,7 +100,7 @@ class Camera:
             air = scenario.weather
             self.weather = Weather(
                 air.pressure, air.temperature, air.humidity, air.wavelength * 1e6)
-        self._layers = WanderingRefraction(
+        self._layers = TurbulentRefraction(
             scenario.layers, refraction_constant(self.weather), seed)
         self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)

@@ -317,8 +317,8 @@ class NodeExecutor(Executor):
             except BaseException:
                 answers.failed()
                 raise
-            for asked in answers.given(response, header):
-                service.send_response(response, asked)
+            for caller in answers.given(response, header):
+                service.send_response(response, caller)
         return answer
 
     def _call_timer(self, timer):

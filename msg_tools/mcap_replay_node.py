@@ -109,12 +109,12 @@ class McapReplay(MountNode):
         chosen = [there[n] for n in names if not any(e.fullmatch(n) for e in exclude)]
         return [topic for topic in chosen if self._installed(topic, topic.name in wanted)]
 
-    def _installed(self, topic, asked_for):
+    def _installed(self, topic, required):
         try:
             return Topic(topic.name, topic.type, None).message is not None
         except (ImportError, AttributeError, ValueError):
             text = f'{topic.name}: {topic.type} is not installed'
-            if asked_for:
+            if required:
                 raise ValueError(f'mcap_replay: {text}') from None
             self.get_logger().warning(f'{text}; not replayed')
             return False

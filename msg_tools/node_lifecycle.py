@@ -57,8 +57,8 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         except RCLError:
             response.success = False
         if not response.success:
-            asked = request.transition.label or f'number {request.transition.id}'
-            self.get_logger().warning(f'{before}: the transition {asked} was not made')
+            transition = request.transition.label or f'number {request.transition.id}'
+            self.get_logger().warning(f'{before}: the transition {transition} was not made')
         self.announce()
         return response
 
@@ -102,9 +102,9 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
         if not self.active:
             raise ValueError(self.inactive)
         command = convert.read_trajectory(message)
-        asked = convert.joints_of(message.joint_names)
-        if asked != names:
-            raise ValueError(f'command for {" and ".join(asked)}: this mount has '
+        joints = convert.joints_of(message.joint_names)
+        if joints != names:
+            raise ValueError(f'command for {" and ".join(joints)}: this mount has '
                              f'{" and ".join(names)}')
         return command
 

@@ -75,13 +75,13 @@ def text_to_pair(text):
         document = json.loads(text)
         if document['format'] != FORMAT or document['version'] != VERSION:
             raise ValueError(f'not {FORMAT} of version {VERSION}')
-        model, told = document['model'], document['zero']
-        sigma = told['sigma_rad']
+        model, entry = document['model'], document['zero']
+        sigma = entry['sigma_rad']
         zero = RunZero(
-            float(told['az_rad']), float(told['el_rad']),
+            float(entry['az_rad']), float(entry['el_rad']),
             None if sigma is None else np.diag(np.square(np.array(sigma, float))),
-            told['run'], told['encoder_start'], told['model'], told.get('by'))
-        stamp = int(told['stamp_ns'])
+            entry['run'], entry['encoder_start'], entry['model'], entry.get('by'))
+        stamp = int(entry['stamp_ns'])
         model_text = json.dumps(model, indent=1) if model else ''
         if model_text:
             check_model(PointingModel.from_json(model_text))
@@ -256,12 +256,12 @@ def joints_to_zero(message, run=None):
     frame = message.header.frame_id
     if not frame.startswith(_PREFIX):
         return ns, RunZero(*angles, covariance, run)
-    told = _FRAME.fullmatch(frame)
-    if told is None:
+    found = _FRAME.fullmatch(frame)
+    if found is None:
         raise ValueError(f'zero of {frame!r}: no number of a power-on')
-    started = told['started']
-    return ns, RunZero(*angles, covariance, int(told['run']),
-                       None if started is None else float(started), told['model'], told['by'])
+    started = found['started']
+    return ns, RunZero(*angles, covariance, int(found['run']),
+                       None if started is None else float(started), found['model'], found['by'])
 
 
 CAUSES_FORMAT = 'telescope_mount/apart'
@@ -278,14 +278,14 @@ class StarRequest:
     ----------
     stamp : int
         Of the newest row that it is said of, ns.
-    state, says : str
+    state, sentence : str
     request : dict or None
         As of `calibration.analysis.diagnosis.discrimination.Judgement`.
     """
 
     stamp: int
     state: str
-    says: str
+    sentence: str
     request: dict | None
 
     @classmethod
@@ -298,12 +298,13 @@ class StarRequest:
             It is none, or damaged.
         """
         try:
-            told = json.loads(text)
-            if told['format'] != CAUSES_FORMAT or told['version'] != CAUSES_VERSION:
-                raise ValueError(f'{told["format"]!r} {told["version"]!r}')
-            request = told['request']
+            found = json.loads(text)
+            if found['format'] != CAUSES_FORMAT or found['version'] != CAUSES_VERSION:
+                raise ValueError(f'{found["format"]!r} {found["version"]!r}')
+            request = found['request']
             for name in ('az_deg', 'el_deg') if request else ():
                 float(request[name])
-            return cls(int(told['last_stamp_ns']), str(told['state']), str(told['says']), request)
+            return cls(
+                int(found['last_stamp_ns']), str(found['state']), str(found['says']), request)
         except (ValueError, KeyError, TypeError) as err:
             raise ValueError(f'no document of causes to tell apart: {err}') from None

@@ -38,7 +38,7 @@ _TOLERANCE = 1e-8 * ARCSEC
 _STEPS = 50
 
 
-class _Way(NamedTuple):
+class _AxisSolution(NamedTuple):
     """Vectors on the way from a direction to the axis angles.
 
     Attributes
@@ -153,7 +153,7 @@ def _to_axes(trig, known):
     -------
     d_az, d_el : ndarray
         Radians; NaN where the mount cannot look.
-    way : _Way
+    way : _AxisSolution
     """
     ia, ie, ca, npae, an, aw, tf = known
     mount, sin_az, cos_az, sin_el, cos_el = (
@@ -175,7 +175,7 @@ def _to_axes(trig, known):
     d_el = np.arctan2(sin_e * cos_el - cos_e * sin_el, cos_e * cos_el + sin_e * sin_el)
     if mount.vertical:
         d_el = d_el + tf * cos_el
-    return d_az + ia, d_el + ie, _Way(ux, uy, horizontal, vx, vy, sin_e, cos_e)
+    return d_az + ia, d_el + ie, _AxisSolution(ux, uy, horizontal, vx, vy, sin_e, cos_e)
 
 
 def encoder_to_sky(az_enc, el_enc, coefficients, added=None, mount=ALTAZ):

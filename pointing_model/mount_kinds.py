@@ -116,7 +116,7 @@ class MountKind:
         """Name here of a term of `CANONICAL`."""
         return next(name for name, (own, _) in self.terms.items() if own == canonical)
 
-    def say(self, text):
+    def translate(self, text):
         """A sentence about azimuth and elevation, of the axes of this mount."""
         if self.axes == _AXES:
             return text

@@ -39,7 +39,7 @@ def main(argv=None):
         print(f'ended by {by}{logged}', file=sys.stderr)
         return 128 + number
     except BrokenPipeError:
-        _say_no_more()  # nobody reads on
+        _silence_output()  # nobody reads on
         return 0
     except ImportError as err:
         from .ros import missing
@@ -52,12 +52,12 @@ def main(argv=None):
         try:
             sys.stdout.flush()
         except (OSError, ValueError):  # it is the output that cannot be written
-            _say_no_more()
+            _silence_output()
         print(f'error: {_one_line(err)}', file=sys.stderr)
         return 2
 
 
-def _say_no_more():
+def _silence_output():
     """What the standard output could not take the interpreter would try once more at its end."""
     from contextlib import suppress
     with open(os.devnull, 'w') as nobody, suppress(OSError, ValueError):

@@ -187,7 +187,7 @@ BESIDE = ('mount_guard', 'star_observer', 'pointing_corrector', 'calibration', '
 
 
 #: of a simulator that is asked where it looks between its readings, s: so long the axes must rest
-ASKED = 0.5
+REST_BEFORE_POLL = 0.5
 
 
 def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=False,
@@ -232,7 +232,7 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
         parameters['indi_sky'] = camera | bridge | ({'exposure_s': exposure} if exposure else {})
     elif not seen:
         parameters[f'{protocol}_sky'] = dict(server) | bridge | {'seed': seed}
-        exposure = ASKED if protocol == 'alpaca' else 0.0  # at the readings of INDI's
+        exposure = REST_BEFORE_POLL if protocol == 'alpaca' else 0.0  # at the readings of INDI's
     names = *parameters, *BESIDE
     parameters |= {
         'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,

@@ -9,19 +9,19 @@ from msg_tools.units import DEG, wrap
 
 #: readings that are apart by so long (s), in which the axes moved slower (rad/s; the sky turns
 #: 0.004 deg/s), are of a mount that stands
-APART, STILL = 0.3, 0.03 * DEG
+SPACING, STILL = 0.3, 0.03 * DEG
 #: so long may it take to stop, and to be parked, s
 STOPPED, PARKED = 30.0, 600.0
 #: a wait of so long is told, s
-TOLD = 1.0
+NOTED = 1.0
 #: encoders that say nothing for so long will not say more, s
 SILENT = 3.0
 #: so long what it says may be under way, s
-HEARD = 1.0
+DELIVERED = 1.0
 #: so long the guard may take to answer, s
 ANSWERED = 2.0
 #: so often is it asked meanwhile
-ASKED = 4
+ATTEMPTS = 4
 #: its states in which it has not led the mount anywhere, or has it stopped already
 RESTING = ('idle', 'inactive')
 #: those in which it takes no request, either
@@ -48,15 +48,15 @@ class AtRest:
         angles = np.array(angles, float)
         self.unknown = not np.isfinite(angles).all()
         # ten of a stretch tell as much as a thousand
-        if self.unknown or (self._kept and at - self._kept[-1][0] < 0.1 * APART):
+        if self.unknown or (self._kept and at - self._kept[-1][0] < 0.1 * SPACING):
             return
         self._kept.append((at, angles))
         # one that is as old stays: an encoder may be slow
-        while len(self._kept) > 2 and at - self._kept[1][0] >= APART:
+        while len(self._kept) > 2 and at - self._kept[1][0] >= SPACING:
             self._kept.popleft()
         moved = np.abs(wrap(angles - np.array([other for _, other in self._kept]))).max()
         span = at - self._kept[0][0]
-        self.at_rest = bool(span >= APART and moved <= STILL * span)
+        self.at_rest = bool(span >= SPACING and moved <= STILL * span)
 
 
 def come_to_rest(watcher, plan, note):
@@ -87,7 +87,7 @@ def come_to_rest(watcher, plan, note):
     if not state():
         return  # it has never spoken, and led the mount nowhere
     if plan == 'cancelled':  # by the guard itself: what it does now may be heard a moment later
-        watcher.spin_until(lambda: state() in (*LOCKED, *RESTING, 'parking'), HEARD)
+        watcher.spin_until(lambda: state() in (*LOCKED, *RESTING, 'parking'), DELIVERED)
     if state() == 'parking':
         note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')
         if not watcher.spin_until(lambda: state() != 'parking', PARKED):
@@ -120,7 +120,7 @@ def come_to_rest(watcher, plan, note):
         def over():
             return rest.at_rest or rest.unknown or time.monotonic() - last[0] > SILENT
 
-        if not watcher.spin_until(over, TOLD):
+        if not watcher.spin_until(over, NOTED):
             note('waiting until the mount stands; Ctrl-C ends at once')
             watcher.spin_until(over, STOPPED)
         if rest.unknown:
@@ -140,8 +140,8 @@ def _aborted(watcher):
     if not watcher.spin_until(client.service_is_ready, ANSWERED):
         return False
     futures = []
-    for _ in range(ASKED):  # it does no harm, and none of these may come
+    for _ in range(ATTEMPTS):  # it does no harm, and none of these may come
         futures.append(client.call_async(Trigger.Request()))
-        if watcher.spin_until(lambda: any(future.done() for future in futures), ANSWERED / ASKED):
+        if watcher.spin_until(lambda: any(one.done() for one in futures), ANSWERED / ATTEMPTS):
             return True
     return False

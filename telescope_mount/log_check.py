@@ -103,7 +103,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
 # --- the log, read once --------------------------------------------------------------------------
 
 
-class _Rows:
+class _LoggedRows:
     """What of a log the calibration took and published."""
 
     def __init__(self):
@@ -118,7 +118,7 @@ class _Rows:
 
 def _read(log, prefix, check):
     """One pass; observations are compared with their readings on the way."""
-    rows, pairing = _Rows(), Pairing(log, prefix, check)
+    rows, pairing = _LoggedRows(), Pairing(log, prefix, check)
     names = (*rows.published, *RAW, 'observation', 'observations', 'offset', 'camera/miss_distance',
              'incremental/homing', 'observer/checks')
     clocks = {}

@@ -109,8 +109,8 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
             progress('diagnosing')
             watcher.call('diagnose', timeout=120.0)
             there.append(topics.DIAGNOSIS.name)
-        judged = bool(diagnosed) and 'judged' in diagnosed
-        if judged:
+        blind_checked = bool(diagnosed) and 'judged' in diagnosed
+        if blind_checked:
             watcher.call('judge')
 
         def complete():
@@ -119,7 +119,7 @@ def replay_log(log, *, reference=None, seed=1, out=None, domain_number=None, har
                 return False
             model, *rest = (json.loads(watcher.latest[name].data) for name in there)
             return (not diagnosed or 'verdict' in model['provenance']) and (
-                not judged or 'judged' in model['provenance'] and 'judged' in rest[-1])
+                not blind_checked or 'judged' in model['provenance'] and 'judged' in rest[-1])
         if not watcher.spin_until(complete, 15.0):
             raise RuntimeError('the calibration fitted but published no model')
         model, *documents = (watcher.latest[name].data for name in there)

@@ -200,7 +200,7 @@ def _site_of(run, sky):
 
 def _player(run, file, azimuth_origin, folder):
     """Parameters of the run player: a file that it can read, written if need be."""
-    if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('of_solves')
+    if (file.is_dir() or file.suffix == '.mcap' or run.meta.get('solves_checked')
             or not run.mount.vertical):
         from pointing_model.runs.formats import write_csv
         file, azimuth_origin = folder / 'run.csv', None

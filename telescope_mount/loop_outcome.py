@@ -67,14 +67,14 @@ def outcome(shows_as, effects, verdict='', harmful=False, follows=()):
     return ('in part' if any(there) else 'no'), false
 
 
-def points_worse(before, after, judged=None):
+def points_worse(before, after, comparison=None):
     """Whether blind stars after a change are missed by more than before, beyond noise.
 
     Parameters
     ----------
     before, after : dict or None
         Of `telescope_mount.observing.night_memory.blind_summary`: other stars each.
-    judged : dict, optional
+    comparison : dict, optional
         Both models on the stars of `after`, with ``radial`` where there were enough: what has
         become worse there for both is the night, and not the change.
 
@@ -87,7 +87,7 @@ def points_worse(before, after, judged=None):
     """
     if not (before and after and before['stars'] and after['stars']):
         return False
-    same = (judged or {}).get('radial')
+    same = (comparison or {}).get('radial')
     if same and same['after_arcsec'] < 1.05 * same['before_arcsec']:
         return False
     sigma = np.sqrt(0.25 / before['stars'] + 0.25 / after['stars'])
@@ -110,10 +110,10 @@ def paired(report):
         None where it is not known. ``before`` and ``after``: ``rms_arcsec`` (radial),
         ``rms_x_arcsec``, ``rms_y_arcsec``; None of an axis that is not known.
     """
-    judged, blind = report['judged'] or {}, report['blind_after'] or {}
-    if judged.get('radial'):
-        return {'of': 'fresh stars', 'rows': judged['rows'], **{
-            when: {f'rms_{part}arcsec': judged[axis][f'{when}_arcsec']
+    comparison, blind = report['judged'] or {}, report['blind_after'] or {}
+    if comparison.get('radial'):
+        return {'of': 'fresh stars', 'rows': comparison['rows'], **{
+            when: {f'rms_{part}arcsec': comparison[axis][f'{when}_arcsec']
                    for part, axis in (('', 'radial'), ('x_', 'az'), ('y_', 'el'))}
             for when in ('before', 'after')}}
     if blind.get('stars') and not report['published']:  # the model stayed as it was

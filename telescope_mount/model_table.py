@@ -11,8 +11,8 @@ from pointing_model.effects.base import readable
 from pointing_model.model_application import turned, zeros_of_rows
 from pointing_model.runs.formats.cells import Cells
 from pointing_model.runs.formats.csv import CSV_NAMES
-from pointing_model.runs.formats.rows import Rows, decimal_points, is_number
 from pointing_model.runs.formats.run_table import content, lines_of, own_name
+from pointing_model.runs.formats.text_rows import TextRows, decimal_points, is_number
 from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.zero import active_zeros
 from pointing_model.zero_drift import KEY
@@ -139,7 +139,7 @@ def _drivers(table, cells, pair, places, args):
             continue
         known = CSV_NAMES.get(column)
         # what is given for all rows costs all
-        rows = Rows('the options', table.lines, strict=True) if column in given else table
+        rows = TextRows('the options', table.lines, strict=True) if column in given else table
         if column == 'time':
             out['time'] = rows.times(column, values)
         elif known == 'star' and not all(map(is_number, values)):

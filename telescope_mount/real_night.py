@@ -20,7 +20,7 @@ STALL = 1800.0
 
 
 def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, params_file=None,
-                   progress=None, say=None, note=print, reference=None,
+                   progress=None, hold_up=None, note=print, reference=None,
                    anew=False, **graph):
     """Observe with the drivers of a real mount.
 
@@ -42,7 +42,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
         A night that was interrupted begins once more instead.
     note : callable
         Called with where a night that was interrupted goes on, and as of `night.observe`.
-    params_file, progress, say
+    params_file, progress, hold_up
         As of `night.observe`.
     **graph
         As of `graph.real_graph`: ``mount``, ``sky``, ``absolute_encoder``, ``inclinometer``,
@@ -74,17 +74,17 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
 
     return _carry_out(out, plan, graph.get('mount', 'altaz'), nodes, reference, anew, drivers,
                       domain_number=domain_number, params_file=params_file, progress=progress,
-                      say=say, note=note, claim=domain.join)
+                      hold_up=hold_up, note=note, claim=domain.join)
 
 
 def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers=(),
-                     domain_number=None, params_file=None, progress=None, say=None, note=print,
-                     anew=False, sky=None, track='', apart='', **graph):
+                     domain_number=None, params_file=None, progress=None, hold_up=None, note=print,
+                     anew=False, sky=None, track='', discrimination='', **graph):
     """A night on a mount of an INDI or Alpaca server, on the clock of this machine.
 
     Parameters
     ----------
-    out, reference, drivers, domain_number, params_file, progress, say, note, anew
+    out, reference, drivers, domain_number, params_file, progress, hold_up, note, anew
         As of `run_real_night`.
     mount, sky
         As of `server_night.ask_server`.
@@ -92,7 +92,7 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
         As of `server_night.parse_camera`; empty: a driver sees the sky, or a simulator tells.
     stars : int
         To fit the model to.
-    track, apart : str
+    track, discrimination : str
         As of `server_night.server_plan`.
     **graph
         As of `server_night.nodes_of`: ``exposure``, ``seed``, ``calibration``.
@@ -104,14 +104,14 @@ def run_server_night(out, mount, *, stars=30, reference=None, camera='', drivers
     _check_files(drivers, reference)
     if camera:
         parse_camera(camera)
-    plan = server_plan(stars, track, apart)
+    plan = server_plan(stars, track, discrimination)
     parse_plan(plan)
     found = ask_server(mount, sky, bool(camera or drivers))
     return _carry_out(
         out, plan, found.kind, lambda _, **common: nodes_of(
             found, camera=camera, drivers=drivers, **common, **graph),
         reference, anew, drivers, domain_number=domain_number, params_file=params_file,
-        progress=progress, say=say, note=note)
+        progress=progress, hold_up=hold_up, note=note)
 
 
 def _carry_out(out, plan, kind, nodes, reference, anew, drivers, *, note, **options):

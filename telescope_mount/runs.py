@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from calibration.analysis.solves import judge_solves
+from calibration.analysis.solves import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
 from msg_tools.bag import BagReader
@@ -63,7 +63,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = log_of(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        run = _without_judges(_worded(judge_solves(read_run(
+        run = _without_check_rows(_worded(check_solves(read_run(
             path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
             mount=mount, equinox=equinox))))
     else:
@@ -87,7 +87,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
 def _worded(run):
     """The run with what its own rows say of it in words, for people."""
     names = run.meta.get('row_names') or {}
-    if run.meta.get('of_solves'):
+    if run.meta.get('solves_checked'):
         run.meta['notes'] = list(map(wording, run.meta['notes']))
         run.meta['excluded'] = [
             {**one, 'reason': ': '.join([*([names[one['row']]] if one['row'] in names else []),
@@ -211,7 +211,7 @@ def run_of_log(path):
     calibration, guard = (parameters_of(bag.metadata, f'{prefix}{name}') or {}
                           for name in ('calibration', 'mount_guard'))
     meta |= declared_by({**guard, **{k: v for k, v in calibration.items() if v}}, meta['notes'])
-    return _without_judges(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
+    return _without_check_rows(PointingRun({n: v[stars] for n, v in columns.items()}, meta))
 
 
 def declared_by(parameters, notes):
@@ -254,7 +254,7 @@ def _log(path):
             '(docs/plate_solved.md has one to copy), and give that') from None
 
 
-def _without_judges(run):
+def _without_check_rows(run):
     """The run without the rows that are there to judge by, and a note of how many they were."""
     kept = np.asarray(run.get('check', 0.0)) != 0.0
     if not kept.any():

@@ -49,19 +49,19 @@ class ServerMount(NamedTuple):
     simulated: bool
 
 
-def server_plan(stars, track='', apart=''):
+def server_plan(stars, track='', discrimination=''):
     """The plan: one power-on, as the driver has its zero; blind stars before and after a diagnosis.
 
     Parameters
     ----------
     stars : int
-    track, apart : str
+    track, discrimination : str
         As of `night.run_night`. A model that is tracked is not judged and taken back.
     """
     check = f'check {max(4, stars // CHECKED)}'
     steps = ['home', f'stars {stars}', 'fit', check]
-    if apart or not track:
-        steps += ['diagnose', *([apart] if apart else [])]
+    if discrimination or not track:
+        steps += ['diagnose', *([discrimination] if discrimination else [])]
     return ', '.join([*steps, track, check] if track else [*steps, check, 'judge'])
 
 

@@ -27,7 +27,7 @@ THINKING = 1800.0
 #: s; what comes within is taken at once while nothing hangs on it
 LEISURE = 0.02
 #: wall seconds after which a wait is reported
-SAID_AFTER = 1.5
+REPORTED_AFTER = 1.5
 #: s within which a node reports again, also one that works hard
 ANSWERED_IN = 10.0
 #: s that a mount may take to be homed before that is said to hold the night up
@@ -61,7 +61,7 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              track='', apart='', say=None, note=None, of_server=None, **graph):
+              track='', discrimination='', hold_up=None, note=None, server_options=None, **graph):
     """Observe a night in a graph of processes.
 
     Parameters
@@ -85,11 +85,11 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
     track : str
         A step of the plan after the fit, such as ``track 1.5arcsec 90``.
-    apart : str
+    discrimination : str
         As `track`, such as ``tell_apart 15``; before it is diagnosed.
-    say, note : callable, optional
+    hold_up, note : callable, optional
         As of `observe`, of a mount of a server.
-    of_server : dict, optional
+    server_options : dict, optional
         Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
         `server_night.nodes_of`, ``anew`` as of `real_night.run_real_night`.
     **graph
@@ -111,12 +111,12 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         from .real_night import run_server_night
         return run_server_night(
             out, mount, stars=stars, reference=reference, domain_number=domain_number,
-            params_file=params_file, progress=progress, say=say, note=note or print,
-            track=track, apart=apart, **(of_server or {}), **{name: graph[name] for name in (
-                'seed', 'sky', 'calibration') if name in graph})
+            params_file=params_file, progress=progress, hold_up=hold_up, note=note or print,
+            track=track, discrimination=discrimination, **(server_options or {}),
+            **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
-    if apart:
-        plan += f', diagnose, {apart}'
+    if discrimination:
+        plan += f', diagnose, {discrimination}'
     if track:
         plan += f', {track}'
     parse_plan(plan)
@@ -124,7 +124,7 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
         from pointing_model.model import PointingModel
         PointingModel.load(reference)
     folder = prepare_folder(out)
-    if apart:
+    if discrimination:
         graph['calibration'] = diagnosing(folder, graph.get('calibration'))
     specs = night_graph(
         bag=str(folder / 'bag'), plan=plan, scenario=scenario,
@@ -143,7 +143,7 @@ def is_server(mount):
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,
-            claim=domain.claim, drivers=(), stall=STALL, say=None, note=None, again=False):
+            claim=domain.claim, drivers=(), stall=STALL, hold_up=None, note=None, again=False):
     """Carry out a plan in a graph of processes, and write its results.
 
     Parameters
@@ -169,7 +169,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
         Python files to start beside the nodes.
     stall : float
         Wall seconds without any progress after which it is given up.
-    say : callable, optional
+    hold_up : callable, optional
         Called with what is wrong or waited for, when that changes; '' when it goes on.
     note : callable, optional
         Called with each star that the guard refuses, and with what the mount does at the end.
@@ -209,7 +209,7 @@ def observe(folder, specs, plan, write, progress=None, domain_number=None, param
             ends.callback(watcher.close)
             with _at_rest_after(watcher, specs, note or (lambda _: None)):
                 watcher.executor.gather = LEISURE
-                _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, say, note)
+                _watch(watcher, nodes, plan, progress or (lambda *_: None), stall, hold_up, note)
                 watcher.executor.gather = 0.0
                 if progress:
                     progress('writing the results', 0, None)
@@ -309,7 +309,7 @@ def _progress(watcher):
     return Progress.read(watcher.latest.get(OBSERVER_STATUS.name))
 
 
-def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
+def _watch(watcher, nodes, plan, progress, stall=STALL, hold_up=None, note=None):
     """Follow the observer until the plan is done."""
     from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -346,17 +346,17 @@ def _watch(watcher, nodes, plan, progress, stall=STALL, say=None, note=None):
                      + quiet, done, max(total, done))
             if at.state == 'done':
                 if shown:
-                    say('')
+                    hold_up('')
                 return
             wrong = at.state == 'waiting' or status.level > DiagnosticStatus.OK
             text = status.message if wrong else ''
             if text != waits[0]:
                 waits = text, time.monotonic()
             # what is over within moments nobody need read
-            patience = HOMES_IN if 'it homes the mount' in text else SAID_AFTER
-            if say is not None and text != shown and time.monotonic() - waits[1] > patience:
+            patience = HOMES_IN if 'it homes the mount' in text else REPORTED_AFTER
+            if hold_up is not None and text != shown and time.monotonic() - waits[1] > patience:
                 shown = text
-                say(text)
+                hold_up(text)
                 if not hinted and 'a publisher of' in text:
                     hinted = True
                     if hint := _no_driver(watcher):

@@ -103,11 +103,11 @@ def choice_of(parameters):
 
 def choice_of_report(report):
     """The `HarmonicChoice` that a report of a calibration tells, None: no report."""
-    told = (report or {}).get('harmonics')
-    if not told:
+    document = (report or {}).get('harmonics')
+    if not document:
         return HarmonicChoice()
-    degree = told['degree'] if told['degree_by'] == BY_PARAMETER else 0
-    return HarmonicChoice(told['harmonics'], told['alone'], degree, told['rcond'])
+    degree = document['degree'] if document['degree_by'] == BY_PARAMETER else 0
+    return HarmonicChoice(document['harmonics'], document['alone'], degree, document['rcond'])
 
 
 class Recipe(NamedTuple):
@@ -207,16 +207,16 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
     """
     star = rows['star'] if 'star' in rows else np.arange(len(rows))
     terms_of = recipe.names or rows.mount.names.physical
-    judges = np.flatnonzero(~is_for_zero(rows) if 'star' in rows else star >= 0)
-    names, member = np.unique(star[judges], return_inverse=True)
+    test_rows = np.flatnonzero(~is_for_zero(rows) if 'star' in rows else star >= 0)
+    names, member = np.unique(star[test_rows], return_inverse=True)
     folds = min(folds, len(names))
     fold = (np.random.default_rng(seed).permutation(len(names)) % max(folds, 1))[member]
     kinds = list(every_choice(rcond))
-    left = {kind: np.full((2, len(judges)), np.nan) for kind in kinds}
+    left = {kind: np.full((2, len(test_rows)), np.nan) for kind in kinds}
     failed, outlier = set(), np.ones(len(rows), bool)
     for k in (*range(folds), None):  # None: all rows, for the outliers
         out = np.zeros(len(rows), bool) if k is None else np.isin(
-            np.arange(len(rows)), judges[fold == k])
+            np.arange(len(rows)), test_rows[fold == k])
         seen, terms = rows.select(~out), None
         for kind in kinds:
             choice, degree = kind
@@ -236,7 +236,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
                 outlier &= fitted.weights == 0.0
             else:
                 left[kind][:, fold == k] = recipe.left(fitted, rows.select(out))
-    counts = ~outlier[judges] & np.all(
+    counts = ~outlier[test_rows] & np.all(
         [np.isfinite(v).all(axis=0) for kind, v in left.items() if kind not in failed], axis=0)
     choices = []
     for kind in kinds:
@@ -250,7 +250,7 @@ def cross_validated(rows, recipe, seed=0, rcond=RCOND_HARMONICS, folds=FOLDS):
                           else f'{len(terms_of)} terms'),
                 'x': rms.x, 'y': rms.y, 'radial': rms.radial})
     return {'folds': folds, 'stars': int(counts.sum()),
-            'outliers': int(np.count_nonzero(outlier[judges])), 'choices': choices}
+            'outliers': int(np.count_nonzero(outlier[test_rows])), 'choices': choices}
 
 
 def fit_chosen(rows, choice, recipe, terms=None, seed=0):

@@ -24,7 +24,7 @@ _NEAR, _NEAR_LEAST = 10.0, 0.2 * DEG  # and how near, beside those
 _LOST = 3.0 * DEG
 #: how many times better, and by which log-likelihood, another frame must fit; and by which the
 #: frame that none was declared for
-_BETTER, _LIKELIER, _TOLD = 1.25, 15.0, 10.0
+_BETTER, _LIKELIER, _DECISIVE = 1.25, 15.0, 10.0
 _FITS = 600.0  # arcsec; beyond it no frame fits
 _LEAST_NOISE = 1e-4 * ARCSEC
 _TILT = 1.0 * DEG  # no azimuth axis leans so far
@@ -33,7 +33,7 @@ _ROWS = 3000  # that are fitted, evenly, of many
 _DIGITS = 1e4  # places a degree: coordinates that all are multiples may be equal by rounding
 
 
-def judge_solves(run):
+def check_solves(run):
     """Leave out what is no pointing of this mount, and see that the frame is what is said.
 
     Parameters
@@ -48,7 +48,7 @@ def judge_solves(run):
         False solves and copied solutions are in ``meta['excluded']``; their reasons, and what
         is new in ``meta['notes']``, are Findings. Where the solutions have a sigma of their own,
         `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
-        ``meta['of_solves']`` says that this was done.
+        ``meta['solves_checked']`` says that this was done.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def judge_solves(run):
     solved = solved.at(run.lines)
     meta = dict(run.meta)
     meta['notes'] = list(meta.get('notes', ()))
-    meta['of_solves'] = True
+    meta['solves_checked'] = True
     reasons = _false_rows(run, solved, meta['notes']) if len(run) >= FEW else {}
     keep = np.array([i not in reasons for i in range(len(run))], bool)
     meta['excluded'] = sorted(
@@ -173,10 +173,10 @@ def _of_one_mount(run):
     for zero_el in (lift, 0.0):
         reading = _vectors(run['az_enc'] - zero, run['el_enc'] - zero_el)
         turns = np.concatenate((np.eye(3)[None], _rotations(place[pairs], reading[pairs])))
-        scores = np.quantile(_apart(turns, place[rows], reading[rows]), _SHARE, axis=-1)
+        scores = np.quantile(_separations(turns, place[rows], reading[rows]), _SHARE, axis=-1)
         first = int(np.argmin(scores))
         if scores[first] < least:
-            best, least = _apart(turns[first], place, reading), scores[first]
+            best, least = _separations(turns[first], place, reading), scores[first]
     return None if best is None else best < max(_NEAR * least, _NEAR_LEAST)
 
 
@@ -186,17 +186,17 @@ def _vectors(az, el):
 
 def _rotations(before, after):
     """Rotations of pairs of directions, shape (t, 2, 3), to others; not of pairs too near."""
-    frames, apart = [], np.ones(len(before), bool)
+    frames, separate = [], np.ones(len(before), bool)
     for first, second in ((pair[:, 0], pair[:, 1]) for pair in (before, after)):
         normal = np.cross(first, second)
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        apart &= length[:, 0] >= 0.1
+        separate &= length[:, 0] >= 0.1
         normal = normal / np.where(length > 0.0, length, 1.0)
         frames.append(np.stack((first, normal, np.cross(first, normal)), axis=-1))
-    return (frames[1] @ frames[0].transpose(0, 2, 1))[apart]
+    return (frames[1] @ frames[0].transpose(0, 2, 1))[separate]
 
 
-def _apart(turn, place, reading):
+def _separations(turn, place, reading):
     """Angles between places as rotations (..., 3, 3) turn them and readings, shape (..., n)."""
     off = place @ np.swapaxes(turn, -1, -2) - reading
     return 2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(off, axis=-1), 0.0, 1.0))
@@ -243,7 +243,7 @@ def _check_frame(run, solved):
             f'places leave {best.rms_arcsec:.1f} arcsec. Nothing was concluded; '
             f'{_advice(run, best)}')
     if not solved.declared:
-        if -2 * len(run) * gain < _TOLD:
+        if -2 * len(run) * gain < _DECISIVE:
             raise _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
                               f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
         run.meta['notes'].append(Finding(
@@ -262,10 +262,11 @@ def _refuse_others(run, best):
 
 
 def _advice(run, fit):
-    return 'give degrees' if fit.what == 'hours' else f'declare {_said(run, fit.what)} if so it is'
+    return ('give degrees' if fit.what == 'hours' else
+            f'declare {_declaration(run, fit.what)} if so it is')
 
 
-def _said(run, frame):
+def _declaration(run, frame):
     """How a file says its frame."""
     return f'"frame: {frame}"' if run.meta.get('format') == 'images' else f'"# frame: {frame}"'
 
@@ -274,7 +275,7 @@ def _undeclared(run, why):
     where = 'in the YAML' if run.meta.get('format') == 'images' else 'above the header row'
     return ValueError(
         f'{run.meta.get("source", "the run")}: no frame of ra_deg, dec_deg is declared, and {why}; '
-        f'write {_said(run, "ICRS")} (or J2000, of date, ...) {where}')
+        f'write {_declaration(run, "ICRS")} (or J2000, of date, ...) {where}')
 
 
 def _fit_of(run, solved, frame, hours=False):
@@ -327,7 +328,7 @@ def _with_noise(run):
     if not run.meta.get('solver_sigma') or 'sigma_x' not in run or 'sigma_y' not in run:
         return run
     some = _some(run)
-    told, bare = some['sigma_x'], _bare(some)
+    given, bare = some['sigma_x'], _bare(some)
     for _ in range(2):
         try:
             fitted = fit_terms(bare)
@@ -335,15 +336,15 @@ def _with_noise(run):
             return run
         used = fitted.weights > 0.0
         inflate = np.sqrt(2.0 * used.sum() / max(2.0 * used.sum() - len(fitted.coefficients), 1.0))
-        extra = [_extra(inflate * r[used], told[used])
+        extra = [_extra(inflate * r[used], given[used])
                  for r in (fitted.residual_x, fitted.residual_y)]
-        bare = _bare(some, **{name: np.hypot(told, more)
+        bare = _bare(some, **{name: np.hypot(given, more)
                               for name, more in zip(('sigma_x', 'sigma_y'), extra)})
-    told = run['sigma_x']
-    columns = {name: np.hypot(told, more) for name, more in zip(('sigma_x', 'sigma_y'), extra)}
+    given = run['sigma_x']
+    columns = {name: np.hypot(given, more) for name, more in zip(('sigma_x', 'sigma_y'), extra)}
     out = PointingRun({**run.columns, **columns}, run.meta)
     out.meta['notes'] = [*run.meta['notes'], Finding('sigma of the solver', evidence={
-        'given_arcsec': (told.min() / ARCSEC, told.max() / ARCSEC),
+        'given_arcsec': (given.min() / ARCSEC, given.max() / ARCSEC),
         'scatter_arcsec': [more / ARCSEC for more in extra]})]
     return out
 

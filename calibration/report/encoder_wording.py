@@ -157,4 +157,4 @@ def cross_check_texts(findings, names):
     names : AxisNames
         Of the mount.
     """
-    return [names.say(KINDS[found.kind](found)) for found in findings]
+    return [names.translate(KINDS[found.kind](found)) for found in findings]

@@ -30,13 +30,13 @@ class ParameterCollector:
         self._node = node
         self._take = take
         self._known = {node.get_fully_qualified_name()}
-        self._asked = {}
+        self._queries = {}
 
     @property
     def awaited(self):
         """Names of the nodes whose answers are to come: a log that ends now has them not."""
-        return [name for name, asked in self._asked.items()
-                if not asked.ended and asked.steps < WAITED_FOR]
+        return [name for name, query in self._queries.items()
+                if not query.ended and query.steps < WAITED_FOR]
 
     def step(self):
         """Look for nodes that are new, and ask again where no answer came; call it now and then."""
@@ -44,10 +44,10 @@ class ParameterCollector:
             full = f'{namespace.rstrip("/")}/{name}'
             if full not in self._known and self._answers(name, namespace, full):
                 self._known.add(full)
-                self._asked[full] = _Asked(self._node, full, self._take)
-        for full, asked in list(self._asked.items()):
-            if not asked.step():
-                del self._asked[full]
+                self._queries[full] = _NodeQuery(self._node, full, self._take)
+        for full, query in list(self._queries.items()):
+            if not query.step():
+                del self._queries[full]
 
     def _answers(self, name, namespace, full):
         try:
@@ -58,7 +58,7 @@ class ParameterCollector:
         return {f'{full}/{verb}_parameters' for verb in ('list', 'describe', 'get')} <= there
 
 
-class _Asked:
+class _NodeQuery:
     """One node: what its parameters are called, what is said of them, what they are."""
 
     def __init__(self, node, name, take):

@@ -27,7 +27,7 @@ STOPPED_RECORD = 'telescope_mount_stopped'
 METADATA_PERIOD = 5.0
 
 
-class _Topic:
+class _WriterTopic:
     __slots__ = ('channel', 'type', 'qos', 'hash', 'definition', 'encoding', 'before', 'kept')
 
     def __init__(self, type_name, qos, hash_, definition, encoding):
@@ -248,7 +248,7 @@ class BagWriter:
         hash_ = type_hash(type_name) if hash_ is None else hash_
         if definition is None:
             definition = message_definition(type_name).encode()
-        entry = _Topic(type_name, qos, hash_, definition, encoding)
+        entry = _WriterTopic(type_name, qos, hash_, definition, encoding)
         self._guard(self._declare, topic, entry)
         self._topics[topic] = entry
 

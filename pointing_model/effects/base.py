@@ -77,7 +77,7 @@ class Effect:
     coefficient_names : tuple of str, length k
     of : callable
         `Context` -> list of k pairs (x, y); 0.0 is zero everywhere.
-    say : callable, optional
+    wording : callable, optional
         `Amount` -> what goes wrong, in a sentence without its full stop that needs no formula; by
         default the cause.
     shape : str
@@ -127,7 +127,7 @@ class Effect:
     axes: str
     coefficient_names: tuple
     of: Callable = field(compare=False, repr=False)
-    say: Callable | None = field(default=None, compare=False, repr=False)
+    wording: Callable | None = field(default=None, compare=False, repr=False)
     look_at: str = ''
     shape: str = ''
     summary: str = ''
@@ -173,7 +173,7 @@ class Effect:
 
     def clause(self, amount):
         """What goes wrong, for a night assistant, from its `Amount`; without a full stop."""
-        return self.say(amount) if self.say else self.cause[:1].upper() + self.cause[1:]
+        return self.wording(amount) if self.wording else self.cause[:1].upper() + self.cause[1:]
 
     @property
     def cause_summary(self):

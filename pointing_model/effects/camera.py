@@ -24,7 +24,7 @@ def _camera(of, most=None):
             x, y = np.clip(x, -most, most), np.clip(y, -most, most)
         return [(-y, x) if rotation else (x, y)]
 
-    def say(amount):
+    def wording(amount):
         value = amount.values[0]
         if rotation:
             return f'The camera is turned by {abs(np.degrees(value)):.2f}°'
@@ -34,7 +34,7 @@ def _camera(of, most=None):
                   'camera turned' if rotation else 'plate scale of the camera wrong',
                   '(-m_y, m_x)' if rotation else '(m_x, m_y)', 'miss_x', 'both',
                   ('angle' if rotation else 'scale',),
-                  columns, say,
+                  columns, wording,
                   'the angle of the camera on its flange' if rotation
                   else 'focal length and pixel size that the camera is reduced with',
                   'a part that is in proportion to the miss distance', '',

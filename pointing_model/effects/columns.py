@@ -26,7 +26,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
         u = progress(c, driver, origin, scale, within)
         return [(u, 0.0) if axis == 'az' and sky else on_axis(axis, u, c.trig.cos_el)]
 
-    def say(amount):
+    def wording(amount):
         value = amount.values[0]
         if driver == 'magnitude':
             return (f'Faint stars are centred {arcsec(value, True)} a magnitude beside bright ones '
@@ -45,7 +45,7 @@ def _proportional(axis, driver, origin=0.0, scale=1.0, pattern='sky', within=Non
     return Effect(f'{name}_{axis}' + ('' if sky or axis == 'el' else '_angle'),
                   f'{cause} ({names.word(axis)})',
                   ('' if sky or axis == 'el' else f'cos {names.letter("el")} x ') + driver, driver,
-                  axis, ('slope',), of, say, look_at,
+                  axis, ('slope',), of, wording, look_at,
                   f'a part in proportion to {the(driver)}', '',
                   f'arcsec/({scale:.4g} {driver})' if scale != 1.0 else f'arcsec/{driver}',
                   requires=(driver,), effort=1 if driver == 'pier_side' else 0)

@@ -59,7 +59,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
         u = progress(c, driver, origin, scale, within) ** power
         return [(x * u, y * u) for x, y in (terms[n].of(c.trig) for n in names)]
 
-    def say(amount):
+    def wording(amount):
         range_ = None if amount.span is None else amount.span[1] - amount.span[0]
         if square:
             text = f'{words} moves with {driver_word(driver)} along a curve'
@@ -83,7 +83,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
                   f'{what} moves with {driver_word(driver)}'
                   + (', quadratically' if square else ''),
                   f'{", ".join(names)} x {SYMBOLS.get(driver, driver)}' + ('^2' if square else ''),
-                  driver, axes, names, columns, say,
+                  driver, axes, names, columns, wording,
                   'what warms up or settles: encoder electronics, head and its bracket, pier, tube',
                   f'a slow change with {the(driver)}' + (', along a curve' if square else ''), '',
                   f'arcsec{UNITS.get(driver, f"/({scale:.4g})")}' + ('^2' if square else ''),
@@ -95,7 +95,7 @@ def _step(axis, at, driver='time', mount=USUAL):
     """A zero that jumps where the driver passes `at`."""
     names = KINDS[mount]
 
-    def say(amount):
+    def wording(amount):
         when = f' at {amount.clock(at)}' if amount.clock and driver == 'time' else ''
         return (f'The zero of the {names.shaft(axis)} jumped by '
                 f'{arcsec(amount.values[0], True)}{when}')
@@ -108,8 +108,8 @@ def _step(axis, at, driver='time', mount=USUAL):
                   driver, axis, ('step',),
                   lambda c: [on_axis(axis, np.where(np.isnan(c.get(driver)), np.nan,
                                                     1.0 * (c.get(driver) >= at)), c.trig.cos_el)],
-                  say, 'what happened then: a power-on, a slew at full speed, a bump; the coupling '
-                  'of the encoder, and its reference mark', 'a jump, once',
+                  wording, 'what happened then: a power-on, a slew at full speed, a bump; the '
+                  'coupling of the encoder, and its reference mark', 'a jump, once',
                   f'{names.word(axis)} zero jumped at once: lost counts, a slip, a reference mark '
                   'found anew',
                   requires=(driver,), scan=f'step_{axis}', effort=0)

@@ -31,7 +31,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
         # of azimuth: of the encoder's angle, x cos E on the sky; or of the line of sight
         return [(value, 0.0) if axis == 'az' else (0.0, value)]
 
-    def say(amount):
+    def wording(amount):
         value = amount.values[0]
         falling, rising = names.sides[axis != 'az']
         more, less = (rising, falling) if value > 0 else (falling, rising)
@@ -62,7 +62,7 @@ def _hysteresis(axis, shape='1', memory_deg=0.0, mount=USUAL):
                   + (f', reached within {memory_deg:g} degrees' if length else ''),
                   f'sign(approach{", fading over some degrees" if length else ""})'
                   + (' x cos E' if shape == 'cosE' else ''),
-                  f'approach_{axis}', axis, ('half_difference',), of, say,
+                  f'approach_{axis}', axis, ('half_difference',), of, wording,
                   f'preload of the {names.word(axis)} drive, its gear, and the coupling of the '
                   'encoder' + ', play of mirror cell and focuser' * ((axis, shape) == ('az', '1'))
                   + '; until then approach stars from one side', seen, summary,

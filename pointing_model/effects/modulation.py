@@ -20,13 +20,13 @@ def _changing(of, driver, origin=0.0, scale=1.0, within=None):
     def columns(c):
         return whole.columns(c) * progress(c, driver, origin, scale, within)
 
-    def say(_):
+    def wording(_):
         text = f'{readable(whole.name)}, not the same all the time: it changes with {with_}'
         return text[:1].upper() + text[1:]
 
     return Effect(f'{whole.name}_changing_with_{driver}', f'{whole.cause}; it changes with {with_}',
                   f'({whole.formula}) x {SYMBOLS.get(driver, driver)}', driver, whole.axes,
-                  whole.coefficient_names, columns, say,
+                  whole.coefficient_names, columns, wording,
                   f'{whole.look_at}; and what of it warms up, loosens or settles',
                   f'{whole.shape}, which changes with {with_}' if whole.shape else '',
                   f'{whole.cause_summary}; it changes with {with_}',

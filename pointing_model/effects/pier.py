@@ -38,13 +38,13 @@ def _by_side(of):
     def columns(c):
         return whole.columns(c) * c.get('pier_side')
 
-    def say(_):
+    def wording(_):
         text = f'{readable(whole.name)}, another amount on each side of the pier'
         return text[:1].upper() + text[1:]
 
     return Effect(f'{whole.name}_by_side', f'{whole.cause}; it differs by the side of the pier',
                   f'({whole.formula}) x side', whole.driver, whole.axes, whole.coefficient_names,
-                  columns, say,
+                  columns, wording,
                   f'{whole.look_at}; and what shifts when the tube goes over: mirror cell, '
                   'focuser, counterweight',
                   f'{whole.shape}, another on each side of the pier' if whole.shape else '',
@@ -100,7 +100,7 @@ def _by_counterweight(of, play):
         pull = c.get('counterweight')
         return whole.columns(c) * (np.sign(pull) if play else pull)
 
-    def say(_):
+    def wording(_):
         moves = 'has play, and lies over' if play else 'bends'
         return f'The first axis {moves} to where the counterweight hangs'
 
@@ -108,7 +108,7 @@ def _by_counterweight(of, play):
                   f'{whole.cause}; it changes with the pull of the counterweight'
                   + (', from one end of a play to the other' if play else ''),
                   f'({whole.formula}) x {"sign cos" if play else "cos"}(first angle)',
-                  'counterweight', whole.axes, whole.coefficient_names, columns, say,
+                  'counterweight', whole.axes, whole.coefficient_names, columns, wording,
                   'the bearings and the housing of the first axis, the balance about the second',
                   'a lean of the first axis that goes with the counterweight', '',
                   whole.unit, requires=('counterweight',))
@@ -136,7 +136,7 @@ def _polynomial(result, of, power, mount='equatorial'):
 
     where = f'{names.word(word)}{" on the sky" if result == "sky" else ""}'
 
-    def say(amount):
+    def wording(amount):
         slope = float(amount.values[0])
         moves = 'falls' if slope < 0.0 else 'grows'
         if k == 2:
@@ -151,7 +151,7 @@ def _polynomial(result, of, power, mount='equatorial'):
                   f'{names.word(of)}',
                   f'{names.letter(of)}{"^2" if k == 2 else ""} in {where}', names.key(of),
                   word, ('slope',), columns,
-                  say,
+                  wording,
                   f'the steps or lines in a turn of the {names.shaft(word)} that are set, and '
                   f'what bends as the {names.shaft(of)} turns',
                   f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',

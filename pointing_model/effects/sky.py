@@ -97,14 +97,14 @@ def _latitude():
 def _latency(mount=USUAL):
     exactly = 'IA + AW' if KINDS[mount].vertical else 'IH'
 
-    def say(amount):
+    def wording(amount):
         word = 'late' if amount.values[0] > 0 else 'early'
         return f'Angles are read or stamped {abs(amount.values[0]):.3f} s too {word}'
 
     return Effect('latency', 'angles read or stamped too late (or early)',
                   '(azimuth rate x cos E, elevation rate) x delay', 'az_rate', 'both', ('delay',),
                   lambda c: [(c.get('az_rate') * c.trig.cos_el / ARCSEC,
-                              c.get('el_rate') / ARCSEC)], say,
+                              c.get('el_rate') / ARCSEC)], wording,
                   'where the time stamp is taken: at the latch of the encoder, or after the bus',
                   'a part that is in proportion to the speed of the axes',
                   unit='s', requires=('az_rate', 'el_rate'), effort=0,

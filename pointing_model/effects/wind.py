@@ -14,7 +14,7 @@ def _bent_to_one_side():
     def of(c):
         return [tuple(np.sum(axis * t, axis=0) for t in c.tangent()) for axis in (_EAST, _NORTH)]
 
-    def say(amount):
+    def wording(amount):
         east, north = amount.values
         toward = np.arctan2(east, north) / DEG % 360.0
         return (f'The tube is bent by up to {arcsec(float(np.hypot(east, north)))} toward azimuth '
@@ -23,7 +23,7 @@ def _bent_to_one_side():
     return Effect('bent_to_one_side',
                   'the tube is bent toward one direction of the horizon',
                   'the part across the line of sight of a dipole fixed to the horizon', 'azimuth',
-                  'both', ('east', 'north'), of, say,
+                  'both', ('east', 'north'), of, wording,
                   'steady wind on tube and dome slit, a cable that pulls',
                   'a pull toward one direction of the horizon')
 

@@ -31,8 +31,8 @@ TURN_RATE = 2.0 * np.pi * 1.00273781191135448 / DAY  # Earth rotation, rad per s
 RATE_WALK = 0.085  # s, growing with years^1.45: measured on C04, see above
 LEAP_SECONDS = 0.52  # s, standard deviation of a value anywhere within +-0.9 s
 LEAP_SECONDS_END = 64328.0  # MJD of 2035-01-01 (CGPM 2022, resolution 4)
-POLE_WANDER = 0.12 * ARCSEC  # rms about the secular pole, one coordinate
-POLE_MEMORY = 60.0  # days in which the pole forgets where the table ended
+POLAR_MOTION = 0.12 * ARCSEC  # rms about the secular pole, one coordinate
+POLAR_MOTION_MEMORY = 60.0  # days in which the pole forgets where the table ended
 # tides within a day are in neither table (IERS Conventions 2010, ch. 5 and 8)
 TIDES_UT1 = 3e-5  # s
 TIDES_POLE = 2e-4 * ARCSEC
@@ -156,7 +156,7 @@ def earth_orientation(time):
         t = flat[early]
         pole = _secular_pole(t)
         sigma = np.where(t >= _MJD_1960, 0.1, 0.5)
-        out[:, early] = 0.0 * t, *pole, sigma, np.full(t.size, POLE_WANDER)
+        out[:, early] = 0.0 * t, *pole, sigma, np.full(t.size, POLAR_MOTION)
         source[early] = 4
     if np.any(known):
         t = flat[known]
@@ -200,9 +200,9 @@ def extrapolate(mjd, rows):
     ut1_tai = level[-1] + rate * (mjd - rows[0, -1]) - _seasonal(mjd)
     # the table's end may be a prediction: its error and that of its rate come along
     sigma = rows[4, -1] * (1.0 + 2.0 * years) + RATE_WALK * years**1.45
-    memory = np.exp((rows[0, -1] - mjd) / POLE_MEMORY)
+    memory = np.exp((rows[0, -1] - mjd) / POLAR_MOTION_MEMORY)
     pole = _secular_pole(mjd) + (rows[2:4, -1:] - _secular_pole(rows[0, -1:])) * memory
-    sigma_pole = np.sqrt(rows[5, -1] ** 2 + POLE_WANDER**2 * (1.0 - memory**2))
+    sigma_pole = np.sqrt(rows[5, -1] ** 2 + POLAR_MOTION**2 * (1.0 - memory**2))
     return np.stack([ut1_tai, *pole, sigma, sigma_pole])
 
 

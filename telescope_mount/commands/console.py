@@ -97,7 +97,7 @@ class ProgressLine:
                 self._began = text, self._last, done
             self._show()
         if self._console is not None and not (sys.stderr.isatty() or sys.stdout.isatty()):
-            self._tell(text, done, total)
+            self._print_progress(text, done, total)
 
     def aside(self, for_good=False):
         """Take the line away; it comes again after a while, unless `for_good`."""
@@ -184,7 +184,7 @@ class ProgressLine:
         self._bar.update(self._bar.task_ids[0], description=text, completed=done if known else 0,
                          count=f'{done} of {total} {self._unit}' if known else '')
 
-    def _tell(self, text, done, total):
+    def _print_progress(self, text, done, total):
         now = time.monotonic()
         # before the first line of a step nothing is counted: that says nothing
         if total is not None and (text != self._last_text or now >= self._next):

@@ -57,16 +57,16 @@ def run(args):
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
-    of_server = is_server(args.mount or '')
+    by_server = is_server(args.mount or '')
     for name, value, usual in (
             ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
                                                    'incremental'), ('date', args.date, '')) \
-            if of_server else (('camera', args.camera, ''), ('driver', args.driver, []),
+            if by_server else (('camera', args.camera, ''), ('driver', args.driver, []),
                                ('exposure', args.exposure, 1.0), ('anew', args.anew, False)):
         if value != usual:
             raise ValueError(f'--{name} is for the simulated mount; leave it out with --mount '
-                             f'{args.mount.partition(":")[0]}:...' if of_server else
+                             f'{args.mount.partition(":")[0]}:...' if by_server else
                              f'--{name} is for a mount of a server; give it with --mount '
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
@@ -84,9 +84,9 @@ def run(args):
             mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
             time_scale=args.time_scale,
             params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, say=hold_up, track=track,
-            apart=discrimination, note=console.print, of_server={
+            calibration=calibration, progress=progress, hold_up=hold_up, track=track,
+            discrimination=discrimination, note=console.print, server_options={
                 'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
-                'exposure': args.exposure} if of_server else None)
+                'exposure': args.exposure} if by_server else None)
     print_calibration(console, report)
     return end_of_night(console, args.json, report)

@@ -55,7 +55,7 @@ def run(args):
             sky=options.sky_of(args), absolute_encoder=args.absolute_encoder,
             inclinometer=args.inclinometer, exposure=args.exposure, anew=args.anew,
             reference=args.reference, domain_number=args.domain, params_file=args.params,
-            progress=progress, say=hold_up,
+            progress=progress, hold_up=hold_up,
             note=console.print)
     print_calibration(console, report)
     return end_of_night(console, args.json, report)

@@ -36,9 +36,9 @@ def run(args):
     if args.reference is not None:
         from pointing_model.model import PointingModel
         PointingModel.load(args.reference)
-    asked = args.harmonics or args.harmonics_alone or args.harmonics_degree
+    given = args.harmonics or args.harmonics_alone or args.harmonics_degree
     args.harmonics = args.harmonics or 'none'
-    harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if asked else None
+    harmonics = {'harmonics': 'none', **options.harmonics_of(args)} if given else None
     console = new_console()
     with ProgressLine(unit='rows') as progress:
         report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.save,

@@ -7,7 +7,7 @@ from contextlib import closing, suppress
 from . import options
 
 #: s in which a graph is found, and in which its nodes have told all once they were
-FOUND, TOLD = 10.0, 2.0
+FOUND, COMPLETE = 10.0, 2.0
 #: s between two pictures, of which so many are spent on taking messages
 PICTURE, TAKING = 0.25, 0.05
 
@@ -74,7 +74,7 @@ def _graph(args):
         if args.once or args.json or not sys.stdout.isatty():
             if not graph.spin_until(lambda: messages.any, FOUND):
                 raise ValueError(f'nothing is said in {args.namespace}{graph.where_else()}')
-            graph.spin_for(TOLD)
+            graph.spin_for(COMPLETE)
             _print_state(args, messages.state(time.monotonic()))
         else:
             _dashboard(graph, messages)
@@ -96,11 +96,11 @@ def listen(graph, source, namespace):
     """
     from msg_tools import topics
 
-    from ..dashboard.graph_state import HEARD, LastMessages
+    from ..dashboard.graph_state import SUBSCRIBED, LastMessages
     messages = LastMessages(source, namespace)
     # of a thousand readings a second the last is enough, and a clock is as fast
     latest = topics.make_qos(1, reliable=False)
-    for topic in HEARD:
+    for topic in SUBSCRIBED:
         fast = topic in (topics.INCREMENTAL, topics.ABSOLUTE, topics.CLOCK, topics.REQUEST)
         graph.node.create_subscription(
             topic.message, topic.name,

@@ -25,7 +25,7 @@ LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE
         topics.MISS_DISTANCE, topics.AMBIENT, topics.OBSERVATIONS, topics.OBSERVER_STATUS,
         topics.ZERO, topics.ACTIVE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
 #: all that is listened to
-HEARD = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
+SUBSCRIBED = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
 #: s by which readings of the two encoders may differ, and be compared by their rates
 LARGEST_DELAY = 0.5
 #: s without a report after which a node is called silent; each reports once a second

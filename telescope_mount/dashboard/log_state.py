@@ -4,7 +4,7 @@ from collections import deque
 
 from msg_tools import topics
 
-from .graph_state import HEARD, STARS, LastMessages, full_name
+from .graph_state import STARS, SUBSCRIBED, LastMessages, full_name
 
 
 def of_log(bag, namespace, end=None):
@@ -28,8 +28,8 @@ def of_log(bag, namespace, end=None):
         It holds no topic of such a graph.
     """
     before = 2**63 - 1 if end is None else end + 1
-    types = {full_name(namespace, topic): topic.type for topic in HEARD}
-    names = {full_name(namespace, topic): topic.name for topic in HEARD}
+    types = {full_name(namespace, topic): topic.type for topic in SUBSCRIBED}
+    names = {full_name(namespace, topic): topic.name for topic in SUBSCRIBED}
     there = {topic.name for topic in bag.topics
              if topic.count and types.get(topic.name) == topic.type}
     if not there & {name for name in names if name.startswith(f'{namespace}/')}:

@@ -37,7 +37,7 @@ STARTS = 5.0
 #: of the supervisor's sentence about axes that are not where they were sent
 ASTRAY = 'look at its drive and encoder'
 #: s in which drivers take the last command
-HEARD = 0.3
+DELIVERED = 0.3
 LEVELS = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
 
 
@@ -270,7 +270,7 @@ class MountGuard(ManagedNode):
         """Have a mount that is led somewhere stop: this process ends, and the mount may not."""
         if self.active and not self._whole and self._supervisor.state in LEADING:
             self._do('', self._supervisor.abort)
-            self._command_pub.wait_for_all_acked(Duration(seconds=HEARD))
+            self._command_pub.wait_for_all_acked(Duration(seconds=DELIVERED))
 
     # --- services -----------------------------------------------------------------------------
 

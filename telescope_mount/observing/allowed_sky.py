@@ -20,7 +20,7 @@ TRAVEL = 'first_travel_deg', 'second_travel_deg'
 #: without which nobody knows where a limit in the sky is
 PLACE = 'latitude_deg', 'longitude_deg'
 #: sites that differ by less are one, deg
-APART = 0.01
+SAME_SITE = 0.01
 _TURN = 2.0 * np.pi
 
 
@@ -48,7 +48,7 @@ def rows_of(limits):
 def _elsewhere(rows, site):
     ours = site.latitude / DEG, site.longitude / DEG
     theirs = tuple(float(rows.get(name, own)) for name, own in zip(PLACE, ours))
-    if abs(ours[0] - theirs[0]) < APART and abs(wrap((ours[1] - theirs[1]) * DEG)) < APART * DEG:
+    if max(abs(ours[0] - theirs[0]), abs(wrap((ours[1] - theirs[1]) * DEG)) / DEG) < SAME_SITE:
         return ''
     return (f'the guard takes the mount to be at {theirs[0]:.4f}, {theirs[1]:.4f} deg, not at '
             f'{ours[0]:.4f}, {ours[1]:.4f}: give both one site (under /**: in the parameter file)')

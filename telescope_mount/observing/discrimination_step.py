@@ -20,7 +20,7 @@ def distinguish_causes(night, step):
     Parameters
     ----------
     night : NightSteps
-    step : plan.Step
+    step : plan.PlanStep
 
     Returns
     -------
@@ -39,7 +39,7 @@ def distinguish_causes(night, step):
         if night.wanted is None:  # the calibration was started anew
             yield from night.new_model('diagnose')
             continue
-        state, request = night.wanted.says, night.wanted.request or {}
+        state, request = night.wanted.sentence, night.wanted.request or {}
         wait = request.get('after_hours') or 0.0
         pair = bool(request.get('before'))
         if not request or taken + pair >= step.count or wait > hours:

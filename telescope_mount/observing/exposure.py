@@ -27,7 +27,7 @@ WORSE = 1.2
 #: as far as can be from the axes and their middles, where one that is mirrored would be right
 BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
 #: rows by which the camera is judged, and their columns
-LAST, JUDGED = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
+LAST, CAMERA_COLUMNS = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
 #: after so long a commanded axis moves, s
@@ -185,7 +185,7 @@ class Exposer:
         """Say so where the last rows are of a camera that was turned; who fits knows it of them."""
         rows = [own for own in (*self._table.rows_from(-LAST), row) if own['star'] >= 0]
         wrong, sense = turned_rows(PointingRun(
-            {name: np.array([own[name] for own in rows]) for name in JUDGED},
+            {name: np.array([own[name] for own in rows]) for name in CAMERA_COLUMNS},
             {} if self._out.mount().vertical else {'mount': self._out.mount()}))
         if len(wrong) and wrong[-1]:
             self._instruments.health.turned(CAMERA, int(wrong.sum()), sense)

@@ -44,7 +44,7 @@ _MINUTES = 60
 
 
 @dataclass(frozen=True)
-class Step:
+class PlanStep:
     """One step: its verb, its count (0 for a verb without one), and what it switches.
 
     `what` is '' for `power_cycle` alone, which is that of the incremental encoder; of `track` the
@@ -96,7 +96,7 @@ def parse_plan(text):
 
     Returns
     -------
-    list of Step
+    list of PlanStep
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _step(text):
         raise ValueError(f'plan step {verb} takes no count')
     given = found.groupdict() if found else {}
     count = int(given.get('count') or _MINUTES * (verb == 'track'))
-    step = Step(verb, count, (given.get('what') or '').replace('incremental', ''))
+    step = PlanStep(verb, count, (given.get('what') or '').replace('incremental', ''))
     if not found or ('count' in given and not 1 <= count <= 100000) or (
             verb == 'track' and not 0.0 < step.goal <= 3600.0):
         raise ValueError(f'plan step {text!r}: write {verb}{how}')

@@ -97,7 +97,7 @@ class StarObserver(MountNode):
         self._calibration_since = None  # there and silent, wall s
         self.subscribe(topics.CALIBRATION_STATUS, self._on_calibration)
         self.subscribe(topics.CALIBRATION_TABLE, self._on_given_back)
-        self.subscribe(topics.DISCRIMINATION, self._on_apart)
+        self.subscribe(topics.DISCRIMINATION, self._on_discrimination)
         self._wanted_nodes = [name for name in self.value('wait_for_nodes') if name]
         self._reports = self.graph_reports() if self._wanted_nodes else {}
         self.serve('observe', partial(self._observe, False), once=True)
@@ -226,7 +226,7 @@ class StarObserver(MountNode):
         self._take_up()
         self._sequencer.calibration_has(taken)
 
-    def _on_apart(self, message):
+    def _on_discrimination(self, message):
         self._sequencer.take_request(StarRequest.read(message.data))
 
     def _on_given_back(self, message):

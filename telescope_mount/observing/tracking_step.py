@@ -22,7 +22,7 @@ def hold_error(night, step):
     Parameters
     ----------
     night : NightSteps
-    step : plan.Step
+    step : plan.PlanStep
 
     Returns
     -------

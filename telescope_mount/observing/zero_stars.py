@@ -86,7 +86,7 @@ def exposure_noise(up):
     return 1.0 / np.sqrt(np.maximum(np.sin(up), 0.05))
 
 
-class _Design:
+class _NormalMatrices:
     """Normal matrices of (zeros now, zeros before, held directions) in seconds of arc."""
 
     def __init__(self, held, before=None, change_too=False):
@@ -178,7 +178,7 @@ def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
         Of both axes (the coordinate angle), radians.
     """
     what = Held(model, mount) if held else Held.certain(mount if model is None else model.mount)
-    design = _Design(what, before)
+    design = _NormalMatrices(what, before)
     return design.sigma(design.base + design.information(az, el, 0))
 
 
@@ -217,7 +217,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
     """
     if not len(az):
         raise ValueError('no star to set a zero by')
-    design = _Design(Held(model, mount), before, change_too=not is_a_model(model))
+    design = _NormalMatrices(Held(model, mount), before, change_too=not is_a_model(model))
     columns = design.columns(az, el)
     # twice each, so that their scatter tells the noise
     most = min(most, max(n // 2, 1), len(az))

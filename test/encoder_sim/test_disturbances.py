@@ -22,7 +22,7 @@ from encoder_sim.seeing import (
     AirLayers,
     Seeing,
     SlowNoise,
-    WanderingRefraction,
+    TurbulentRefraction,
     airmass,
     ar_noise,
     motion_sigma,
@@ -315,7 +315,7 @@ def test_the_camera_has_the_noise_of_the_seeing(sky):
 def test_refraction_about_layers_that_lean(sky):
     az, el, _ = sky
     constant, lean = 55.0 * ARCSEC, np.array([0.004, -0.003])
-    air = WanderingRefraction(AirLayers(lean=1.0 * DEG), constant, 1)
+    air = TurbulentRefraction(AirLayers(lean=1.0 * DEG), constant, 1)
     size = 1.0 * DEG
     air._lean = [type('Lean', (), {'at': staticmethod(lambda t, v=v: np.full(len(t), v / size))})
                  for v in lean]

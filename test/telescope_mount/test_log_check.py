@@ -25,7 +25,7 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from telescope_mount.cli import main
-from telescope_mount.log_check import _calibrate, _Rows, verify_log
+from telescope_mount.log_check import _calibrate, _LoggedRows, verify_log
 from telescope_mount.log_comparison import LogComparison
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
@@ -247,7 +247,7 @@ def test_command(night, tmp_path, capsys):
 
 def session_of(run, upto):
     """A calibration, and the rows of a log, that have taken the first of `run`."""
-    session, rows = CalibrationState(), _Rows()
+    session, rows = CalibrationState(), _LoggedRows()
     more(session, rows, run, upto)
     return session, rows
 

@@ -10,7 +10,7 @@ from msg_tools.status_rows import Progress
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount import whole_night as night
-from telescope_mount.bridges.alpaca.simulator import SimulatedTelescope
+from telescope_mount.bridges.alpaca.alpaca_simulator import SimulatedTelescope
 from telescope_mount.bridges.indi.indi_server import SIMULATOR
 from telescope_mount.bridges.indi.two_axes import TwoAxes
 from telescope_mount.night_files import Written
@@ -105,7 +105,7 @@ def test_the_plan_is_one_power_on_with_blind_stars():
     assert verbs == ['home', 'stars', 'fit', 'check', 'diagnose', 'check', 'judge']
     verbs = [step.verb for step in parse_plan(server_plan(16, 'track 2arcsec 30'))]
     assert verbs == ['home', 'stars', 'fit', 'check', 'track', 'check']
-    verbs = [step.verb for step in parse_plan(server_plan(16, apart='tell_apart 15'))]
+    verbs = [step.verb for step in parse_plan(server_plan(16, discrimination='tell_apart 15'))]
     assert verbs == ['home', 'stars', 'fit', 'check', 'diagnose', 'tell_apart', 'check', 'judge']
 
 

@@ -32,15 +32,15 @@ class Watched:
 
 def says(statuses, monkeypatch, log='', **graph):
     """What is printed, in order."""
-    monkeypatch.setattr(night, 'SAID_AFTER', -1.0)
+    monkeypatch.setattr(night, 'REPORTED_AFTER', -1.0)
     out = []
     watched = Watched([(level, text, Progress(**progress), more)
                        for level, text, progress, more in statuses], **graph)
     watched.reports.take(SimpleNamespace(status=[SimpleNamespace(
         name='/mount/mcap_logger', level=b'\2' if log else b'\0', message=log, values=[])]))
     night._watch(watched, SimpleNamespace(check=lambda: None, stopped=dict), 'stars 4',
-                 lambda *_: None, stall=night.STALL, say=lambda text: out.append(text or 'goes on'),
-                 note=out.append)
+                 lambda *_: None, stall=night.STALL, note=out.append,
+                 hold_up=lambda text: out.append(text or 'goes on'))
     return out
 
 

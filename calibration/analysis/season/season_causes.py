@@ -153,7 +153,7 @@ def candidates(season, day, declared=()):
     return out
 
 
-def choose_causes(terms, asked, alpha=ALPHA):
+def choose_causes(terms, candidates, alpha=ALPHA):
     """Add causes one after the other while each is beyond chance.
 
     Parameters
@@ -170,28 +170,29 @@ def choose_causes(terms, asked, alpha=ALPHA):
         With them, by REML.
     """
     n, k = terms.values.shape
-    found, asked = [], list(asked)
+    found, candidates = [], list(candidates)
     variation, base = fit_variation(terms, restricted=False)
     # a step by each of its dates, all else by itself: as many chances as were asked
-    while asked and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
+    while candidates and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
         best = None
         # what was declared stands before the steps, and one at its date says the same
-        for number in sorted(_likely(terms, asked, variation)):
-            cause = asked[number]
+        for number in sorted(_likely(terms, candidates, variation)):
+            cause = candidates[number]
             with_it = _with(terms, [cause])
             new, value = fit_variation(with_it, variation, restricted=False)
             p = _chance(2.0 * (value - base), cause.columns(k).shape[2], n,
-                        _held(found, cause.terms)) * len(asked)
+                        _held(found, cause.terms)) * len(candidates)
             if best is None or p < _BETTER * best[0]:
                 best = p, [(cause, p)], with_it, new, value
         if best is None or best[0] >= alpha:
-            best = _together(terms, found, asked, variation, base, alpha)
+            best = _together(terms, found, candidates, variation, base, alpha)
         if best is None or best[0] >= alpha:
             break
         _, more, terms, variation, base = best
         for cause, p in more:
             found.append(SeasonChoice(cause, min(p, 1.0)))
-            asked = [other for other in asked if other is not cause and not _alike(other, cause)]
+            candidates = [other for other in candidates
+                      if other is not cause and not _alike(other, cause)]
     return found, fit_variation(terms, variation)[0]
 
 
@@ -200,7 +201,7 @@ def _with(terms, causes):
     return terms.with_columns([cause.columns(terms.values.shape[1]) for cause in causes])
 
 
-def _together(terms, found, asked, variation, base, alpha):
+def _together(terms, found, candidates, variation, base, alpha):
     """Steps of one term that hide one another: with one taken the walk still has the others.
 
     So they are taken one after the other, each where it gains most, and judged together: by F with
@@ -229,7 +230,7 @@ def _together(terms, found, asked, variation, base, alpha):
     walks = (variation.walk**2 * np.median(np.diff(terms.days))
              > _HIDES * variation.scatter**2)
     for term in np.flatnonzero(walks):
-        steps = [cause for cause in asked if cause.kind == 'step' and cause.terms == (term,)]
+        steps = [cause for cause in candidates if cause.kind == 'step' and cause.terms == (term,)]
         taken = [entry.cause.first for entry in found
                  if entry.cause.kind == 'step' and term in entry.cause.terms]
         held = _held(found, (term,))
@@ -248,7 +249,7 @@ def _together(terms, found, asked, variation, base, alpha):
                 comb(len(steps), count))
             if best is None or p < best[0]:
                 best = p, chosen, here, held
-    return None if best is None else _each(terms, *best, base, len(asked), alpha)
+    return None if best is None else _each(terms, *best, base, len(candidates), alpha)
 
 
 def _held(found, terms):
@@ -300,18 +301,18 @@ def _step_gains(terms, variation):
     return jump_gains(terms.forward(*np.square(variation)))
 
 
-def _likely(terms, asked, variation):
+def _likely(terms, candidates, variation):
     """Numbers of the candidates that promise most while walk and scatter stay."""
     n, k = terms.values.shape
     gains = _step_gains(terms, variation)
-    chances = np.ones(len(asked))
+    chances = np.ones(len(candidates))
     rest = []  # all but the steps, of which there is one for each term and night
-    for number, cause in enumerate(asked):
+    for number, cause in enumerate(candidates):
         if cause.kind == 'step':
             chances[number] = _chance(gains[cause.first, cause.terms[0]], 1, n)
         else:
             rest.append(number)
-    columns = [asked[number].columns(k) for number in rest]
+    columns = [candidates[number].columns(k) for number in rest]
     passed = terms.with_columns(columns).forward(*np.square(variation))
     first = k + terms.columns.shape[2]
     ends = first + np.cumsum([0, *(c.shape[2] for c in columns)])

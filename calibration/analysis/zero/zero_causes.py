@@ -29,7 +29,7 @@ COVARIATES = {
     'hours': ('h', 0.1),
     'side': ('side', 0.1),
 }
-CAUSE, UNDECIDED, NOTHING = 'cause', 'undecided', 'nothing'
+CAUSE, INCONCLUSIVE, NOTHING = 'cause', 'undecided', 'nothing'
 #: unknown in more of the nights than this share, a covariate is not tried
 _UNKNOWN = 0.3
 
@@ -216,7 +216,7 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
     for axis, name in enumerate(AXES):
         axes[name] = _axis(axis, found, lines and lines[axis], used, names, enough, errors)
     verdicts = [axis['verdict'] for axis in axes.values()]
-    verdict = next((v for v in (CAUSE, UNDECIDED) if v in verdicts), NOTHING)
+    verdict = next((v for v in (CAUSE, INCONCLUSIVE) if v in verdicts), NOTHING)
     out = {
         'verdict': verdict, 'nights': len(used), 'alpha': alpha,
         'left_out': sorted({int(r) for r in season.run} - {int(r) for r in used.run}),
@@ -240,7 +240,7 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
 def _axis(axis, found, line, used, names, enough, errors):
     """What is said of one axis; see `zero_causes`."""
     causes, alike, trend = (part[axis] for part in (found.causes, found.alike, found.trend))
-    verdict = CAUSE if causes else UNDECIDED if alike or trend else NOTHING
+    verdict = CAUSE if causes else INCONCLUSIVE if alike or trend else NOTHING
     known = line is not None and line.dof > 0
     tested = enough and names
     out = {

@@ -34,7 +34,7 @@ def observe_places(path, table, weather, origin, mount):
     if 'ra_deg' not in columns:
         return
     given_longitude = 'longitude' in known_site(meta)
-    site = _whole_site(path, meta, meta.get('clock_tells'))
+    site = _whole_site(path, meta, meta.get('sidereal_clock'))
     if not meta.get('time_is_utc', True):
         raise ValueError(f'{path}: ra_deg, dec_deg need time in UTC: ISO 8601, or seconds since '
                          '1970-01-01')
@@ -43,8 +43,8 @@ def observe_places(path, table, weather, origin, mount):
     declared, of_images = meta.pop('sky_frame', None), are_images(table)
     frame, by_fit = declared or ICRS, 'equinox' in meta
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
-    if 'lst_told' in columns:
-        columns['lst_h'] = columns.pop('lst_told') * (12.0 / np.pi)
+    if 'lst_given' in columns:
+        columns['lst_h'] = columns.pop('lst_given') * (12.0 / np.pi)
         known = np.isfinite(columns['lst_h'] + time)
         time = np.where(known, 0.0, np.nan)
         time[known] = moment_of(columns['lst_h'][known] * (np.pi / 12.0),
@@ -129,7 +129,7 @@ def _note_clock(meta, site):
         '(--longitude)'))
 
 
-def _whole_site(path, meta, clock_tells):
+def _whole_site(path, meta, sidereal_clock):
     """The site with everything that a place of the sky needs.
 
     Raises
@@ -138,7 +138,7 @@ def _whole_site(path, meta, clock_tells):
         It is not told.
     """
     given = known_site(meta)
-    needed = ('latitude',) if clock_tells else ('latitude', 'longitude')
+    needed = ('latitude',) if sidereal_clock else ('latitude', 'longitude')
     missing = [name for name in needed if name not in given]
     if missing:
         raise ValueError(f'{path}: right ascensions need the site, and its '

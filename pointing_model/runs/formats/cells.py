@@ -10,8 +10,8 @@ import re
 
 import numpy as np
 
-from .rows import Rows, is_number
 from .run_table import content
+from .text_rows import TextRows, is_number
 
 _BLOCK = 5000  # lines that are split at a time
 MOST_COLUMNS = 1000  # no program writes so many; ten thousand take minutes
@@ -21,7 +21,7 @@ _FORMULA = re.compile(r"[\s']*[=+\-@\t\r＝＋－＠]")
 _CONTROL = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]')
 
 
-class Cells(Rows):
+class Cells(TextRows):
     """A table with a header row.
 
     Attributes

@@ -222,7 +222,7 @@ def derive_approach(table):
         angle = np.where(np.isfinite(angle), angle, np.nan)
         move = np.diff(angle[order], prepend=np.nan)
         if axis == 'az':
-            whole_path = _tells_the_turn(table, angle)
+            whole_path = _reads_past_a_turn(table, angle)
             move = move if whole_path else wrap(move)
         move[new_run] = np.nan
         columns[name] = np.empty(len(order))
@@ -257,7 +257,7 @@ def _new_runs(columns, order):
     return new
 
 
-def _tells_the_turn(table, reading):
+def _reads_past_a_turn(table, reading):
     """Whether azimuths read beyond 0..360 as well as -180..180, by more than their offsets."""
     sound = table.reasons == 0
     if not table.meta.get('raw_reading', True) or not sound.any():

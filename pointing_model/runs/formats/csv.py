@@ -14,14 +14,14 @@ from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
 from .column_names import near_column
 from .declarations import NUMBERS, declarations
-from .rows import CLOCK, UNKNOWN, decimal_points, is_number
 from .run_table import RunFormat, Table, content
+from .text_rows import CLOCK, UNKNOWN, decimal_points, is_number
 
 CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_told'})
+CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_given'})
 #: of other mounts: their columns, those of a place of the horizon, and the side of the pier
 _HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
-_OTHERS = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_told'},
+_OTHERS = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_given'},
                     **{column_name(name, names): name for name in COLUMNS},
                     'pier_side': 'pier_side'})
            for names in KINDS.values() if not (names.vertical or names.two_sided)]

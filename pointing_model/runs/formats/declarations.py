@@ -33,7 +33,7 @@ def declarations(path, lines):
     Returns
     -------
     dict
-        For ``meta``: ``mount_told``, ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict,
+        For ``meta``: ``mount_declared``, ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict,
         SI), as far as they are declared; ``notes`` of images that were not solved, and of keys
         that look like a mistyped one. Other comments are free.
 
@@ -89,7 +89,7 @@ def declare(out, key, value, where):
         As `declarations`.
     """
     if key == 'mount':
-        out['mount_told'] = str(value)
+        out['mount_declared'] = str(value)
         return
     if key == 'frame':
         try:

@@ -10,8 +10,8 @@ from pointing_model.mounts import ALTAZ, Mount, sides
 from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
 from pointing_model.runs.run import REQUIRED
 
-from .rows import WordRows, is_number, usual_width
 from .run_table import Table
+from .text_rows import WordRows, is_number, usual_width
 
 #: numbers of catalogue right ascension and declination, those of the telescope, sidereal time
 PLACES = 14
@@ -76,11 +76,11 @@ def read_exported(path, body, meta, options=(), altaz=False):
             rows, name, [row[at:at + count] for row in rows.cells])
     day = (np.datetime64(meta['date'], 's') - _EPOCH).astype(float)
     lst = angles['sidereal time']
-    meta.update(equinox=None, clock_tells=True)
+    meta.update(equinox=None, sidereal_clock=True)
     if moving:
         _move(rows, angles, day, options, meta)
     meta['time_note'] = 'time: made from the sidereal time of each row and the date of the file'
-    columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_told': lst,
+    columns = {'ra_deg': angles['ra'], 'dec_deg': angles['dec'], 'lst_given': lst,
                'time': np.full(len(lst), day + 43200.0)}
     first = np.remainder(lst - angles['ra of the telescope'] + 180.0, 360.0) - 180.0
     second = angles['dec of the telescope']
@@ -92,7 +92,7 @@ def read_exported(path, body, meta, options=(), altaz=False):
     else:
         columns['az_enc'], columns['el_enc'] = first, second
         beyond = np.abs(second) > 90.0
-        meta['mount_told'] = 'german' if beyond.any() else 'equatorial'
+        meta['mount_declared'] = 'german' if beyond.any() else 'equatorial'
     if 'NODA' in options:
         meta['notes'].append('option NODA changes nothing here: the places have the diurnal '
                              'aberration (0.32 arcsec at most)')
@@ -202,7 +202,7 @@ def read_short(path, body, meta):
     rows.same_width(4, 'numbers', 'four are read (hour angle and declination, true and of the '
                     'mount)')
     columns = {name: rows.floats(name, rows.column(i)) for i, name in enumerate(REQUIRED)}
-    meta['mount_told'] = 'german' if (np.abs(columns['el_enc']) > 90.0 + 5.0).any() \
+    meta['mount_declared'] = 'german' if (np.abs(columns['el_enc']) > 90.0 + 5.0).any() \
         else 'equatorial'
     meta['notes'].append(f'hour angle and declination, in degrees, at latitude '
                          f'{meta["site"]["latitude"] / DEG:.6g}')

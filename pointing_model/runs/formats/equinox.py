@@ -56,20 +56,20 @@ def which_fits(table, rows, icrs, of_date, mount):
     reading = np.array([table.columns[name][rows] for name in ('az_enc', 'el_enc')])
     ra, dec, time, *air = of_date
     time = np.broadcast_to(time, np.shape(ra))
-    ways = {J2000: icrs,
+    places = {J2000: icrs,
             OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
-    found = comparison(ways, reading, time, mount)
+    found = comparison(places, reading, time, mount)
     table.meta['equinox_taken'] = found
     table.meta['notes'].append(sentence(found))
-    return ways[found['taken']]
+    return places[found['taken']]
 
 
-def comparison(ways, reading, time, mount):
+def comparison(places, reading, time, mount):
     """Which equinox the rows tell.
 
     Parameters
     ----------
-    ways : dict of {str: (ndarray, ndarray)}
+    places : dict of {str: (ndarray, ndarray)}
         Equinox -> azimuth and elevation, radians, shape (n,); the default first.
     reading : ndarray, shape (2, n)
         Of the axes, radians.
@@ -85,8 +85,8 @@ def comparison(ways, reading, time, mount):
         alone leave (robust, radial); ``polar_axis_arcsec``, by equinox the terms of the polar axis,
         fitted alone (left out where no term is of it or the rows cannot tell them).
     """
-    default, other = ways
-    places = {name: np.array(way) for name, way in ways.items()}
+    default, other = places
+    places = {name: np.array(place) for name, place in places.items()}
     good = np.isfinite(time) & np.isfinite(reading).all(axis=0)
     for place in places.values():
         good &= np.isfinite(place).all(axis=0)
@@ -98,21 +98,21 @@ def comparison(ways, reading, time, mount):
     names = mount.names.physical
     if len(numbers) <= len(names):
         return found
-    ways = {name: _Way(place[:, numbers], reading[:, numbers], time[numbers], mount)
+    fits = {name: _EquinoxFit(place[:, numbers], reading[:, numbers], time[numbers], mount)
             for name, place in places.items()}
     weights = np.ones(len(numbers))
     for _ in range(_ROUNDS):
-        for way in ways.values():
-            way.fit(weights)
-        # a row that stands apart with one equinox alone may be what tells them apart
-        weights = np.max([way.weights() for way in ways.values()], axis=0)
-    gain = float(ways[other].misfit - ways[default].misfit)
+        for fit in fits.values():
+            fit.fit(weights)
+        # a row that is an outlier with one equinox alone may be what separates them
+        weights = np.max([fit.weights() for fit in fits.values()], axis=0)
+    gain = float(fits[other].misfit - fits[default].misfit)
     found['likelier'], found['log_likelihood'] = (default if gain >= 0.0 else other), abs(gain)
     found['told'] = abs(gain) >= DECISIVE
     if found['told'] and gain < 0.0:
         found['taken'], found['other'] = other, default
-    for name, way in ways.items():
-        alone, left = way.terms_alone()
+    for name, fit in fits.items():
+        alone, left = fit.terms_alone()
         found['left_arcsec'][name] = left
         polar = {term: alone[term] / ARCSEC for term in names
                  if mount.names.terms[term][0] in ('AN', 'AW')}
@@ -157,7 +157,7 @@ def _moved(found):
         for name, value in sorted(taken.items(), reverse=True))
 
 
-class _Way:
+class _EquinoxFit:
     """The rows with the places of one equinox, and what fits them.
 
     After `fit`, ``misfit`` is minus the log-likelihood, but for a constant that both equinoxes

@@ -9,8 +9,8 @@ from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
 
 from .declarations import declarations
-from .rows import YEAR_1900, YEAR_2100, WordRows, is_number
 from .run_table import NoObservations, RunFormat, Table, content
+from .text_rows import YEAR_1900, YEAR_2100, WordRows, is_number
 
 _SITE = re.compile(r'#\s*(observatory|gem|altaz|altaz-manual)\s+(\S+)\s+(\S+)\s+(\S+)\s*')
 _TOP = 30  # lines in which the site is
@@ -98,10 +98,10 @@ def read(path, lines):
     else:
         hour_angle = values['LST'] - values['RA-MNT']
         columns |= {
-            'ra_deg': values['RA-TRUE'], 'dec_deg': values['DEC-TRUE'], 'lst_told': values['LST'],
+            'ra_deg': values['RA-TRUE'], 'dec_deg': values['DEC-TRUE'], 'lst_given': values['LST'],
             'az_enc': (hour_angle + 180.0) % 360.0 - 180.0,
             'el_enc': (values['DEC-MNT'] + 180.0) % 360.0 - 180.0}
-        meta |= {'clock_tells': True, 'mount_told': 'german'}
+        meta |= {'sidereal_clock': True, 'mount_declared': 'german'}
         meta['notes'].append('time: of the sidereal clock')
     return Table(columns, rows.lines, meta, rows.reasons,
                  commented=_unsolved(lines, len(names)),

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from .rows import Rows, is_number
+from .text_rows import TextRows, is_number
 
 _AXES = {'az': ('az', 'azimuth', 'azi', 'azm'),
          'el': ('el', 'elev', 'elevation', 'alt', 'altitude'),
@@ -126,7 +126,7 @@ def _is_time(column):
     if all(map(is_number, column)):
         return all(float(cell) > _EPOCH for cell in column)
     try:
-        Rows('', range(len(column)), strict=True).iso_times('', list(column))
+        TextRows('', range(len(column)), strict=True).iso_times('', list(column))
     except ValueError:
         return False
     return True

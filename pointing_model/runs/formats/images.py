@@ -69,7 +69,7 @@ def read_images(path):
     one_mount_of(path, files, rows)
     _settle_frame(mapping, rows, reasons, meta)
     if mapping.mount is not None:
-        meta['mount_told'] = mapping.mount
+        meta['mount_declared'] = mapping.mount
     columns = _columns(rows, mapping, meta)
     table = Table(columns, np.arange(1, len(files) + 1), meta,
                   names=mapping.names)

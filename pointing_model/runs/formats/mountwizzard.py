@@ -9,8 +9,8 @@ from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .rows import Rows
 from .run_table import NoObservations, RunFormat, Table
+from .text_rows import TextRows
 
 #: of each point; siderealTime and raJ2000S in hours, the others in degrees
 _NUMBERS = ('raJ2000S', 'decJ2000S', 'decJNowS', 'angularPosRA', 'angularPosDEC', 'siderealTime')
@@ -59,14 +59,14 @@ def read(path, lines):
         raise ValueError(f'{path} is no list of points of MountWizzard4')
     if not points:
         raise NoObservations(f'{path} has no point')
-    rows = Rows(path, range(1, len(points) + 1))
+    rows = TextRows(path, range(1, len(points) + 1))
     values = {name: np.array([_number(point.get(name)) for point in points])
               for name in (*_NUMBERS, 'scaleS', 'latitude')}
     names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
     meta = {'format': 'mountwizzard4', 'time_note': 'time: of the mount\'s sidereal clock',
             'notes': [],
-            'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_told': 'german',
-            'clock_tells': True, 'sky_frame': ICRS,
+            'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_declared': 'german',
+            'sidereal_clock': True, 'sky_frame': ICRS,
             'row_names': {int(i): name for i, name in zip(rows.lines, names) if name}}
     if not np.isfinite(values['scaleS']).any():
         del values['scaleS']
@@ -74,7 +74,7 @@ def read(path, lines):
     columns = {
         'star': np.array(names), 'time': rows.iso_times('julianDate', times),
         'ra_deg': 15.0 * values['raJ2000S'], 'dec_deg': _declination(values),
-        'lst_told': 15.0 * values['siderealTime'], 'az_enc': values['angularPosRA'],
+        'lst_given': 15.0 * values['siderealTime'], 'az_enc': values['angularPosRA'],
         'el_enc': values['angularPosDEC'] + 90.0}
     if 'scaleS' in values:
         columns['scale_arcsec_px'] = values['scaleS']

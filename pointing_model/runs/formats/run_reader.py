@@ -12,8 +12,8 @@ from pointing_model.runs.run import PointingRun, known_site
 
 from . import axis_places, checks, hints, solve_columns
 from .images import read_images
-from .rows import is_number
 from .run_table import content, read_lines
+from .text_rows import is_number
 
 _MODULES = [import_module(f'.{module.name}', __package__)
             for module in iter_modules([str(Path(__file__).parent)])]
@@ -105,7 +105,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     table.meta = meta
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
-    of_azimuths = table.names is ALTAZ.names and 'lst_told' not in columns
+    of_azimuths = table.names is ALTAZ.names and 'lst_given' not in columns
     _settle_origin(azimuth_origin, meta, of_azimuths)
     if site is not None:
         _compare_site(site, meta)
@@ -139,7 +139,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
 def _settle_mount(path, table, given):
     """The mount, of what is given, of what the file tells, or by the names of its columns."""
     meta = table.meta
-    declared = meta.pop('mount_told', None)
+    declared = meta.pop('mount_declared', None)
     mount = given or declared
     if mount is None and table.names is ALTAZ.names:
         return ALTAZ

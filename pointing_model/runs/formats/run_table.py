@@ -12,12 +12,12 @@ from pointing_model.mount_kinds import KINDS, MountKind
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import COLUMNS, column_name
 
-from .rows import Exclusions
+from .text_rows import Exclusions
 
 #: what a file may give in place of `az, el` and of the encoder's angles, and its unit in SI;
 #: kept under the file's name, which no column of the user's own can have
 SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'ra_enc_deg': DEG, 'x_arcsec': ARCSEC,
-           'y_arcsec': ARCSEC, 'lst_told': DEG}
+           'y_arcsec': ARCSEC, 'lst_given': DEG}
 #: what a diagnosis makes itself: see `pointing_model.context.Context`
 DERIVED = frozenset((
     'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',

@@ -54,8 +54,8 @@ def flag_twice(table):
     if 'ra_deg' not in columns or not {'time', 'az_enc', 'el_enc'} <= set(columns):
         return
     time = columns['time']
-    if 'lst_told' in columns:  # the time is that of the day then
-        time = columns['lst_told'] * _SIDEREAL
+    if 'lst_given' in columns:  # the time is that of the day then
+        time = columns['lst_given'] * _SIDEREAL
     known = np.abs([time, columns['az_enc'], columns['el_enc']]) < _LARGEST
     rows = np.flatnonzero((table.reasons == 0) & known.all(axis=0))
     order = rows[np.argsort(time[rows], kind='stable')]

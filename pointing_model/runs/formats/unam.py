@@ -7,8 +7,8 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.plate_solves.frames import ICRS
 
-from .rows import WordRows, is_number, usual_width
 from .run_table import RunFormat, Table, content
+from .text_rows import WordRows, is_number, usual_width
 
 #: a name holds a time stamp, to the second or finer
 _NAME = re.compile(r'\S*?(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d(?:\.\d+)?)\S*')
@@ -63,10 +63,10 @@ def read(path, lines):
     columns = {
         'ra_deg': value['solved ra'], 'dec_deg': value['solved dec'],
         'time': rows.iso_times('name', times),
-        'lst_told': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
+        'lst_given': np.remainder(value['mount ha'] + value['mount ra'], 360.0),
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
         'pier_side': np.where(beyond, -1, 1)}
-    meta = {'format': 'unam', 'mount_told': 'german', 'sky_frame': ICRS, 'notes': [
+    meta = {'format': 'unam', 'mount_declared': 'german', 'sky_frame': ICRS, 'notes': [
         'places are the solved ones, readings hour angle and declination of the mount; rotation '
         '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
     if 'equinox' not in value:

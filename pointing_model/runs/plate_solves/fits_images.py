@@ -264,7 +264,7 @@ def _number(name, value):
 
 
 def _time(header, names, values):
-    from pointing_model.runs.formats.rows import YEAR_1900, YEAR_2100, Rows
+    from pointing_model.runs.formats.text_rows import YEAR_1900, YEAR_2100, TextRows
     system = str(header.get('TIMESYS', 'UTC')).strip().upper()
     if system not in ('', 'UTC', 'UT'):
         raise NotThere(f'TIMESYS is {system[:20]}, not UTC')
@@ -279,6 +279,6 @@ def _time(header, names, values):
         return value
     text = 'T'.join(str(value).strip() for value in values)
     try:
-        return float(Rows('', [0]).iso_times('', [text])[0])
+        return float(TextRows('', [0]).iso_times('', [text])[0])
     except ValueError:
         raise NotThere(f'{" ".join(names)} {text[:40]!r} is no time in ISO 8601') from None

@@ -21,7 +21,7 @@ OF_DATE = (0, 1)
 #: SideOfPier: pierEast looks west, as without going through the pole; -1 is unknown
 SIDES = {0: 'pierEast', 1: 'pierWest'}
 #: what is asked for at each tick
-ASKED = ('RightAscension', 'Declination', 'Slewing', 'Tracking', 'SideOfPier', 'AtPark')
+POLLED = ('RightAscension', 'Declination', 'Slewing', 'Tracking', 'SideOfPier', 'AtPark')
 #: action of the simulator here: right ascension and declination of date at which its tube looks,
 #: and the angle of its second axis, rad
 TRUE_PLACE = 'TelescopeMount:TruePlace'
@@ -154,7 +154,7 @@ class AlpacaTelescope:
                      'Declination': self.ask('Declination')}
             after = time.time_ns()
             state |= {name: self.ask(name, default) for name, default in zip(
-                ASKED[2:], (None, None, -1, False))}
+                POLLED[2:], (None, None, -1, False))}
         else:
             after = time.time_ns()
         self._state, self._received = state, (before + after) // 2

@@ -242,10 +242,10 @@ class IndiClient:
         timeout : float
             s; a driver that does not answer again is not an error.
         """
-        asked = time.time_ns()
+        sent = time.time_ns()
         with contextlib.suppress(IndiError, concurrent.futures.TimeoutError):
             self._await(self._client.send_getProperties(device, name), timeout)
-            self.wait(lambda: self._defined.get((device, name), 0) > asked, '', timeout)
+            self.wait(lambda: self._defined.get((device, name), 0) > sent, '', timeout)
 
     def _await(self, work, timeout=PATIENCE):
         asyncio.run_coroutine_threadsafe(work, self._loop).result(timeout)

@@ -33,7 +33,7 @@ STOP = 0.25
 #: s after a stop in which one that still moves is stopped again, at once where it says that it has
 #: taken up a track since, and in which it stands for sure; longest time that is waited for that at
 #: the end
-STOP_AGAIN, AT_ONCE, STANDS, LONGEST = 0.2, 0.03, 1.5, 4.0
+STOP_AGAIN, AT_ONCE, AT_REST, LONGEST = 0.2, 0.03, 1.5, 4.0
 
 
 class BridgeError(RuntimeError):
@@ -108,7 +108,7 @@ class GotoMount:
                 self.abort()
                 end = time.monotonic() + patience
                 while moves and self._stopping and self.ready and time.monotonic() < end:
-                    self._make_stand(telescope)
+                    self._stop_again(telescope)
                     time.sleep(0.02)  # polls: of what the thread of the connection hears
         if self.stopper is not None:
             self.stopper.signal(self._track is not None or not self.ready)
@@ -284,7 +284,7 @@ class GotoMount:
         if not self.ready or telescope is None:
             return
         if track is None:
-            self._make_stand(telescope)
+            self._stop_again(telescope)
             return
         now = time.time()
         if now > track[0][-1]:
@@ -328,7 +328,7 @@ class GotoMount:
         self._stop_sent = time.time_ns()
         telescope.abort()
 
-    def _make_stand(self, telescope):
+    def _stop_again(self, telescope):
         """A slew that is aborted may end as it would have: tracking."""
         if not self._stopping:
             return
@@ -336,7 +336,7 @@ class GotoMount:
         if telescope.slewing or telescope.tracks:
             if passed > (AT_ONCE if telescope.taken_up > self._stop_sent else STOP_AGAIN):
                 self.abort()
-        elif passed > STANDS:
+        elif passed > AT_REST:
             self._stopping = False
 
     def unpark(self):

@@ -68,9 +68,9 @@ class MountDriver(GotoMount):
         # told again where it is the same: drivers that have it from a file may not act on it
         telescope.prepare(self.site if self._set_site else None)
         if telescope.has_axes:
-            asked = time.time_ns()
+            sent = time.time_ns()
             with contextlib.suppress(IndiError):
-                self.client.wait(lambda: telescope.axes[1] > asked, 'no reading',
+                self.client.wait(lambda: telescope.axes[1] > sent, 'no reading',
                                  self._fresh_within)
         if self._dead_man and self.stopper is None:
             self.stopper = DeadMan(self.client.host, self.client.port, device)

@@ -89,7 +89,7 @@ def check_kind(telescope, kind):
         raise IndiError(f'{telescope.device} is set to ALTAZ, and its axes are hour angle and '
                         'declination all the same: set its MOUNT_TYPE to EQ_FORK or EQ_GEM; for an '
                         'alt-azimuth one: '
-                        'python -m telescope_mount.bridges.indi.simulator --kind altaz')
+                        'python -m telescope_mount.bridges.indi.indi_simulator --kind altaz')
 
 
 def knows_where_it_looks(telescope):

@@ -12,7 +12,7 @@ from calibration.analysis.diagnosis.input_check import (
     naming_columns,
 )
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.solves import judge_solves
+from calibration.analysis.solves import check_solves
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model import model_application as apply
@@ -147,7 +147,7 @@ def test_the_frame_of_stars_is_judged_with_rows_beyond_the_zenith_as_such(tmp_pa
                     'time,ra_deg,dec_deg,az_enc_deg,el_enc_deg\n' + '\n'.join(
                         ','.join(f'{v:.8f}' for v in row) for row in zip(time, *(
                             v / DEG for v in (ra, dec, run['az_enc'], run['el_enc'])))))
-    judged = judge_solves(read_run(path))
+    judged = check_solves(read_run(path))
     assert any(note.kind == 'frame taken' and note.causes[0] == 'ICRS' and note.before < 1.0
                for note in judged.meta['notes'] if not isinstance(note, str))
     assert right(fit_terms(judged))

@@ -272,7 +272,7 @@ def test_blocks_of_a_long_file_are_one_table(read, monkeypatch):
     rows[30] = rows[4]
     text = table(f'time,{HEADER},star,fan', *rows)
     whole = read(text)
-    for module in ('cells', 'rows'):
+    for module in ('cells', 'text_rows'):
         monkeypatch.setattr(f'pointing_model.runs.formats.{module}._BLOCK', 7)
     run = read(text)
     assert whole.meta['notes'] == run.meta['notes'] and len(run) == 39

@@ -1,12 +1,12 @@
 import pytest
 
 from telescope_mount.observing.night_steps import NightSteps
-from telescope_mount.observing.plan import POWER_CYCLES, VERBS, Step, night_plan, parse_plan
+from telescope_mount.observing.plan import POWER_CYCLES, VERBS, PlanStep, night_plan, parse_plan
 
 
 def test_a_plan_in_order():
     assert parse_plan(' home, stars 30,polaris 16 ,fit,') == [
-        Step('home'), Step('stars', 30), Step('polaris', 16), Step('fit')]
+        PlanStep('home'), PlanStep('stars', 30), PlanStep('polaris', 16), PlanStep('fit')]
 
 
 def test_text_and_back():
@@ -19,8 +19,8 @@ def test_text_and_back():
 def test_what_a_power_cycle_switches():
     assert parse_plan('power_cycle, power_cycle incremental, power_cycle absolute, '
                       'power_cycle both') == [
-        Step('power_cycle'), Step('power_cycle'), Step('power_cycle', what='absolute'),
-        Step('power_cycle', what='both')]
+        PlanStep('power_cycle'), PlanStep('power_cycle'), PlanStep('power_cycle', what='absolute'),
+        PlanStep('power_cycle', what='both')]
     # the absolute encoder needs no mark
     assert 'power_cycle absolute, zero 3' in night_plan(7, 3, cycle='absolute')
     assert 'power_cycle both, home' in night_plan(7, 3, cycle='both')

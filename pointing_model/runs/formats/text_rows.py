@@ -30,7 +30,7 @@ class Exclusions:
             self.reasons[row] = text
 
 
-class Rows(Exclusions):
+class TextRows(Exclusions):
     """Rows of a file whose cells become numbers.
 
     A bad cell leaves its row out; a column most of whose cells are bad costs the file.
@@ -164,7 +164,7 @@ class Rows(Exclusions):
         return np.where(outside, np.nan, values)
 
 
-class WordRows(Rows):
+class WordRows(TextRows):
     """Rows of words between blanks, also behind a ``#``.
 
     Parameters

@@ -1,4 +1,4 @@
-"""An Alpaca telescope that points beside: ``python -m telescope_mount.bridges.alpaca.simulator``.
+"""An Alpaca telescope with errors: ``python -m telescope_mount.bridges.alpaca.alpaca_simulator``.
 
 It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until Ctrl-C. Where its
 tube looks it tells by an action of its own, `TRUE_PLACE`, as no driver of a real mount can.
@@ -11,8 +11,8 @@ from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
+from ..indi.indi_simulator import simulate
 from ..indi.pointing import HOUR
-from ..indi.simulator import simulate
 from ..indi.two_axes import TERMS, TwoAxes, draw_errors
 from . import PORT
 from .alpaca_server import AlpacaServer

@@ -1,4 +1,4 @@
-"""INDI's simulator with errors: ``python -m telescope_mount.bridges.indi.simulator``.
+"""INDI's simulator with errors: ``python -m telescope_mount.bridges.indi.indi_simulator``.
 
 It draws a model of 0.02 to 0.1 deg a term, sets it, says which, and runs until Ctrl-C. An
 alt-azimuth mount, which INDI's simulator has not, is one of this project.
