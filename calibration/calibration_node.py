@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,6 +13,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
 from msg_tools.node_process import give_back
+from msg_tools.output import write_text
 from msg_tools.status_rows import Progress, handover_rows
 from pointing_model.calibration_messages import expected_to_joints, text_to_pair, zero_to_joints
 from pointing_model.effects import declared_graduation
@@ -292,9 +292,10 @@ class Calibration(MountNode):
         """Why the page was not written, if it was to be."""
         if not self.value('diagnosis_page'):
             return ''
-        from .report.diagnosis_page import write_report
+        from .report.diagnosis_page import render
+        from .report.diagnosis_view import view_of
         try:
-            write_report(found.diagnosis, Path(self.value('diagnosis_page')))
+            write_text(self.value('diagnosis_page'), render(view_of(found.diagnosis)))
         except OSError as err:
             self.get_logger().error(f'the page was not written: {err}')
             return f'; the page was not written: {err}'

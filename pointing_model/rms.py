@@ -33,6 +33,11 @@ def rms(*axes):
     return float(np.sqrt(np.mean(squares))) if np.size(squares) else np.nan
 
 
+def radial_arcsec(residual, keep):
+    """Radial RMS in arcsec of the rows `keep` of residuals of shape (2, n), radians."""
+    return rms(*residual[:, keep]) / ARCSEC
+
+
 def rms_arcsec(x, y):
     """RMS per axis and radial of on-sky offsets.
 

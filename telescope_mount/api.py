@@ -29,6 +29,7 @@ from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.report.documents import diagnosis_document, fit_document
+from msg_tools.output import write_text
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
@@ -256,8 +257,9 @@ class RunDiagnosis(_Found):
 
     def write_page(self, path):
         """Write the HTML page, as ``diagnose --report`` does."""
-        from calibration.report.diagnosis_page import write_report
-        write_report(self.result, path)
+        from calibration.report.diagnosis_page import render
+        from calibration.report.diagnosis_view import view_of
+        write_text(path, render(view_of(self.result, self.document)))
 
     def __repr__(self):
         return '\n'.join(self.sentences)

@@ -47,10 +47,10 @@ def diagnosing(folder, calibration=None):
 
 def write_page(folder, written, log=None):
     """The page of the night, once its log is whole; `written` as of `write_results`."""
-    from calibration.report.night_page import write_night_page
+    from calibration.report.night_page import night_page
     try:
-        write_night_page(folder / 'page.html', written.run, written.model, written.report,
-                         log or folder / 'bag')
+        write_text(folder / 'page.html', night_page(
+            written.run, written.model, written.report, log or folder / 'bag'))
     except OSError as err:
         written.report['incomplete'].append(f'{folder / "page.html"}: {reason(err)}')
     except Exception as err:  # whatever it is: a night is not lost for its page

@@ -224,16 +224,13 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         trig, terms, turned, observed, columns, design, mount)
     found = gauss_newton(problem, used.sigmas, LOSS if robust else None, rcond,
                          mild_sigmas(used), zeros_of_axes, **solver)
-
-    def make_model(p, covariance, facts):
-        return _on_top(base, terms, p, covariance, facts)
-
     facts = {'method': 'terms', 'encoder': encoder, 'rcond': rcond}
     if held is not None:
         facts['held'] = base.provenance.get('source') or ', '.join(base.terms)
     if run_zeros:
         zero = _fitted_zeros(zero, runs, found, len(terms))
-    return make_result(run, names, used, found, make_model, zero, {**facts, **(provenance or {})})
+    model = _on_top(base, terms, found.coefficients, found.covariance)
+    return make_result(run, names, used, found, model, zero, {**facts, **(provenance or {})})
 
 
 def _with_zeros(columns, run, used, run_zeros):
@@ -270,13 +267,12 @@ def _beyond(held, turned, used, run, encoder):
     ).only(np.isfinite(left) & np.isfinite(y), UNREACHABLE)
 
 
-def _on_top(held, terms, p, covariance, facts):
+def _on_top(held, terms, p, covariance):
     """The held model with the fitted terms."""
     k = len(terms)
+    rest = {name: getattr(held, name) for name in ('harmonics', 'geometry', 'effects', 'mount')}
     if not held.terms:
-        return PointingModel(dict(zip(terms, p[:k].tolist())), covariance[:k, :k],
-                             held.harmonics, facts, held.geometry, held.effects,
-                             held.mount)
+        return PointingModel(dict(zip(terms, p[:k].tolist())), covariance[:k, :k], **rest)
     values = dict(held.terms)
     values.update({name: values[name] + v if name in values else v
                    for name, v in zip(terms, p[:k].tolist())})
@@ -286,8 +282,7 @@ def _on_top(held, terms, p, covariance, facts):
     places = [names.index(name) for name in terms]
     joint[places], joint[:, places] = 0.0, 0.0
     joint[np.ix_(places, places)] = covariance[:k, :k]
-    return PointingModel(values, joint, held.harmonics, facts, held.geometry, held.effects,
-                         held.mount)
+    return PointingModel(values, joint, **rest)
 
 
 def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, after=None,
@@ -357,26 +352,21 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
     design, runs, names_of_zeros = _with_zeros(columns, run, used, run_zeros)
     found = gauss_newton(LinearProblem(observed, design), used.sigmas, LOSS if robust else None,
                          rcond, mild_sigmas(used))
-
-    def make_model(p, covariance, facts):
-        covariance = covariance[:k, :k]
-        if after is not None:
-            weights = found.weights if used.sigmas is None else (
-                found.weights / np.square(used.sigmas.reshape(2, -1)))
-            covariance = _without_taken(covariance, np.asarray(design), weights, rcond, after, run,
-                                        used)
-        harmonics = Harmonics.from_degree(degree, interpretation, p[:k], covariance)
-        if held is None:
-            return PointingModel({}, None, harmonics, facts, mount=run.mount)
-        facts = {**facts, 'terms': held.provenance}
-        return replace(held, harmonics=harmonics, provenance=facts)
-
+    covariance = found.covariance[:k, :k]
+    if after is not None:
+        weights = found.weights if used.sigmas is None else (
+            found.weights / np.square(used.sigmas.reshape(2, -1)))
+        covariance = _without_taken(covariance, np.asarray(design), weights, rcond, after, run,
+                                    used)
+    model = replace(held or PointingModel({}, mount=run.mount), harmonics=Harmonics.from_degree(
+        degree, interpretation, found.coefficients[:k], covariance))
     facts = {'method': f'harmonics, {interpretation} reading', 'degree': degree,
              'encoder': encoder, 'rcond': rcond}
     if run_zeros:
         zero = _fitted_zeros(zero, runs, found, k)
-    result = make_result(run, names + names_of_zeros, used, found, make_model,
-                         zero, facts)
+    if held is not None:
+        facts['terms'] = held.provenance
+    result = make_result(run, names + names_of_zeros, used, found, model, zero, facts)
     if after is not None:
         result = replace(result, covariance=result.model.harmonics.covariance_of_coefficients)
     return result

@@ -255,7 +255,7 @@ def _dropped(left_open, names):
     return out
 
 
-def make_result(run, names, used, found, make_model, zeros, notes):
+def make_result(run, names, used, found, model, zeros, notes):
     """`FitResult` of a solution.
 
     Parameters
@@ -264,8 +264,8 @@ def make_result(run, names, used, found, make_model, zeros, notes):
     names : sequence of str, length k
     used : rows.Usable
     found : estimate.Estimate
-    make_model : callable
-        ``make_model(p, covariance, facts) -> PointingModel``.
+    model : PointingModel
+        With the coefficients; its provenance is made here.
     zeros : RunZero or Zeros
     notes : dict
         For the provenance.
@@ -295,7 +295,6 @@ def make_result(run, names, used, found, make_model, zeros, notes):
         'fitted_rms_arcsec': {'x': fitted.x, 'y': fitted.y, 'radial': fitted.radial},
         **notes,
     }
-    model = make_model(found.coefficients, found.covariance, facts)
     open_directions = left_open.directions
     if not undetermined:
         # of a series, of which no coefficient is held: functions that are nearly alike among the
@@ -305,8 +304,9 @@ def make_result(run, names, used, found, make_model, zeros, notes):
         open_directions = open_directions / np.maximum(1.0, _BEYOND * seen / OPEN)
     directions = [{name: value for name, value in zip(names, one.tolist())
                    if abs(value) > _NOTHING} for one in open_directions]
-    model = replace(model, directions=(*model.directions, *filter(None, directions)), undetermined=[
-        name for name in model.terms if name in {*model.undetermined, *undetermined}],
+    model = replace(
+        model, provenance=facts, directions=(*model.directions, *filter(None, directions)),
+        undetermined=[name for name in model.terms if name in {*model.undetermined, *undetermined}],
         sides=rows_by_side(run.mount, run['el'][w > 0.0]))
     return FitResult(
         model=model, names=tuple(names), coefficients=found.coefficients,

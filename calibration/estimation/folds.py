@@ -2,9 +2,6 @@
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
-from pointing_model.rms import rms
-
 from .linear_model import DISTINCT
 
 
@@ -74,11 +71,6 @@ def predicted(problem, part, chosen, noise, test):
             # zeros of a night are fitted as an observer would, not by its memory
             other.b[new] = rows.plain.fit([]).raw
     return other.b.reshape(2, len(test))
-
-
-def radial_arcsec(residual, keep):
-    """Radial RMS in arcsec of the rows `keep` of residuals of shape (2, n), radians."""
-    return rms(*residual[:, keep]) / ARCSEC
 
 
 def cross_validate(problem, chosen, folds):

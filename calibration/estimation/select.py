@@ -14,9 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pointing_model.rms import radial_arcsec
+
 from .candidates import CandidateGroup, best_of
 from .chance import ChanceTest
-from .folds import cross_validate_quickly, radial_arcsec
+from .folds import cross_validate_quickly
 from .linear_model import DISTINCT, LIVE, overlap
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice

@@ -13,8 +13,6 @@ from pointing_model.rms import rms
 
 from . import page_parts as html
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, padded, svg
-from .figure_wording import choice_sentence, floor_words, spread_sentence
-from .observation_wording import WHY_LATER, counterweight_up, enough
 
 _MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
              ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
@@ -55,10 +53,11 @@ WORDS = {
 
 # ------------------------------------------------------------------------------ before and after
 
-def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
+def gain_bars(view):
     """Bars of the error before and after, each measure, with the noise floor."""
+    document = view.document
     before, after = document['before'], document['after']
-    words = dict(zip(('rms_x_arcsec', 'rms_y_arcsec'), axes))
+    words = dict(zip(('rms_x_arcsec', 'rms_y_arcsec'), view.residuals.axes))
     rows = [(label.format(words.get(key)), before.get(key), after.get(key))
             for key, label in _MEASURES
             if before.get(key) is not None or after.get(key) is not None]
@@ -72,9 +71,8 @@ def gain_bars(document, axes=('azimuth × cos E', 'elevation')):
             f'that neither the fit nor the choice has seen. {_floor_note(document)}')
     return html.gains([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
                        for label, one, other in rows], document.get('noise_floor_arcsec'),
-                      floor_words(document)) + ''.join(
-        html.paragraph(text, 'note')
-        for text in (note, spread_sentence(document), choice_sentence(document)))
+                      view.floor) + ''.join(
+        html.paragraph(text, 'note') for text in (note, view.spread, view.choice))
 
 
 def _floor_note(document):
@@ -290,69 +288,53 @@ def exclusions(excluded, word='row', limit=12):
     return html.table(['reason', 'count', f'{word}s'], rows)
 
 
-def next_observations(rows, mount=ALTAZ, causes=None):
+def next_observations(groups, mount=ALTAZ):
     """Proposed observations, as tables and on the sky.
 
     Parameters
     ----------
-    rows : list of dict
-        As `calibration.analysis.diagnosis.next_observations.propose` gives them.
+    groups : list of (str, list of dict, str)
+        As of `observation_wording.proposal_groups`.
     mount : Mount
         Whose kind says what a motion of its axes is called.
-    causes : dict, optional
-        Name of an effect -> its cause in words.
     """
-    if not rows:
+    if not groups:
         return ''
-    groups = {}
-    for i, row in enumerate(rows, 1):
-        groups.setdefault(tuple(row.get('separates') or ()), []).append((i, row))
-    kind, sky = mount.kind, SkyMap(320, 0.0, mount)
+    rows = sorted((row for _, group, _ in groups for row in group), key=lambda row: row['number'])
+    sky = SkyMap(320, 0.0, mount)
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
     drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'),
                      'Zenith in the middle, horizon at the rim, numbered as in the tables.')
-    causes = causes or {}
-    tables = ''.join(
-        _next_group([causes.get(name) or readable(name) for name in names], group, kind)
-        for names, group in groups.items())
+    tables = ''.join(_next_group(*group, KINDS[mount.kind]) for group in groups)
     return f'<div class="side">{drawing}<div>{tables}</div></div>'
 
 
-def _next_group(names, group, kind):
-    head = ' from '.join(names)
-    timed = any(row.get('after_hours') is not None for _, row in group)
+def _next_group(head, group, note, names):
+    timed = any(row.get('after_hours') is not None for row in group)
     places = {f'{column}_deg': word for column, word in zip(
-        (*KINDS[kind].columns, 'az', 'el'), (*KINDS[kind].axes, 'azimuth', 'elevation'))
-        if f'{column}_deg' in group[0][1]}
+        (*names.columns, 'az', 'el'), (*names.axes, 'azimuth', 'elevation'))
+        if f'{column}_deg' in group[0]}
     cells = []
-    for i, row in group:
-        sides = [words[row[key] > 0] for key, words in zip(SIDES, KINDS[kind].sides)
+    for row in group:
+        sides = [words[row[key] > 0] for key, words in zip(SIDES, names.sides)
                  if row.get(key) in (-1, 1)]
         if row.get('through_pole'):
             sides.insert(0, 'through the pole')
-        if counterweight_up(row, kind):
+        if row['counterweight_up']:
             sides.insert(0, 'counterweight up')
         if row.get('last_move_deg'):
             sides.append(f'{row["last_move_deg"]:g}° back')
         hours = f'{html.number(row.get("after_hours"), 1)} {row.get("utc") or ""}'
-        cells.append([str(i), *(html.number(row[key], 0) for key in places),
+        cells.append([str(row['number']), *(html.number(row[key], 0) for key in places),
                       ', '.join(sides) or 'any', *[hours] * timed,
                       html.number(row.get('separation_after'), 1)])
-    text = enough([row for _, row in group]) \
-        if None not in (group[0][1].get('separation_before'),
-                        group[-1][1].get('separation_after')) else ''
-    if text and any(row.get('after_hours') for _, row in group):
-        text += f'. Hours count{WHY_LATER}'
-    if group[0][1].get('next_night'):
-        text += '. It is not dark any more tonight: observe in the next night'
     return html.subsection(
-        f'Tells {head}' if head else 'Proposed',
-        html.paragraph(text and f'{text[:1].upper()}{text[1:]}.', 'note'),
+        f'Tells {head}' if head else 'Proposed', html.paragraph(note, 'note'),
         html.table(['', *(f'{word} [°]' for word in places.values()),
-               'side, last motion' if KINDS[kind].two_sided or any(
-                   row.get('through_pole') for _, row in group) else 'last motion',
+               'side, last motion' if names.two_sided or any(
+                   row.get('through_pole') for row in group) else 'last motion',
                *(['hours from the last row [h], UTC'] if timed else []),
                'ΔBIC expected with it and those above'], cells))
 

@@ -1,24 +1,32 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 
 import numpy as np
 
-from calibration.analysis.diagnosis.page_figures import correlations, effect_offsets, its_own
-from calibration.analysis.diagnosis.row_counts import row_word
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, coefficient_word, readable
 from pointing_model.mounts import is_beyond
 
-from .cause_wording import plain_name, still_open
+from . import figure_wording, observation_wording, row_wording
+from .cause_wording import counted, open_causes, plain_name, still_open
+from .documents import diagnosis_document
 from .effect_wording import effect_summary, effect_title
 from .page_parts import value_and_error
 from .provenance import about, axes_note
 from .residual_axes import Driver, driver_of
 from .residual_figures import Residuals, turned
-from .row_wording import signs_sentences
-from .wording import Statement, paragraph, wording
+from .verdict_wording import (
+    VERDICTS,
+    Statement,
+    Verdict,
+    count_sentence,
+    led,
+    verdict_sentences,
+    verdict_summary,
+)
+from .wording import paragraph, wording
 
 _ALWAYS = ('azimuth', 'elevation', 'time', 'order', 'temperature', 'approach_az', 'approach_el',
            'magnitude', 'az_rate')
@@ -30,8 +38,11 @@ class FoundEffect:
 
     Attributes
     ----------
-    name : str
+    title, name : str
+        What it is called, in a line and as a heading.
     summary : Statement
+    text : str
+        All of it.
     facts : list of (str, str)
     fitted : ndarray, shape (2, n), optional
         What it moves in each row, arcsec on the sky.
@@ -44,7 +55,7 @@ class FoundEffect:
         It is reached little by little after a reversal; on the sky it is smaller higher up.
     """
 
-    name: str
+    title: str
     summary: Statement
     facts: list
     fitted: np.ndarray | None = None
@@ -54,10 +65,13 @@ class FoundEffect:
     fades: bool = False
     own: np.ndarray | None = None
 
+    def __post_init__(self):
+        self.name, self.text = self.title[:1].upper() + self.title[1:], self.summary.text
+
 
 @dataclass
 class DiagnosisView:
-    """All that the page shows.
+    """All that terminal and page show: what is text is so in words.
 
     Attributes
     ----------
@@ -75,17 +89,38 @@ class DiagnosisView:
     correlated : list of str
     correlations : ndarray, shape (k, k), optional
         Of the coefficients in `correlated`.
-    sources, notes : list of str
+    verdict : Verdict
+        For the page, without what its headline says already.
+    sentences : list of str
+        The verdict on the terminal, its headline first.
+    badge : tuple of str
+        Class and word of the verdict, as far as its causes are open.
+    word, said : str
+        What the verdict is called; all that is said of it and of the noise.
+    numbers : list of (float or str, str)
+        The large ones of the page.
+    meta, used, model, floor, spread, choice, expected : str
+        On what it rests: in short, rows used, the declared terms; what the noise floor is called;
+        how far figures of rows left out depend on which are, and on the choice; the error on
+        fresh stars.
+    notes, page_notes, signs, left_out : list of str
+        What is noted, for the page alone too, of the signs of columns, and of rows left out.
+    proposals : list of (str, list of dict, str)
+        Of `observation_wording.proposal_groups`.
+    proposal_lines : list of str
+    serves : str
+    no_star : dict of str to str
+        Whom these do not serve.
     untestable : list of (str, str)
         What this run cannot show, and why.
     run_terms : dict
         Run -> {term: arcsec} that it fitted for itself.
-    caution : str
-        `Diagnosis.cautions` in words.
     about : str
         Of which telescope, when and where.
     axes_note : str
         What the angles are through the pole.
+    changed : bool
+        Whether anything was added.
     """
 
     document: dict
@@ -94,42 +129,129 @@ class DiagnosisView:
     effects: list
     ranking: list
     terms: list
-    correlated: list = field(default_factory=list)
-    correlations: np.ndarray | None = None
-    sources: list = field(default_factory=list)
-    notes: list = field(default_factory=list)
-    untestable: list = field(default_factory=list)
+    verdict: Verdict
+    sentences: list = ()
+    badge: tuple = ('', '')
+    word: str = ''
+    said: str = ''
+    numbers: list = ()
+    meta: str = ''
+    used: str = ''
+    model: str = ''
+    floor: str = ''
+    spread: str = ''
+    choice: str = ''
+    expected: str = ''
+    notes: list = ()
+    page_notes: list = ()
+    signs: list = ()
+    left_out: list = ()
+    proposals: list = ()
+    proposal_lines: list = ()
+    serves: str = ''
+    no_star: dict = field(default_factory=dict)
+    untestable: list = ()
     run_terms: dict = field(default_factory=dict)
-    caution: str = ''
+    correlated: list = ()
+    correlations: np.ndarray | None = None
     about: str = ''
     axes_note: str = ''
 
-    @property
-    def changed(self):
-        """Whether anything was added."""
-        return bool(np.any(np.abs(self.residuals.before - self.residuals.after) > 1e-9))
+    def __post_init__(self):
+        self.changed = bool(np.any(np.abs(self.residuals.before - self.residuals.after) > 1e-9))
 
 
-def view_of(diagnosis):
-    """What the page shows of a diagnosis.
+def view_of(diagnosis, document=None):
+    """What terminal and page show of a diagnosis.
 
     Parameters
     ----------
     diagnosis : calibration.analysis.diagnosis.Diagnosis
+    document : dict, optional
+        Of `documents.diagnosis_document`, by default its own.
 
     Returns
     -------
     DiagnosisView
     """
-    obs, document = diagnosis.observations, diagnosis.to_dict()
+    obs, document = diagnosis.observations, document or diagnosis_document(diagnosis)
+    context, kind = obs.context, obs.run.mount.kind
     effects = [_found(diagnosis, e) for e in diagnosis.effects]
-    names, matrix = correlations(diagnosis)
+    summaries, caution = [e.summary for e in effects], paragraph(diagnosis.cautions)
+    headline, sentences = verdict_sentences(document, summaries, limit=20, caution=caution)
+    names, matrix = diagnosis.correlations
+    floor = figure_wording.floor_words(document)
+    verdict = verdict_summary(document, summaries, caution=caution)
+    causes = observation_wording.causes_of(document)
     return DiagnosisView(
         {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
-        _drivers(diagnosis, effects), effects, _in_words(diagnosis.ranking, obs.context.mount),
-        _terms(diagnosis), _coefficients(names, diagnosis), matrix, _sources(obs),
-        _notes(diagnosis), diagnosis.untestable, diagnosis.run_terms,
-        paragraph(diagnosis.cautions), about(obs, _sources(obs)), axes_note(obs.context))
+        _drivers(diagnosis, effects), effects, _in_words(diagnosis.ranking, context.mount),
+        _terms(diagnosis), _without_headline(verdict, document, effects),
+        sentences=[headline, *sentences], badge=_badge(document),
+        word=VERDICTS.get(document['verdict'], document['verdict']),
+        said=' '.join((verdict.headline, *verdict.sentences, floor)), numbers=_numbers(document),
+        meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),
+        model=figure_wording.model_words(document, whose=False), floor=floor,
+        spread=figure_wording.spread_sentence(document),
+        choice=figure_wording.choice_sentence(document),
+        expected=row_wording.expected_sentence(document),
+        notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_notes(diagnosis),
+        signs=row_wording.signs_sentences(diagnosis.columns_alike, context.mount.names,
+                                          obs.run.meta.get('format')),
+        left_out=row_wording.left_out_lines(diagnosis.excluded, len(obs.runs) > 1,
+                                            document['rows_are']),
+        proposals=observation_wording.proposal_groups(
+            observation_wording.proposals(document), kind, causes),
+        proposal_lines=list(observation_wording.proposal_lines(document)),
+        serves=observation_wording.serves_sentence(document),
+        no_star=observation_wording.no_star_sentences(document),
+        untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
+        correlated=_coefficients(names, diagnosis), correlations=matrix,
+        about=about(obs, _sources(obs)), axes_note=axes_note(context))
+
+
+def _without_headline(verdict, document, effects):
+    """A `Verdict` in which what the headline says is not said again."""
+    first, ranked = verdict.first, verdict.ranked
+    headline = verdict.headline.partition('. ')[0]
+    if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
+        first = [one for one in first if one.text != count_sentence(document)]
+        ranked = [led(ranked[0].more) if len(ranked) == 1 else replace(
+            ranked[0], lead=f'{effects[0].name}.'), *ranked[1:]]
+    return replace(verdict, first=first, ranked=ranked)
+
+
+def _badge(document):
+    badge = document['verdict']
+    if document['effects'] and badge in ('ambiguous', 'identified'):
+        badge = 'ambiguous' if any(
+            open_causes(row) > 1 for row in document['effects']) else 'identified'
+    return badge if badge in VERDICTS else '', VERDICTS.get(badge, badge)
+
+
+def _meta(document, sources):
+    """On what a diagnosis rests, in short."""
+    runs = document['runs']
+    text = row_wording.used_sentence(document) + f' in {runs} runs' * (runs > 1)
+    sources = sources[:3] + ([f'and {len(sources) - 3} more'] if len(sources) > 3 else [])
+    base = document['base_terms']
+    return ' · '.join([text, *([', '.join(sources)] if sources else []),
+                       f'model: {figure_wording.model_words(document)}'
+                       + (f' ({", ".join(map(str, base))})' if base else '')])
+
+
+def _numbers(document):
+    """What the large numbers say."""
+    label, before, after = figure_wording.best_pair(document)
+    read, stays = document['as_read_rms_arcsec'], document['verdict'] in figure_wording.STAYS
+    quote = '' if label == figure_wording.FITTED else ': quote this'
+    terms = figure_wording.model_words(document, whose=False)
+    numbers = [(read and figure_wording.way_size(read), 'as the encoders read'),
+               (before, f'with {terms}, {label}{quote * stays}')]
+    if not stays:
+        numbers.append((after, f'with {counted(len(document["effects"]), "effect")} more, '
+                        f'{label}{quote}'))
+    return numbers
 
 
 def _residuals(diagnosis, document):
@@ -137,7 +259,7 @@ def _residuals(diagnosis, document):
     before, after = diagnosis.residual_before / ARCSEC, diagnosis.residual_after / ARCSEC
     used, floor = diagnosis.weights > 0.0, document.get('noise_floor_arcsec')
     return Residuals(
-        _row_names(obs), *context.on_horizon(), before, after, used,
+        _row_names(obs, document['rows_are']), *context.on_horizon(), before, after, used,
         np.where(used, 'used', 'outlier: not used'), **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True), groups=_groups(obs),
         noise=None if floor is None else (floor / np.sqrt(2.0),) * 2,
@@ -181,9 +303,8 @@ def _axes_of(context):
             'turned': turned(context.tangent(), *context.on_horizon())}
 
 
-def _row_names(obs):
+def _row_names(obs, word):
     """Names of the rows, for tooltips."""
-    word = row_word(obs.run)
     names = [f'{word} {line}' for line in obs.lines]
     if len(_sources(obs)) > 1:
         names = [f'{PurePath(str(source)).name} {name}'
@@ -202,17 +323,12 @@ def _sources(obs):
 
 
 def _notes(diagnosis):
-    notes = list(dict.fromkeys(map(wording, diagnosis.notes)))
+    """What is noted on the page alone."""
     blocks = diagnosis.cv_contiguous
-    if blocks:
-        notes.append('Cross-validated with folds contiguous in time: '
-                     f'{arcsec(blocks["before"])} before, {arcsec(blocks["after"])} after.')
-    for e in diagnosis.effects:
-        if e.fitted.effect.alias:
-            notes.append(e.fitted.effect.alias)
-    return notes + signs_sentences(diagnosis.columns_alike,
-                                   diagnosis.observations.context.mount.names,
-                                   diagnosis.observations.run.meta.get('format'))
+    return [*(['Cross-validated with folds contiguous in time: '
+               f'{arcsec(blocks["before"])} before, {arcsec(blocks["after"])} after.']
+              if blocks else []),
+            *(e.fitted.effect.alias for e in diagnosis.effects if e.fitted.effect.alias)]
 
 
 # --------------------------------------------------------------------------------------- drivers
@@ -233,14 +349,13 @@ def _drivers(diagnosis, effects):
 def _found(diagnosis, found):
     context = diagnosis.observations.context
     e = found.fitted.effect
-    name = effect_title(found, context.mount.names.axes)
     return FoundEffect(
-        name[:1].upper() + name[1:], effect_summary(diagnosis, found),
+        effect_title(found, context.mount.names.axes), effect_summary(diagnosis, found),
         _facts(found, context, len(diagnosis.effects) > 1),
-        effect_offsets(found), _effect_driver(context, e),
+        found.offsets, _effect_driver(context, e),
         _in_words(found.ranking, context.mount),
         bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'),
-        its_own(diagnosis, found))
+        found.own)
 
 
 def _size_of(cause, context):

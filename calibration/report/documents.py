@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.rms import rms_arcsec
 
-from ..analysis.diagnosis.row_counts import RMS_KEYS, excluded_of_fit, fit_row_counts
+from ..analysis.diagnosis.row_counts import RMS_KEYS, excluded_of_fit
 from .diagnosis_wording import limit_words
 from .noise_wording import correlation_sentence
 from .wording import wording
@@ -30,10 +30,9 @@ def fit_document(found):
         (`sky_model.Origin.document`).
     """
     run, result, base = found.run, found.terms, found.base
-    counts, used = fit_row_counts(run, result), run.select(result.weights > 0.0)
-    matrix = result.correlations
+    used, matrix = run.select(result.weights > 0.0), result.correlations
     return {
-        **run.mount.entries(), 'observations': counts.used,
+        **run.mount.entries(), 'observations': found.counts.used,
         'terms': result.term_rows(interval=True),
         'degrees_of_freedom': result.degrees_of_freedom,
         'before': _entry(rms_arcsec(*used.offsets(found.encoder))),
@@ -43,7 +42,7 @@ def fit_document(found):
         'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
                          for i, a in enumerate(result.names)
                          for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
-        'undetermined': [one['text'] for one in result.dropped], **counts.to_dict(),
+        'undetermined': [one['text'] for one in result.dropped], **found.counts.to_dict(),
         'columns_alike': found.columns.alike, 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],

@@ -1,8 +1,9 @@
 """What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from calibration.analysis.diagnosis.page_figures import effect_offsets, ends, over_the_rows
 from msg_tools.units import ARCSEC, covered
 from pointing_model.effects import Amount
 from pointing_model.effects.base import arcsec, common_shape
@@ -11,12 +12,16 @@ from pointing_model.mount_kinds import USUAL
 from . import cause_wording
 from .cause_wording import plain_name, short_cause, still_open
 from .residual_axes import driver_of, utc_text
-from .wording import Statement
+from .verdict_wording import Statement
 
 #: degrees over which a lowest or a highest is no place but a stretch
 _WIDE = 15.0
 #: of a turn of an axis: where less was observed, that is said of what repeats so often in it
 _MOST_OF_TURN = 2.0 / 3.0
+_NEIGHBOURS, _PLACES = 4, 12  # rows of one place at least, places of a driver at most
+_ALIKE = 0.1  # of their range, within which means are as low or as high as the one that is
+_ROUND = 340.0  # degrees, from where an axis has been all round and no end is one
+_FOLLOWED = 0.5  # of the variance, from where the values are said to follow a driver
 
 
 def effect_summaries(diagnosis):
@@ -35,15 +40,15 @@ def effect_summary(diagnosis, found):
     """
     context = diagnosis.observations.context
     e = found.fitted.effect
-    fitted = effect_offsets(found)
-    rms = found.removes_arcsec
-    rows, values = over_the_rows(diagnosis, fitted)
-    more = []
+    rms, used, more = found.removes_arcsec, diagnosis.weights > 0.0, []
+    # on the axis where it goes farther
+    values = found.beyond[int(np.argmax(np.ptp(found.beyond, axis=1)))] if used.any() else \
+        np.zeros(0)
     alternatives = still_open(vars(found))
     if len(found.causes) > 1:
         where = acting_word(found, context.mount.names.axes, 'pointing')
         seen = ', '.join(filter(None, [f'The {where} error has {shape_of(found)}',
-                                       _where(diagnosis, found, fitted, rows, values)]))
+                                       _where(context, found, used, values)]))
         more.append(cause_wording.causes_sentence(found.causes))
     elif alternatives:
         where = acting_word(found, context.mount.names.axes, 'pointing')
@@ -59,7 +64,6 @@ def effect_summary(diagnosis, found):
             (known.min(), known.max()) if known.size else None,
             utc_text if utc and e.driver == 'time' else None))
     more.append(cause_wording.alternatives_sentence(vars(found), e.cause_summary))
-    used = diagnosis.weights > 0.0
     seen, observed = _as_observed(seen, context, e, used)
     own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)
     more += [places, observed]
@@ -175,18 +179,83 @@ def shape_of(found):
     return common_shape([one['shape'] for one in _may_be(found)] or [e.shape], _drivers(found))
 
 
-def _where(diagnosis, found, fitted, rows, values):
+def _where(context, found, used, values):
     """Which way an effect goes: on which side, or at which places of its driver; '' if neither."""
     e = found.fitted.effect
-    driver = driver_of(diagnosis.observations.context, e.driver)
+    driver = driver_of(context, e.driver)
     # of causes that follow other angles too no place of this one says where the error is
     if driver is None or len(_drivers(found)) > 1:
         return ''
     if driver.levels:
-        return _sides(diagnosis, e, fitted, driver)
-    places = ends(driver.values[rows], values) if driver.label.endswith('[°]') else None
+        return _sides(e, found.offsets[:, used], driver.values[used], driver.levels)
+    places = ends(driver.values[used], values) if driver.label.endswith('[°]') else None
     return '' if places is None else ', '.join(
         f'{word} {_place(one)}' for word, one in zip(('lowest', 'highest'), places))
+
+
+@dataclass
+class Extreme:
+    """Where something is lowest or highest along a driver.
+
+    Attributes
+    ----------
+    at, low, high : float
+        There, and from where to where it is hardly less so.
+    end : bool
+        The rows end there: beyond it may be lower or higher still.
+    """
+
+    at: float
+    low: float
+    high: float
+    end: bool
+
+
+def ends(driver, values):
+    """Places of a driver around which some values are lowest and highest.
+
+    A single row is no place: what is stretched by the other axis, or reversed through the pole,
+    has its lowest and its highest at one and the same. Means of neighbours are compared.
+
+    Parameters
+    ----------
+    driver, values : ndarray, shape (m,)
+
+    Returns
+    -------
+    tuple of Extreme or None
+        Where the means are lowest and highest; None where the driver is not what most of the
+        values follow.
+    """
+    known = np.isfinite(driver)
+    driver, values = driver[known], values[known]
+    parts = min(len(driver) // _NEIGHBOURS, _PLACES)
+    if parts < 3:
+        return None
+    order = np.argsort(driver, kind='stable')
+    groups = np.array_split(order, parts)
+    means = np.array([values[group].mean() for group in groups])
+    between = sum(len(group) * (mean - values.mean())**2 for group, mean in zip(groups, means))
+    if not between > _FOLLOWED * np.square(values - values.mean()).sum():
+        return None
+    places = np.array([np.median(driver[group]) for group in groups])
+    alike = _ALIKE * np.ptp(means)
+    round_ = np.ptp(driver) > _ROUND
+    if not round_:
+        places[[0, -1]] = driver.min(), driver.max()
+    return tuple(_extreme(places, size <= size.min() + alike, int(size.argmin()), round_)
+                 for size in (means, -means))
+
+
+def _extreme(places, alike, k, round_):
+    """`Extreme` at the place `k`, with the neighbours that are as low or as high."""
+    low = high = k
+    while low > 0 and alike[low - 1]:
+        low -= 1
+    while high + 1 < len(places) and alike[high + 1]:
+        high += 1
+    return Extreme(*(float(places[i]) for i in (k, low, high)),
+                   bool(not round_ and (low == 0 or high == len(places) - 1)))
 
 
 def _place(one):
@@ -198,15 +267,14 @@ def _place(one):
     return f'at {at}, where the rows end' if one.end else f'near {at}'
 
 
-def _sides(diagnosis, e, fitted, driver):
+def _sides(e, fitted, values, levels):
     """By how much more is read on one side of a driver of two than on the other, on average."""
-    used = diagnosis.weights > 0.0
-    sides = [level for level in driver.levels if level]
+    sides = [level for level in levels if level]
     if len(sides) != 2:
         return ''
-    axis = {'az': 0, 'el': 1}.get(e.axes, int(np.argmax(np.ptp(fitted[:, used], axis=1))))
-    means = [fitted[axis][used & (driver.values == level)].mean() for level in sides]
+    axis = {'az': 0, 'el': 1}.get(e.axes, int(np.argmax(np.ptp(fitted, axis=1))))
+    means = [fitted[axis][values == level].mean() for level in sides]
     more, less = (sides if means[0] > means[1] else sides[::-1])
     after = 'after moving ' if e.driver.startswith('approach') else 'with '
-    return (f'{arcsec(abs(means[0] - means[1]))} more on the sky {after}{driver.levels[more]} than '
-            f'{driver.levels[less]}, on average')
+    return (f'{arcsec(abs(means[0] - means[1]))} more on the sky {after}{levels[more]} than '
+            f'{levels[less]}, on average')

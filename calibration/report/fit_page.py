@@ -13,7 +13,6 @@ from .diagnosis_sections import exclusions
 from .drawing import clean
 from .provenance import provenance_section, site_degrees, site_text
 from .residual_figures import controls, residual_sections, run_residuals
-from .star_table import group_name
 from .term_table import terms_section
 from .wording import wording
 
@@ -90,7 +89,7 @@ def _residuals(found):
     row = 'row' if run.meta.get('lines') is None else 'line'
     return run_residuals(
         run, [f'{row} {line}' for line in run.lines] if stars is None else
-        list(map(group_name, stars)), before, after, result.weights > 0.0, words,
+        list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='as the encoders read', after_text='model')
 

@@ -14,7 +14,6 @@ from calibration.rows import is_kept_out
 from msg_tools.bag.names import prefix_of
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.sqlite import open_bag
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
@@ -38,12 +37,11 @@ _ENDS = ('observation', 'observations', 'calibration/report', 'model', 'tracking
 FILES = ('observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
 
-def write_night_page(path, run, model, report, log):
-    """Write the page of a night; a diagnosis whose page lies beside the log becomes a part of it.
+def night_page(run, model, report, log):
+    """The page of a night as text; a diagnosis whose page lies beside the log becomes a part of it.
 
     Parameters
     ----------
-    path : Path
     run : PointingRun
         All rows.
     model : PointingModel
@@ -53,34 +51,35 @@ def write_night_page(path, run, model, report, log):
     log : Path
         Of the night, with the files that the page names beside it.
 
-    Raises
-    ------
-    OSError
-        It cannot be written.
+    Returns
+    -------
+    str
     """
     diagnosed = log.parent / 'diagnosis.html'
-    write_text(path, render_night(
+    return render_night(
         run, model, report, log_summary(log),
         diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else '',
-        [log, *(log.parent / name for name in FILES if log.is_dir())]))
+        [log, *(log.parent / name for name in FILES if log.is_dir())])
 
 
-def write_page_of_log(log, path):
-    """Write the page of a night that is over, from its log alone.
+def page_of_log(log):
+    """The page of a night that is over as text, from its log alone.
 
     Parameters
     ----------
     log : Path
         Folder or file.
-    path : str or Path
-        HTML file to write.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     ValueError
         It is no log of a night, or that of the simulator's truth.
     OSError
-        It cannot be read, or the page not be written.
+        It cannot be read.
     """
     log = Path(log)
     bag = open_bag(log)
@@ -107,7 +106,7 @@ def write_page_of_log(log, path):
     report['checks'] = checks.get('checks', [])
     model = PointingModel.from_json(last['model'].data) if 'model' in last \
         else PointingModel({}, mount=run.mount)
-    write_night_page(path, run, model, report, log)
+    return night_page(run, model, report, log)
 
 
 def log_summary(log):
@@ -127,7 +126,7 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     Parameters
     ----------
     run, model, report
-        As of `write_night_page`.
+        As of `night_page`.
     log : dict, optional
         Of `log_summary`.
     diagnosis : str
@@ -242,7 +241,7 @@ def residuals_of(run, model, report, split_seed=None):
     Parameters
     ----------
     run, model, report
-        As of `write_night_page`.
+        As of `night_page`.
     split_seed : int, optional
         With which the stars were chosen that the check holds out; None: it is not said.
 

@@ -1,15 +1,18 @@
 """Words for proposed observations: where, for which causes of an effect, what they would bring."""
 
+from itertools import groupby
+
 import numpy as np
 
 from calibration.estimation.select import SET_WIDTH
-from pointing_model.effects.base import arcsec
+from pointing_model.effects.base import arcsec, readable
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from .cause_wording import open_causes, plain_name, short_cause, still_open
 
+_MOST_PLACES = 6  # that are proposed on the terminal
 #: why hours are told with a place
-WHY_LATER = ' (something in one of the explanations changes with time)'
+_WHY_LATER = ' (something in one of the explanations changes with time)'
 _LEVEL = np.sin(np.radians(0.5))  # of a counterweight that is called up
 
 
@@ -42,11 +45,11 @@ def serves_sentence(document):
                 'one cause was left for it, which only a look at the mount can test.'))
 
 
-def no_star_sentences(document, but=None):
-    """A sentence for each effect, but for one, of which no observation tells the causes apart."""
+def no_star_sentences(document):
+    """Name of each effect of which no observation tells the causes apart -> a sentence, dict."""
     words = causes_of(document)
-    return [_no_star(words.get(one, one), _either(others, words))
-            for one, *others in document.get('no_star') or [] if one != but]
+    return {one: _no_star(words.get(one, one), _either(others, words))
+            for one, *others in document.get('no_star') or []}
 
 
 def _no_star(one, others):
@@ -85,8 +88,8 @@ def next_sentence(document, row):
         if len({short_cause(one) for one in both}) > 1:
             both = [short_cause(one) for one in both]
         return (f'To tell {" from ".join(both)}, observe first '
-                f'{place_words(mine[0], kind)}{WHY_LATER * bool(mine[0].get("after_hours"))}; '
-                f'{enough(mine)}.')
+                f'{place_words(mine[0], kind)}{_WHY_LATER * bool(mine[0].get("after_hours"))}; '
+                f'{_enough(mine)}.')
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {words.get(name) for name in others} >= set(words.values()) - {words[one]}
@@ -96,7 +99,54 @@ def next_sentence(document, row):
     return ''
 
 
-def enough(items):
+def proposal_lines(document):
+    """A line for each pair of causes: the places that tell them apart, one after the other."""
+    causes, kind = causes_of(document), document.get('mount') or USUAL
+    for separates, group in groupby(proposals(document)[:_MOST_PLACES],
+                                    key=lambda item: item['separates']):
+        group = list(group)
+        names = ' from '.join(causes.get(name) or readable(name) for name in separates)
+        yield (f'next, to tell {names} ({_enough(group)}): observe '
+               + '; '.join(place_words(item, kind) for item in group))
+
+
+def proposal_groups(rows, kind=USUAL, causes=()):
+    """Proposed observations by the pair of causes that they tell apart.
+
+    Parameters
+    ----------
+    rows : list of dict
+        As of `proposals`.
+    kind : str
+        Of `pointing_model.mounts.KINDS`.
+    causes : dict, optional
+        Of `causes_of`.
+
+    Returns
+    -------
+    list of (str, list of dict, str)
+        The pair, its rows with ``number`` and ``counterweight_up``, and what they would bring.
+    """
+    groups, causes = {}, dict(causes)
+    for i, row in enumerate(rows, 1):
+        groups.setdefault(tuple(row.get('separates') or ()), []).append(
+            {**row, 'number': i, 'counterweight_up': _counterweight_up(row, kind)})
+    return [(' from '.join(causes.get(name) or readable(name) for name in names), group,
+             _group_note(group)) for names, group in groups.items()]
+
+
+def _group_note(group):
+    if None in (group[0].get('separation_before'), group[-1].get('separation_after')):
+        return ''
+    text = _enough(group)
+    if any(row.get('after_hours') for row in group):
+        text += f'. Hours count{_WHY_LATER}'
+    if group[0].get('next_night'):
+        text += '. It is not dark any more tonight: observe in the next night'
+    return f'{text[:1].upper()}{text[1:]}.'
+
+
+def _enough(items):
     """What some observations for one pair would bring, and whether that is enough."""
     before, after = items[0]['separation_before'], items[-1]['separation_after']
     text = f'the evidence between them (ΔBIC), {before:.1f} now, would be {after:.1f} with ' + (
@@ -109,7 +159,7 @@ def _degrees(value):
     return f'{int(round(value))}°'.replace('-', '−')
 
 
-def counterweight_up(item, kind):
+def _counterweight_up(item, kind):
     """Whether the counterweight of a German mount is above level at a proposed observation."""
     return bool(KINDS[kind].two_sided and 'ha_deg' in item
                 and np.sin(np.radians(item['ha_deg'])) < -_LEVEL)
@@ -139,7 +189,7 @@ def place_words(item, kind=USUAL):
              for key, axis in zip(('approach_az', 'approach_el'), names.axes) if item.get(key)]
     if item.get('through_pole'):
         place += ', through the pole'
-    if counterweight_up(item, kind):
+    if _counterweight_up(item, kind):
         place += ', counterweight up (only if your mount may)'
     if sides:
         place += ', approached with ' + ' and '.join(sides)

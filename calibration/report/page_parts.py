@@ -207,6 +207,11 @@ def cell_of(value):
     return value if isinstance(value, Markup) else clean('–' if value is None else value)
 
 
+def group_name(value):
+    """A power-on, night or run, for people."""
+    return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
+
+
 def number(value, digits=2, sign=False):
     """A number as text; None and NaN are a dash."""
     if value is None or not np.isfinite(value):

@@ -44,7 +44,7 @@ def provenance_section(rows, files=()):
     facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
     return section('Where this comes from', definitions(
-        row for row in facts if row[1] not in ('', None)), _files(files))
+        [row for row in facts if row[1] not in ('', None)]), _files(files))
 
 
 def _files(files):

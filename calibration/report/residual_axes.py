@@ -42,6 +42,8 @@ class Driver:
         value -> text where there are only a few values.
     plain : bool
         False: made for one effect only.
+    title : str
+        The label without its unit.
     """
 
     name: str
@@ -50,11 +52,9 @@ class Driver:
     levels: dict | None = None
     plain: bool = True
 
-    @property
-    def title(self):
-        """The label without its unit."""
+    def __post_init__(self):
         text = self.label.split(' [')[0]
-        return text[:1].upper() + text[1:]
+        self.title = text[:1].upper() + text[1:]
 
 
 def _labels(names):

@@ -6,14 +6,13 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from calibration.analysis.diagnosis.page_figures import histogram
 from pointing_model.effects.base import arcsec
 from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, padded, svg, text, thin, ticks
-from .page_parts import figure, legend, number, pair, section
-from .star_table import WHENS, group_name, stars_table
+from .page_parts import figure, group_name, legend, number, pair, section
+from .star_table import WHENS, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
 #: any has
@@ -378,7 +377,7 @@ def in_time(data):
         moved = np.flatnonzero(data.groups[order][1:] != data.groups[order][:-1])
         gaps = [0.5 * (x[order[i]] + x[order[i + 1]]) for i in moved] if len(moved) <= 40 else []
     text = f'Dashed: another {data.group_word} begins.' if gaps else ''
-    return pair(_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS)
+    return pair([_stacked(data, when, x, label, gaps=gaps, texts=text) for when in WHENS])
 
 
 def along_axes(data):
@@ -386,9 +385,9 @@ def along_axes(data):
     if not data.known.any():
         return ''
     places = data.places or (np.mod(data.az, 2.0 * np.pi), data.el)
-    return pair(_stacked(data, 'after', np.degrees(place), f'{word} [°]',
-                         len(data) <= MAX_LINKED)
-                for place, word in zip(places, data.place_words))
+    return pair([_stacked(data, 'after', np.degrees(place), f'{word} [°]',
+                          len(data) <= MAX_LINKED)
+                 for place, word in zip(places, data.place_words)])
 
 
 def histograms(data):
@@ -406,6 +405,29 @@ def histograms(data):
         else:
             out.append(_histogram(before, after, limit, title, WHENS))
     return (''.join(out) if out[0].startswith('<div') else pair(out)) + legend()
+
+
+def histogram(before, after, limit):
+    """Counts of residuals before and after in the same bins; what is beyond is in the last ones.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (n,)
+    limit : float
+        Of the bins, on both sides.
+
+    Returns
+    -------
+    edges : ndarray, shape (b + 1,)
+    counts : list of ndarray, shape (b,)
+    sigmas : list of float
+        Standard deviations.
+    """
+    bins = int(np.clip(np.sqrt(len(before)) * 1.6, 9, 41)) | 1
+    edges = np.linspace(-limit, limit, bins + 1)
+    both = before, after
+    return (edges, [np.histogram(np.clip(v, -limit, limit), edges)[0] for v in both],
+            [float(np.std(v)) if len(v) else np.nan for v in both])
 
 
 def _histogram(before, after, limit, title, whens):

@@ -5,21 +5,16 @@ from datetime import datetime, timezone
 import numpy as np
 
 from .drawing import clean
-from .page_parts import number
+from .page_parts import group_name, number
 
 WHENS = ('before', 'after')
 #: rows of the table
 MAX_TABLE = 1500
 
 
-def group_name(value):
-    """A power-on, night or run, for people."""
-    return f'{value:g}' if isinstance(value, (float, np.floating)) else str(value)
-
-
 def stars_table(data):
     """Every row, the worst first; it sorts by any column, and its rows light up in the plots."""
-    if not len(data):
+    if not len(data.used):
         return '<p>There is no row.</p>'
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
@@ -44,16 +39,16 @@ def stars_table(data):
             cells.append(_clock(data.time[i], days, data.utc))
         cells += [number(place[i], 1) for place in places]
         tail = ''
-        for kind in WHENS:
-            x, y = data.of(kind)[:, i]
+        for kind, values in zip(WHENS, (data.before, data.after)):
+            x, y = values[:, i]
             tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
                             for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
         group = '' if data.groups is None else f' data-g="{cells[1]}"'
         rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
                     + ''.join(f'<td>{cell}</td>' for cell in cells) + tail
                     + f'<td>{clean(data.words[i])}</td></tr>')
-    some = f'<p class="note">The worst {len(order)} of {len(data)} rows.</p>' * (
-        len(order) < len(data))
+    some = f'<p class="note">The worst {len(order)} of {len(size)} rows.</p>' * (
+        len(order) < len(size))
     return (f'{some}<div class="scroll tall"><table class="stars sort"><caption>Rows of the run, '
             f'the worst first</caption><thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}'
             '</tbody></table></div>')

@@ -2,10 +2,8 @@
 
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
-from pointing_model.rms import rms_arcsec
 from pointing_model.zero import BY_POLARIS
 
-from ..analysis.diagnosis.row_counts import excluded_of_fit, fit_row_counts, row_word
 from ..analysis.harmonic_fit import READ_AS
 from .fit_wording import UNDETERMINED, origin_sentence
 from .night_document import RAW
@@ -141,12 +139,14 @@ def terms_table(terms):
     return out
 
 
-def fit_tables(found):
+def fit_tables(found, document):
     """All that the command says of a fit to a measured run.
 
     Parameters
     ----------
     found : calibration.analysis.run_fit.RunFit
+    document : dict
+        Of `documents.fit_document`.
 
     Returns
     -------
@@ -154,15 +154,15 @@ def fit_tables(found):
         What `rich.console.Console.print` takes: tables and lines of text.
     """
     run, result = found.run, found.terms
-    counts, fitted = fit_row_counts(run, result), result.rms_arcsec(rejected=False)
-    used = run.select(result.weights > 0.0)
-    steps = new_table(f'RMS on the sky, arcsec, {counts.used} rows', 'correction',
+    steps = new_table(f'RMS on the sky, arcsec, {document["rows_used"]} rows', 'correction',
                       *run.mount.names.columns, 'radial')
-    steps.add_row(RAW, *_rms_cells(rms_arcsec(*used.offsets(found.encoder))._asdict()))
-    steps.add_row(f'{len(result.names)} terms, on the rows fitted', *_rms_cells(fitted._asdict()))
-    if found.halves is not None:
-        steps.add_row(f'{len(result.names)} terms, each half judged by a fit to the other',
-                      *_rms_cells(found.halves._asdict()))
+    terms = f'{len(result.names)} terms'
+    for label, when, key in (
+            (RAW, 'before', 'rms'), (f'{terms}, on the rows fitted', 'after', 'rms'),
+            (f'{terms}, each half judged by a fit to the other', 'after', 'cv_rms')):
+        values = [document[when][f'{key}_{axis}arcsec'] for axis in ('x_', 'y_', '')]
+        if None not in values:
+            steps.add_row(label, *(f'{value:.2f}' for value in values))
     lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
              f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
              f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
@@ -170,19 +170,18 @@ def fit_tables(found):
     strong = _strong_correlations(result)
     if strong:
         lines.append(f'correlations above 0.9: {strong}')
-    if counts.outliers:
-        lines.append(outlier_sentence(
-            {**counts.to_dict(), 'after': {'rms_arcsec': fitted.radial}}))
-    if counts.too_few:
+    if document['outliers']:
+        lines.append(outlier_sentence(document))
+    if found.counts.too_few:
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     lines += map(wording, result.open_directions)
-    lines += left_out_lines(excluded_of_fit(run, result), word=row_word(run))
-    lines += [f'note: {wording(one)}' for one in found.findings]
+    lines += left_out_lines(document['excluded'], word=document['rows_are'])
+    lines += [f'note: {note}' for note in document['notes']]
     if found.harmonics:
         lines += harmonic_tables(found.harmonics)
         lines.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
                      'arcsec radial on the rows fitted')
-        lines += [f'note: {wording(one)}' for one in found.harmonic_findings]
+        lines += [f'note: {note}' for note in document['harmonics']['notes']]
     if found.predicted:
         lines += predicting_tables(found.predicted, run.mount)
     if found.origin is not None:
@@ -190,7 +189,7 @@ def fit_tables(found):
     if found.base:
         lines += [base_table(found.base, found.plain),
                   *(f'note: {wording(note)}' for note in found.base.notes)]
-    return [used_sentence(counts.to_dict()), terms_table(result.term_rows()), steps, *lines]
+    return [used_sentence(document), terms_table(result.term_rows()), steps, *lines]
 
 
 def base_table(base, model):

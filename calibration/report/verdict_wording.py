@@ -13,7 +13,6 @@ from .noise_wording import correlation_sentence, drift_words
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
 from .row_wording import bad_nights, outlier_sentence, scatter_sentence, worst_sentence
-from .wording import Statement
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
@@ -21,8 +20,37 @@ _NO_GAIN = 0.98  # of the error before, above which nothing was gained
 _LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
 #: of the effects that would have been found, so many are named
 _MOST_NAMED = 8
+#: verdict -> what a page calls it
+VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
+            'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
+            'unknown': 'cause unknown', 'refused': 'nothing concluded',
+            'withheld': 'not published', 'taken_back': 'taken back'}
 #: verdicts that name no effect
 _WITHOUT_EFFECTS = ('refused', 'none', 'undecided', 'wanders')
+
+
+@dataclass
+class Statement:
+    """One thing to know.
+
+    Attributes
+    ----------
+    lead : str
+        What it is.
+    more : str
+        Why, what to do about it, what it rests on.
+    size_arcsec : float, optional
+        Of an effect: RMS on the sky.
+    """
+
+    lead: str
+    more: str = ''
+    size_arcsec: float | None = None
+
+    @property
+    def text(self):
+        """All of it."""
+        return f'{self.lead} {self.more}'.strip()
 
 
 @dataclass

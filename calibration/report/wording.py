@@ -1,7 +1,5 @@
 """The sentence of each `Finding`: one for a kind, in the module of what it is about."""
 
-from dataclasses import dataclass
-
 from calibration.analysis.finding import Finding
 
 from . import (
@@ -42,27 +40,3 @@ def worded(document):
 def paragraph(findings):
     """Their sentences, one after the other."""
     return ' '.join(map(wording, findings))
-
-
-@dataclass
-class Statement:
-    """One thing to know.
-
-    Attributes
-    ----------
-    lead : str
-        What it is.
-    more : str
-        Why, what to do about it, what it rests on.
-    size_arcsec : float, optional
-        Of an effect: RMS on the sky.
-    """
-
-    lead: str
-    more: str = ''
-    size_arcsec: float | None = None
-
-    @property
-    def text(self):
-        """All of it."""
-        return f'{self.lead} {self.more}'.strip()

@@ -39,7 +39,7 @@ def run(args):
     from .. import domain
     from ..drivers.listener import check_drivers
     from ..drivers.samples import WRONG
-    from .console import new_console, print_all
+    from .console import new_console, print_all, write_json
     if args.star and not args.nudge:
         raise ValueError('--star is for --nudge: give both')
     sky = options.sky_of(args)
@@ -52,5 +52,5 @@ def run(args):
     wrong = sum(finding.level == WRONG for finding in findings)
     console.print(f'{wrong} wrong' if wrong else 'nothing wrong')
     if args.json is not None:
-        options.write_json(args.json, [finding._asdict() for finding in findings])
+        write_json(args.json, [finding._asdict() for finding in findings])
     return int(wrong > 0)

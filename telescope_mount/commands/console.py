@@ -1,11 +1,16 @@
 """What the commands print with: a console, a line of progress, tables and files."""
 
+import math
 import os
 import sys
 import time
+from functools import partial
+from pathlib import Path
 from threading import RLock, Timer
 
-from msg_tools.output import tried
+from msg_tools.output import tried, write_text
+
+from .. import interrupt
 
 #: s of work after which progress is shown
 PATIENCE = 1.0
@@ -61,8 +66,8 @@ class ProgressLine:
     every : float
         Seconds after which a step has another such line.
     lines : bool
-        Whether the standard error, where it is no terminal, has a line after `FIRST_LINE` seconds
-        of work and then one each `NEXT_LINE`.
+        Of work that a signal may end anywhere: the standard error, where it is no terminal, has a
+        line after `FIRST_LINE` seconds of work and then one each `NEXT_LINE`.
     """
 
     def __init__(self, console=None, unit='exposures', first='starting the nodes',
@@ -90,6 +95,8 @@ class ProgressLine:
 
     def __call__(self, text, done=0, total=None):
         """What is done now, and how much of it; `total` None: not known."""
+        if self._lines:  # nothing of this work has to end in order
+            interrupt.check()
         with self._lock:
             self._at = text, done, total
             self._last = time.monotonic()
@@ -205,6 +212,12 @@ def print_all(console, parts):
         console.print(part)
 
 
+def print_finding(console, found):
+    """The sentence of a Finding."""
+    from calibration.report.wording import wording
+    console.print(wording(found))
+
+
 def print_lines(console, kind, lines):
     """Lines that begin with what they are: a note, an alarm, a loss."""
     print_all(console, (f'{kind}: {line}' for line in lines))
@@ -240,6 +253,38 @@ def print_calibration(console, report):
                           f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
 
 
+def write_json(path, document):
+    """Write a result, as --json of all commands does; what is no number is null.
+
+    Parameters
+    ----------
+    path : Path
+        As the parser gave it.
+    document : dict or list
+    """
+    import json
+    text = json.dumps(_plain(document), indent=1, allow_nan=False) + '\n'
+    if isinstance(path, Path):
+        write_text(path, text)
+    else:
+        path.write_text(text)
+
+
+def _plain(value):
+    """What JSON can hold of it."""
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if hasattr(value, 'tolist'):
+        return _plain(value.tolist())
+    return str(value)
+
+
 def end_of_night(console, json, report, width=13):
     """Write --json, name the files that are there, and say which outputs are incomplete.
 
@@ -259,11 +304,10 @@ def end_of_night(console, json, report, width=13):
     int
         The exit code.
     """
-    from .options import write_json
     incomplete = list(report['incomplete'])
     files = dict(report['files'])
     if json is not None:
-        tried(incomplete, json, lambda path: write_json(path, report))
+        tried(incomplete, json, partial(write_json, document=report))
         files['report'] = json
     print_files(console, {name: path for name, path in files.items()
                           if not any(line.startswith(f'{path}: ') for line in incomplete)}, width)
@@ -283,12 +327,14 @@ def write_outputs(console, args, document, what='result', model=None, page=None)
     document : dict or list
     what : str
         What `document` is called.
-    model, page : callable, optional
-        Write these to a path.
+    model : callable, optional
+        Writes it to a path.
+    page : str, optional
+        HTML.
     """
-    from .options import write_json
-    for name, write, called in (('json', lambda path: write_json(path, document), what),
-                                ('save', model, 'model'), ('report', page, 'page')):
+    for name, write, called in (('json', partial(write_json, document=document), what),
+                                ('save', model, 'model'),
+                                ('report', page and partial(write_text, text=page), 'page')):
         path = getattr(args, name, None)
         if not path or write is None:
             continue

@@ -1,10 +1,18 @@
 """The command ``diagnose``: what is wrong with a mount."""
 
+from functools import partial
 from pathlib import Path
 
-from .. import interrupt
 from . import options
-from .console import ProgressLine, new_console, print_all, print_lines, write_outputs
+from .console import (
+    ProgressLine,
+    new_console,
+    print_all,
+    print_finding,
+    print_lines,
+    write_json,
+    write_outputs,
+)
 
 BASES = ('physical, standard6, index, sh13 (or sh1 to sh4; sh4p: E as printed), or terms, '
          'joined by +')
@@ -59,7 +67,7 @@ def run(args):
     except MistakenColumns as error:
         if args.json:
             from calibration.report.documents import refused_document
-            options.write_json(args.json, refused_document(error))
+            write_json(args.json, refused_document(error))
         raise
 
 
@@ -67,6 +75,7 @@ def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
     from calibration.report.diagnosis_tables import diagnosis_tables
+    from calibration.report.diagnosis_view import view_of
     from calibration.report.documents import diagnosis_document
     from calibration.report.fit_wording import origin_sentence
     from calibration.report.tables import base_table
@@ -92,26 +101,24 @@ def _run(args):
         if origin is not None:
             print_lines(console, 'sides of the pier', [origin_sentence(origin)])
     with ProgressLine(unit='folds', first='looking for effects', lines=True) as progress:
-        def on(*what):
-            interrupt.check()
-            progress(*what)
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
-                         sessions=args.sessions, progress=on, jobs=args.jobs or cores(),
-                         first_answer=lambda first: console.print(wording(first)))
+                         sessions=args.sessions, progress=progress, jobs=args.jobs or cores(),
+                         first_answer=partial(print_finding, console))
     found.whole = not (base and base.held is not None)
     document = diagnosis_document(found)
-    print_all(console, diagnosis_tables(found, document))
+    view = view_of(found, document)
+    print_all(console, diagnosis_tables(view))
     if base:
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))
         document['base_model'] = base.compared(found.model)
     model = base.whole(found.model) if base else found.model
-
-    def write_page(path):
-        from calibration.report.diagnosis_page import write_report
-        write_report(found, path, args.runs)
-    write_outputs(console, args, document, model=model.save, page=write_page)
+    page = None
+    if args.report:
+        from calibration.report.diagnosis_page import render
+        page = render(view, args.runs)
+    write_outputs(console, args, document, model=model.save, page=page)
     return 2 if found.verdict == 'refused' else 0
 
 

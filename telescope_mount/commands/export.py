@@ -85,6 +85,7 @@ def run(args):
 def _run_model(args, console):
     """Write a model for another program, say what it holds."""
     from .. import model_export
+    from .console import write_json
     _refuse(args, ('topics', 'start', 'end'), 'is of runs, and --to of models')
     options.check_target(args.out)
     if not _same(args.out, args.file):
@@ -100,7 +101,7 @@ def _run_model(args, console):
                                         **place)
     model_export.show(written, console)
     if args.json:
-        options.write_json(args.json, written.to_dict())
+        write_json(args.json, written.to_dict())
 
 
 def _whole_site(site, args):

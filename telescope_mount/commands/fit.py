@@ -38,7 +38,9 @@ def run(args):
     except MistakenColumns as error:
         if args.json:
             from calibration.report.documents import refused_fit
-            options.write_json(args.json, refused_fit(error))
+
+            from .console import write_json
+            write_json(args.json, refused_fit(error))
         raise
 
 
@@ -54,7 +56,6 @@ def _run(args):
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.documents import fit_document
     from calibration.report.tables import fit_tables
-    from msg_tools.output import write_text
 
     from ..runs import load_run
     from .console import new_console, print_all, write_outputs
@@ -67,12 +68,12 @@ def _run(args):
         from calibration.analysis.base_model import BaseModel
         base = BaseModel.read(args.base, run.mount)
     found = fit_run(run, args.terms, encoder=args.encoder, robust=not args.no_robust, base=base,
-                    harmonics=choice_of(harmonics), predict=args.predict, source=args.file,
-                    most_iterations=args.max_iterations)
+                    harmonics=harmonics and choice_of(harmonics), predict=args.predict,
+                    source=args.file, most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
-    print_all(console, fit_tables(found))
-
-    def write_page(path):
+    print_all(console, fit_tables(found, document))
+    page = None
+    if args.report:
         from calibration.report.fit_page import render_fit
-        write_text(path, render_fit(found, document))
-    write_outputs(console, args, document, model=found.model.save, page=write_page)
+        page = render_fit(found, document)
+    write_outputs(console, args, document, model=found.model.save, page=page)

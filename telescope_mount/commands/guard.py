@@ -44,10 +44,10 @@ def run(args):
 
 
 def _answer(args, document, text):
-    from .console import new_console
+    from .console import new_console, write_json
     new_console().print(text)
     if args.json:
-        options.write_json(args.json, document)
+        write_json(args.json, document)
 
 
 def sentence(status):

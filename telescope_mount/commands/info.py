@@ -28,11 +28,11 @@ def run(args):
     info = log_info(args.log, quick=args.quick)
     console = new_console()
     print_all(console, info_tables(info))
-
-    def write_page(path):
-        from calibration.report.night_page import write_page_of_log
-        write_page_of_log(args.log, path)
-    write_outputs(console, args, info, page=write_page)
+    page = None
+    if args.report:
+        from calibration.report.night_page import page_of_log
+        page = page_of_log(args.log)
+    write_outputs(console, args, info, page=page)
     return int(bool(info['problems']) or not info['complete'])
 
 

@@ -28,7 +28,7 @@ def run(args):
     """List, or change."""
     from .. import domain
     from ..graph_client import GraphClient
-    from .console import new_console, print_all
+    from .console import new_console, print_all, write_json
     if args.node and not args.transition:
         raise ValueError(f'{args.node}: name a transition, {", ".join(TRANSITIONS)}')
     with closing(GraphClient(domain.join(args.domain).number, args.namespace,
@@ -39,5 +39,5 @@ def run(args):
     more = '' if done else f'; the transition {args.transition} was not made'
     print_all(new_console(), (f'{name}: {state}{more}' for name, state in states.items()))
     if args.json:
-        options.write_json(args.json, states)
+        write_json(args.json, states)
     return int(not done)

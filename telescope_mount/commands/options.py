@@ -1,14 +1,13 @@
 """Kinds of options, and options that several commands have."""
 
 import argparse
-import math
 import os
 import sys
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from msg_tools import NAMESPACE
-from msg_tools.output import log_of, model_of, write_text
+from msg_tools.output import log_of, model_of
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of
@@ -361,38 +360,6 @@ def refuse_existing(path, args):
     if isinstance(path, Path) and not args.overwrite and path.is_file() and (
             path.absolute().parts[1:2] != ('dev',)):
         raise ValueError(f'{path} is there already; name another file, or give --overwrite')
-
-
-def write_json(path, document):
-    """Write a result, as --json of all commands does; what is no number is null.
-
-    Parameters
-    ----------
-    path : Path
-        As the parser gave it.
-    document : dict or list
-    """
-    import json
-    text = json.dumps(_plain(document), indent=1, allow_nan=False) + '\n'
-    if isinstance(path, Path):
-        write_text(path, text)
-    else:
-        path.write_text(text)
-
-
-def _plain(value):
-    """What JSON can hold of it."""
-    if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if hasattr(value, 'tolist'):
-        return _plain(value.tolist())
-    return str(value)
 
 
 def is_list(args):

@@ -35,7 +35,6 @@ def run(args):
     from calibration.report.season_page import render_season
     from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
-    from msg_tools.output import write_text
     from pointing_model.runs.formats import NoObservations
 
     from ..runs import load_run
@@ -75,7 +74,7 @@ def run(args):
                 or ['nothing moves the terms beyond their own wander'])
     print_lines(console, 'note', document['notes'])
     write_outputs(console, args, document, model=result.model().save,
-                  page=lambda path: write_text(path, render_season(result, args.files)))
+                  page=args.report and render_season(result, args.files))
 
 
 def _files(paths):

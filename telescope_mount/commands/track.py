@@ -31,7 +31,6 @@ def run(args):
     from calibration.report.tables import new_table
     from calibration.report.track_page import render_track, tracking_lines
     from calibration.report.wording import worded
-    from msg_tools.output import write_text
     from pointing_model.model import PointingModel
 
     from ..runs import load_run
@@ -54,4 +53,4 @@ def run(args):
     print_lines(console, 'tracked', tracking_lines(summary))
     print_lines(console, 'note', summary['notes'])
     write_outputs(console, args, summary, model=tracked.model.save,
-                  page=lambda path: write_text(path, render_track(tracked, [args.file])))
+                  page=args.report and render_track(tracked, [args.file]))

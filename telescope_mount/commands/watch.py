@@ -58,10 +58,10 @@ def _log(args):
 def _print_state(args, state):
     """The state, once."""
     from ..dashboard.terminal_view import Dashboard
-    from .console import new_console
+    from .console import new_console, write_json
     new_console().print(Dashboard(state))
     if args.json:
-        options.write_json(args.json, state.document())
+        write_json(args.json, state.document())
 
 
 def _graph(args):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
-from calibration.estimation.folds import radial_arcsec
 from calibration.estimation.select import SET_WIDTH, choose, settled
 from pointing_model.effects.base import readable
+from pointing_model.rms import radial_arcsec
 
 from ..finding import Finding
 from .alternatives import (
@@ -29,7 +29,7 @@ from .expected_error import ahead, expected_error
 from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
-from .page_figures import by_size
+from .page_figures import add_page_figures
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
 from .row_counts import refused_if_few, row_word
 from .row_facts import repeats
@@ -122,7 +122,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     if left_open is not None:
         result = with_held_terms(result, left_open)
     result = refused_if_few(result)
-    by_size(result)
+    add_page_figures(result)
     result.columns_alike = checked.alike
     if obs.whole:
         result.notes.append(Finding('rows searched', len(obs), unit='rows',

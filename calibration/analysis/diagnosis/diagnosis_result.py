@@ -5,17 +5,15 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.folds import radial_arcsec
 from calibration.estimation.select import SET_WIDTH
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import stacked_design
-from pointing_model.rms import rms
+from pointing_model.rms import radial_arcsec, rms
 
 from .diagnosis_base import Base, Observations
-from .page_figures import correlations
 from .row_counts import RMS_KEYS, diagnosis_row_counts
 from .row_facts import unequal_scatter, worst_rows
 
@@ -49,6 +47,9 @@ class DiagnosedEffect:
         `alternatives.Alternative.entry`.
     removes_arcsec : float or None
         RMS on the sky that it takes off, beyond what the declared terms could.
+    offsets, own, beyond : ndarray or None
+        What it moves in each row, and of that what no term and no other effect takes up, shape
+        (2, n), and in the rows with weight what the declared terms do not, shape (2, m): arcsec.
     """
 
     fitted: FittedEffect
@@ -64,6 +65,9 @@ class DiagnosedEffect:
     beside: dict = field(default_factory=dict)
     contenders: list = field(default_factory=list)
     removes_arcsec: float | None = None
+    offsets: np.ndarray | None = None
+    own: np.ndarray | None = None
+    beyond: np.ndarray | None = None
 
     def to_dict(self):
         """Entry of the JSON result."""
@@ -130,6 +134,8 @@ class Diagnosis:
         Terms that no mount should have so, see `implausible_terms`.
     whole : bool
         Whether the rows are what the encoders read, and nothing was taken off before.
+    correlations : tuple
+        Names and matrix, see `page_figures.correlations`.
     """
 
     verdict: str
@@ -160,6 +166,7 @@ class Diagnosis:
     no_star: list = field(default_factory=list)
     unphysical: list = field(default_factory=list)
     whole: bool = True
+    correlations: tuple = ((), None)
 
     def add_correlation(self, entry):
         """Take a `residual_correlation.correlation_entry`."""
@@ -385,7 +392,7 @@ def _moved(diagnosis):
     moved = [name for (name, value), s in zip(base.terms.items(), base.sigmas)
              if name not in diagnosis.base.own and name in model.terms
              and abs(model.terms[name] - value) > _MOVED * s]
-    names, matrix = correlations(diagnosis) if moved else ([], None)
+    names, matrix = diagnosis.correlations
     found = [i for i, (_, coefficient) in enumerate(names) if coefficient is not None]
     out = {}
     for name in moved:

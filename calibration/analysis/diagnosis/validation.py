@@ -19,7 +19,6 @@ from calibration.estimation.folds import (
     cross_validate,
     effective_runs,
     predicted,
-    radial_arcsec,
     random_folds,
     run_folds,
 )
@@ -31,6 +30,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import total
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import stacked_design
+from pointing_model.rms import radial_arcsec
 
 from ..finding import Finding
 from .diagnosis_base import observations

@@ -189,8 +189,9 @@ def test_mistakes_beyond_the_pole_are_named():
 
 
 @pytest.mark.usefixtures('short_diagnosis')
-def test_page_and_result_go_by_the_axes_of_the_mount(tmp_path):
-    from calibration.report.diagnosis_page import write_report
+def test_page_and_result_go_by_the_axes_of_the_mount():
+    from calibration.report.diagnosis_page import render
+    from calibration.report.diagnosis_view import view_of
 
     def disc(a, e):
         return 8.0 * np.sin(2.0 * a) * np.cos(e)
@@ -198,8 +199,7 @@ def test_page_and_result_go_by_the_axes_of_the_mount(tmp_path):
     document = found.to_dict()
     assert document['mount'] == 'german'
     assert document['mount_axes'] == ['hour angle', 'declination']
-    write_report(found, tmp_path / 'page.html')
-    page = (tmp_path / 'page.html').read_text()
+    page = render(view_of(found))
     assert 'hour angle × cos δ' in page and 'azimuth × cos E' not in page
     assert 'hour angle encoder' in page and 'hour angle times cos' in page
 

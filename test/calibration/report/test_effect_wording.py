@@ -23,24 +23,12 @@ def told(reach, contenders=(), order=2, size=(0.0, -10.0)):
     columns = e.columns(context)
     fitted = SimpleNamespace(effect=e, coefficients=np.array(size) * ARCSEC,
                              sigma=np.full(2, ARCSEC))
-    found = SimpleNamespace(fitted=fitted, columns=columns, removes_arcsec=4.5, ranking=[],
-                            causes=[cause_entry(e, 90.0)], contenders=list(contenders))
-    base = SimpleNamespace(columns=lambda context, label: NoTerms())
-    run = SimpleNamespace(meta={})
-    obs = SimpleNamespace(context=context, label=np.zeros(40, int), run=run)
-    diagnosis = SimpleNamespace(observations=obs, weights=np.ones(40), base=base, effects=[found])
+    offsets = np.tensordot(size, columns, axes=1)
+    found = SimpleNamespace(fitted=fitted, offsets=offsets, beyond=offsets, removes_arcsec=4.5,
+                            ranking=[], causes=[cause_entry(e, 90.0)], contenders=list(contenders))
+    obs = SimpleNamespace(context=context, run=SimpleNamespace(meta={}))
+    diagnosis = SimpleNamespace(observations=obs, weights=np.ones(40), effects=[found])
     return effect_summary(diagnosis, found), found, mount
-
-
-class NoTerms:
-    def __len__(self):
-        return 40
-
-    def rows(self, both):
-        return self
-
-    def left_of(self, values, white):
-        return values
 
 
 def test_a_wave_has_both_sizes_and_where_it_was_observed():

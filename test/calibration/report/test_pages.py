@@ -16,15 +16,16 @@ from places import LOG, ROOT
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.run_fit import fit_run
-from calibration.report.diagnosis_page import write_report
+from calibration.report.diagnosis_page import render
+from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
 from calibration.report.log_health import log_health
 from calibration.report.night_page import (
+    night_page,
+    page_of_log,
     render_night,
     residuals_of,
-    write_night_page,
-    write_page_of_log,
 )
 from calibration.report.page_parts import CSS, number, value_and_error
 from calibration.report.provenance import sum_of
@@ -49,7 +50,7 @@ def night(tmp_path_factory):
     (folder / 'report.json').write_text(json.dumps(report))
     (folder / 'bag').mkdir()
     path = folder / 'page.html'
-    write_night_page(path, run, model, report, folder / 'bag')
+    path.write_text(night_page(run, model, report, folder / 'bag'), encoding='utf-8')
     return SimpleNamespace(folder=folder, run=run, model=model, report=report, path=path,
                            text=path.read_text(encoding='utf-8'))
 
@@ -140,9 +141,8 @@ def test_a_log_tells_how_its_instruments_did():
 
 
 def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
-    log, page = ROOT / 'examples' / 'night' / 'bag', tmp_path / 'page.html'
-    write_page_of_log(log, page)
-    text = page.read_text(encoding='utf-8')
+    log = ROOT / 'examples' / 'night' / 'bag'
+    text = page_of_log(log)
     ElementTree.fromstring(text.split('\n', 1)[1])
     report = json.loads([message.data.data for message in BagReader(log).messages(
         '/mount/calibration/report', decode=True)][-1])
@@ -153,7 +153,7 @@ def test_a_night_that_is_over_has_its_page_from_its_log(tmp_path):
     with BagWriter(tmp_path / 'empty'):
         pass
     with pytest.raises(ValueError, match='it is no log of a night'):
-        write_page_of_log(tmp_path / 'empty', page)
+        page_of_log(tmp_path / 'empty')
 
 
 @pytest.mark.parametrize('n', [0, 1])
@@ -231,7 +231,8 @@ def browser(tmp_path_factory):
 @pytest.fixture(scope='module')
 def diagnosed(tmp_path_factory):
     path = tmp_path_factory.mktemp('diagnosis') / 'page.html'
-    write_report(diagnose(measured(60), flips=99, cross_validation=False), path)
+    found = diagnose(measured(60), flips=99, cross_validation=False)
+    path.write_text(render(view_of(found)), encoding='utf-8')
     return SimpleNamespace(path=path)
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from calibration.analysis.run_fit import fit_run
 from calibration.calibration_state import CalibrationState
+from calibration.report.documents import fit_document
 from calibration.report.row_wording import left_out_lines
 from calibration.report.tables import fit_tables, night_tables, terms_table
 from msg_tools.units import ARCSEC, DEG
@@ -95,7 +96,8 @@ def test_fit_tables_say_what_was_left_out_and_what_is_uncertain():
     narrow = rows.select(np.arange(60))
     narrow.columns['az'] = 1.0 + 0.05 * narrow['az']
     narrow.columns['az_enc'] = narrow['az'] + (rows['az_enc'] - rows['az'])
-    text = text_of(fit_tables(fit_run(narrow)))
+    found = fit_run(narrow)
+    text = text_of(fit_tables(found, fit_document(found)))
     assert 'row 3 left out: a cloud' in text
     assert 'note: in two files' in text
     assert 'correlations above 0.9: ' in text

@@ -10,8 +10,8 @@ from calibration.analysis.diagnosis.implausible_terms import refraction_in_place
 from calibration.analysis.run_fit import implausible_values
 from calibration.report.fit_wording import implausible_term
 from calibration.report.raw_error_wording import raw_error_sentence
-from calibration.report.verdict_wording import verdict_sentences, verdict_summary
-from calibration.report.wording import Statement, wording
+from calibration.report.verdict_wording import Statement, verdict_sentences, verdict_summary
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
 from pointing_model.runs.run import PointingRun

@@ -23,8 +23,7 @@ from calibration.report.observation_wording import (
 )
 from calibration.report.page_parts import statements
 from calibration.report.row_wording import signs_sentences
-from calibration.report.verdict_wording import verdict_sentences, verdict_summary
-from calibration.report.wording import Statement
+from calibration.report.verdict_wording import Statement, verdict_sentences, verdict_summary
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
@@ -223,8 +222,8 @@ def test_a_star_for_the_largest_effect_or_none():
     told = document(CAUSES, no_star=[row['separates']])
     assert next_sentence(told, told['effects'][0]).startswith(
         f'No star tells {CAUSES[1]["cause"]} from the other')
-    sentence, = no_star_sentences(told)
-    assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})[0].startswith(
+    sentence, = no_star_sentences(told).values()
+    assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})['a'].startswith(
         'No star tells a from b or c:')
     assert 'second flexure of the tube' in sentence and '_' not in sentence
     assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''

@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.diagnosis.page_figures import (
-    beyond_base,
-    correlations,
-    effect_offsets,
-    ends,
-    histogram,
-    its_own,
-)
+from calibration.analysis.diagnosis.page_figures import beyond_base
+from calibration.report.effect_wording import ends
+from calibration.report.residual_figures import histogram
 from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import PHYSICAL, stacked_design
+from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
 
 
@@ -30,13 +26,14 @@ def found():
 
 
 def test_what_the_terms_take_up_is_no_part_of_an_effect(found):
-    moved = effect_offsets(found.effects[0])
+    moved = found.effects[0].offsets
     assert np.abs(moved[0]) == pytest.approx(np.full(60, 5.0), abs=0.6) and not moved[1].any()
-    assert 4.0 < beyond_base(found, moved) < 5.6
+    size = rms(*beyond_base(found, moved))
+    assert 4.0 < size < 5.6
     context = found.observations.context
     taken = 30.0 * stacked_design(('AN',), context.az, context.el)[0].reshape(2, -1)
-    assert beyond_base(found, taken) < 1e-6
-    assert beyond_base(found, moved + taken) == pytest.approx(beyond_base(found, moved))
+    assert np.abs(beyond_base(found, taken)).max() < 1e-6
+    assert rms(*beyond_base(found, moved + taken)) == pytest.approx(size)
 
 
 def test_places_are_of_neighbours_and_only_of_what_is_followed():
@@ -70,7 +67,7 @@ def test_a_plateau_is_no_place_and_an_end_no_extremum():
 
 
 def test_what_is_drawn_of_an_effect_is_its_own(found):
-    own, = (its_own(found, one) for one in found.effects)
+    own, = (one.own for one in found.effects)
     used = found.weights > 0.0
     columns = found.base.columns(found.observations.context, found.observations.label)
     both = np.concatenate((used, used))
@@ -78,11 +75,11 @@ def test_what_is_drawn_of_an_effect_is_its_own(found):
     assert np.isnan(own[:, ~used]).all()
     # of one effect alone it is what its size is told of
     assert np.sqrt(np.square(own[:, used]).sum() / used.sum()) == pytest.approx(
-        beyond_base(found, effect_offsets(found.effects[0])))
+        found.effects[0].removes_arcsec)
 
 
 def test_correlations_are_those_of_the_fit(found):
-    names, matrix = correlations(found)
+    names, matrix = found.correlations
     assert names == [*((t, None) for t in PHYSICAL),
                      ('azimuth_hysteresis', 'half_difference')]
     size = np.sqrt(np.diag(found.model.covariance))
