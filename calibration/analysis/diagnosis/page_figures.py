@@ -50,8 +50,9 @@ def add_page_figures(diagnosis):
     diagnosis.effects.sort(key=lambda found: -found.removes_arcsec)
     place = {found.fitted.effect.name: i for i, found in enumerate(diagnosis.effects)}
     last = len(place)
-    diagnosis.model = replace(diagnosis.model, effects=tuple(sorted(
-        diagnosis.model.effects, key=lambda f: place.get(f.effect.name, last))))
+    if len(place) > 1:
+        diagnosis.model = replace(diagnosis.model, effects=tuple(sorted(
+            diagnosis.model.effects, key=lambda f: place.get(f.effect.name, last))))
     diagnosis.next_observations.sort(key=lambda row: place.get(row['separates'][0], last))
     diagnosis.no_star.sort(key=lambda pair: place.get(pair[0], last))
     diagnosis.correlations = correlations(diagnosis)
