@@ -15,8 +15,6 @@ BELIEVED = 5
 #: readings beyond the travel by more cannot be, rad
 BEYOND = 10.0 * DEG
 _TURN = 2.0 * math.pi
-#: periods of an instrument after which it is silent
-PERIODS = 5.0
 
 
 class AxisReadings:
@@ -144,9 +142,12 @@ class AxisReadings:
                                  f'rad ({angle / DEG:.1f} deg) cannot be: give radians, within '
                                  'the travel')
 
-    def quiet(self, seconds):
-        """For how long nothing was read, s, where that is too long; else 0."""
-        if self._last_take is None:
-            return 0.0
-        passed = self._wall() - self._last_take
-        return passed if passed > max(seconds, PERIODS * (self._period or 0.0)) else 0.0
+    @property
+    def since(self):
+        """Since when nothing was read, s; 0 where nothing ever was."""
+        return 0.0 if self._last_take is None else self._wall() - self._last_take
+
+    @property
+    def period(self):
+        """Between two readings, s; 0 before the second."""
+        return self._period or 0.0

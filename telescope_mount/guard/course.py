@@ -15,8 +15,6 @@ from .motion import AxisState, moment, plan_move
 SHARE = 0.8
 #: between knots of a piece, s
 KNOT = 0.25
-#: an axis that moves may be behind by the way of so long, s
-LAG = 0.5
 
 
 class GuardSettings(NamedTuple):
@@ -93,25 +91,6 @@ class Course(NamedTuple):
     def track(self):
         """The `Track` alone, as it is."""
         return Track(self.start, self.cubic.times, self.cubic.angles, self.cubic.rates)
-
-    def astray(self, readings, behind, words):
-        """Which axis does not go where it was sent, in a sentence; '' for none.
-
-        Parameters
-        ----------
-        readings : AxisReadings
-        behind : float
-            Largest distance, rad; of an axis that moves more.
-        words : sequence of str
-            What the axes are called.
-        """
-        for i, word in enumerate(words):
-            angle, rate = self.moment(self.seconds(readings.stamp), i)  # at the time of the reading
-            off = abs(readings.here[i] - angle)
-            if off > behind + LAG * abs(rate):
-                return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
-                        'somebody homed it, or look at its drive and encoder; then call resume')
-        return ''
 
 
 def moves_onto(cubic, state, axes):

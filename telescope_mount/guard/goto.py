@@ -14,6 +14,7 @@ from msg_tools.units import DEG
 from ..observing.axis_demand import Track
 from .axis_track import resting
 from .course import Course
+from .stop_rules import off_way
 from .supervisor import Supervisor
 
 #: longest leg of an axis, rad: where half a turn is near, a driver may take the other way round
@@ -69,16 +70,5 @@ class GotoSupervisor(Supervisor):
     def _astray(self):
         if self.readings.stamp <= self._course.start:
             return ''
-        here, most = self.readings.here, self._settings.behind
-        # near the pole the first axis turns far while the tube hardly does
-        ends = most / max(abs(math.cos(float(here[1]))), 1e-9), most
-        for i, (axis, word) in enumerate(zip(self._limits.axes, self._limits.mount.names.axes)):
-            low = max(self._low[i] - ends[i], min(self._low[i], axis.low) - most)
-            high = min(self._high[i] + ends[i], max(self._high[i], axis.high) + most)
-            angle = float(here[i])
-            if not low <= angle <= high:
-                off = max(self._low[i] - angle, angle - self._high[i])
-                return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside of '
-                        'the way that was judged: stopped; its driver goes another way or to the '
-                        'other side; look at it, and call resume')
-        return ''
+        return off_way(self.readings.here, (self._low, self._high), self._settings.behind,
+                       self._limits.axes, self._limits.mount.names.axes)

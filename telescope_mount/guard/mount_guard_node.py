@@ -22,7 +22,8 @@ from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .limits import Axis, Limits, parse_pair, travel_of
 from .sky_limits import SKY_LIMITS
-from .supervisor import ERROR, LATE, STILL, WARN, Supervisor
+from .stop_rules import ERROR, WARN
+from .supervisor import LATE, STILL, Supervisor
 
 #: steady seconds between looks at it all
 LOOK = 0.05

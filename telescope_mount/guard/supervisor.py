@@ -20,6 +20,7 @@ from .course import SHARE, Course, moves_onto, stop_track
 from .limits import Allowed, Refused
 from .motion import AxisState
 from .sky_limits import SkyCircles
+from .stop_rules import ERROR, OK, WARN, off_course, silence, why_stop
 from .track_check import TrackCheck
 from .way import around, lead
 
@@ -30,7 +31,6 @@ LATER = 1.0
 #: a request that begins so much later is none of now, and a clock that steps back by more makes
 #: all that was known of the future false, s
 FAR = 60.0
-OK, WARN, ERROR = 0, 1, 2
 UNKNOWN = 'where the axes stand is not known: home the mount, or wait for its encoder'
 LATE = ('this machine is late: nothing was sent in time; the mount has stopped, and goes on as '
         'soon as it is judged anew')
@@ -133,7 +133,7 @@ class Supervisor:
         self._renewed, self._owner = self._wall(), owner
         if again:
             # where nothing was read since it was sent it may have been lost
-            if (self.state == 'stopped' and not self.readings.quiet(self._settings.silence)) or (
+            if (self.state == 'stopped' and not silence(self.readings, self._settings.silence)) or (
                     self.state in ('following', 'around') and self._unread == self.readings.stamp):
                 self._begin(now)
             elif self._settings.asleep and self.readings.here is None:
@@ -237,7 +237,7 @@ class Supervisor:
         """Whether it is not known where the axes are."""
         return self.readings.here is None or not self._settings.whole and bool(
             self._halt or self.readings.doubtful
-            or self.readings.quiet(self._settings.silence))
+            or silence(self.readings, self._settings.silence))
 
     def _to_via(self, now, name='around'):
         here, there = self._here(now), self._vias[0]
@@ -335,10 +335,12 @@ class Supervisor:
                 self._course, self._out = None, []
                 state = 'aborted' if self.state == 'parking' else 'stopping'
                 return self._set_state(state, WARN, LATE)
-            reason = self._why_stop(now)
-            if reason:
+            parks = self.state == 'parking'  # one that parks has nobody to ask for it again
+            stop = why_stop(self.readings, self._settings.silence, parks or self._alive,
+                            self._astray)
+            if stop:
                 self._brake(now)
-                return self._set_state(*reason)
+                return self._set_state('aborted' if parks else stop[0], *stop[1:])
             if due and not self._out:
                 self._send_piece(now)
         if self.state in ('around', 'parking') and self._vias and self._has_come(now):
@@ -355,24 +357,10 @@ class Supervisor:
             self._course = self._goal = None
             self._set_state('idle', OK, 'the track has ended')
 
-    def _why_stop(self, now):
-        # one that parks has nobody to ask for it again
-        stopped = 'aborted' if self.state == 'parking' else 'stopped'
-        quiet = self.readings.quiet(self._settings.silence)
-        if quiet:
-            return stopped, ERROR, (f'no reading of the encoders for {quiet:.1f} s: stopped; '
-                                    'look at their driver')
-        if self.state != 'parking' and not self._alive:
-            return stopped, WARN, 'the request is no longer renewed: stopped'
-        astray = self._astray()
-        return ('aborted', ERROR, astray) if astray else None
-
     def _astray(self):
         """Which axis does not go where it was sent, in a sentence; '' for none."""
-        if self.readings.stamp <= self._course.start:
-            return ''
-        return self._course.astray(self.readings, self._settings.behind,
-                                   self._limits.mount.names.axes)
+        return off_course(self.readings, self._course, self._settings.behind,
+                          self._limits.mount.names.axes)
 
     def _has_come(self, now):
         """Whether the axes rest at the first of the points to pass."""

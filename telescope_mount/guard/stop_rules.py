@@ -1,0 +1,96 @@
+"""When axes are stopped: nothing is read, nobody asks, or they do not go where they were sent."""
+
+import math
+
+from msg_tools.units import DEG
+
+OK, WARN, ERROR = 0, 1, 2
+#: periods of an instrument after which it is silent
+PERIODS = 5.0
+#: an axis that moves may be behind by the way of so long, s
+LAG = 0.5
+
+
+def why_stop(readings, least_silence, requested, astray):
+    """Why what moves is to be stopped now.
+
+    Parameters
+    ----------
+    readings : AxisReadings
+    least_silence : float
+        s.
+    requested : bool
+        Whether somebody still asks for it.
+    astray : callable
+        Gives what `off_course` or `off_way` says.
+
+    Returns
+    -------
+    (str, int, str) or None
+        State to go to, how bad it is, and why, in a sentence.
+    """
+    quiet = silence(readings, least_silence)
+    if quiet:
+        return 'stopped', ERROR, (f'no reading of the encoders for {quiet:.1f} s: stopped; '
+                                  'look at their driver')
+    if not requested:
+        return 'stopped', WARN, 'the request is no longer renewed: stopped'
+    reason = astray()
+    return ('aborted', ERROR, reason) if reason else None
+
+
+def silence(readings, least):
+    """For how long nothing was read, s, where that is too long; else 0."""
+    return readings.since if readings.since > max(least, PERIODS * readings.period) else 0.0
+
+
+def off_course(readings, course, behind, words):
+    """Which axis does not go where it was sent, in a sentence; '' for none.
+
+    Parameters
+    ----------
+    readings : AxisReadings
+    course : Course
+    behind : float
+        Largest distance, rad; of an axis that moves more.
+    words : sequence of str
+        What the axes are called.
+    """
+    if readings.stamp <= course.start:
+        return ''
+    for i, word in enumerate(words):
+        angle, rate = course.moment(course.seconds(readings.stamp), i)  # at the time of the reading
+        off = abs(readings.here[i] - angle)
+        if off > behind + LAG * abs(rate):
+            return (f'the {word} is {off / DEG:.1f} deg from where it was sent: stopped; '
+                    'somebody homed it, or look at its drive and encoder; then call resume')
+    return ''
+
+
+def off_way(here, ends, behind, axes, words):
+    """Which axis is outside of a way that was checked, in a sentence; '' for none.
+
+    Parameters
+    ----------
+    here : ndarray, shape (2,)
+        Where the axes are, rad.
+    ends : (ndarray, ndarray), shape (2,)
+        Least and greatest angles of the way, rad.
+    behind : float
+        Largest distance, rad.
+    axes : sequence of limits.Axis
+    words : sequence of str
+        What they are called.
+    """
+    # near the pole the first axis turns far while the tube hardly does
+    wider = behind / max(abs(math.cos(float(here[1]))), 1e-9), behind
+    for angle, least, most, beside, axis, word in zip(
+            map(float, here), *ends, wider, axes, words):
+        low = max(least - beside, min(least, axis.low) - behind)
+        high = min(most + beside, max(most, axis.high) + behind)
+        if not low <= angle <= high:
+            off = max(least - angle, angle - most)
+            return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside of '
+                    'the way that was judged: stopped; its driver goes another way or to the '
+                    'other side; look at it, and call resume')
+    return ''
