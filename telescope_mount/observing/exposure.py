@@ -14,6 +14,7 @@ from .axis_demand import Conditions, Pointing, on_sky, track_to
 from .clocks import Drifting, row_of
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
+from .night_row import Measured, night_row
 from .pairing import centred, centred_second
 
 #: exposures without a star after which it is given up: one that was under way when the mount was
@@ -45,7 +46,7 @@ class Exposer:
         As of a `Sequencer`.
     instruments : Instruments
     active : ActiveCalibration
-    table : Table
+    table : NightMemory
     ready : callable
         Gives the steps after which the mount can be commanded.
     waiting : callable
@@ -159,7 +160,8 @@ class Exposer:
             self.forget_aim()
             self._out.refuse_frame('a star that was centred is as far off as before')
             return None
-        row = self._row(pointing, block, blind, stamp, miss, enc, second, rate)
+        row = night_row(Measured(stamp, miss, enc, second, rate), pointing, self._conditions(),
+                        block, blind, self._instruments, self._active.inclinometer, self._out.value)
         self._check_camera(row)
         return row
 
@@ -254,32 +256,6 @@ class Exposer:
         if not self._instruments.health.second(ABSOLUTE, reading, first):
             return np.full(2, np.nan)
         return centred_second(reading, first, miss, beyond)
-
-    def _row(self, pointing, block, blind, stamp, miss, enc, second, rate):
-        target, (site, air, *_) = pointing.target, self._conditions()
-        power_on, second_on = self._instruments.power_on, self._instruments.absolute_power_on
-        az, el = (float(v[0]) for v in pointing.place(np.array([stamp]), site, air))
-        row = {
-            'stamp': stamp, 'time': stamp * 1e-9, 'run': self._instruments.run,
-            'encoder_start': power_on.started if power_on else np.nan,
-            'absolute_start': second_on.started if second_on else np.nan, 'block': block,
-            'check': float(blind), 'star': target.number, 'az': az, 'el': el,
-            'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': second[0], 'el_abs': second[1],
-            'miss_x': miss[0], 'miss_y': miss[1], 'az_rate': rate[0], 'el_rate': rate[1],
-            'approach_az': pointing.approach[0], 'approach_el': pointing.approach[1],
-            'temperature': air.temperature_c, 'pressure': air.pressure_hpa,
-            'magnitude': target.magnitude,
-        }
-        for name, parameter in (('exposure', 'exposure_s'), ('camera_late', 'camera_late_s')):
-            if self._out.value(parameter):  # as before where neither is used
-                row[name] = self._out.value(parameter)
-        if self._out.value('inclinometer'):
-            row['lean_north'], row['lean_west'] = self._active.inclinometer.before(
-                stamp, (np.nan, np.nan))
-        if ABSOLUTE not in self._instruments.names:  # no column: not one that gave no angle
-            for name in ('absolute_start', 'az_abs', 'el_abs'):
-                del row[name]
-        return row
 
     def expose(self, pointing):
         """Steps that command a track, again until there is an exposure on it: stamp and miss.

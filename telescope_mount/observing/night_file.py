@@ -22,7 +22,7 @@ class NightState(NamedTuple):
     Attributes
     ----------
     rows : list of dict
-        Of the night, as of `Table`.
+        Of the night, as of `NightMemory`.
     left : Progress or None
         Where its plan stood.
     evening : int

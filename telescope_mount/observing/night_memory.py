@@ -1,4 +1,4 @@
-"""The rows of the night, one an observation."""
+"""The rows of the night in memory, one an observation; what is in one: `night_row`."""
 
 from array import array
 from itertools import zip_longest
@@ -15,7 +15,7 @@ from pointing_model.zero import MARK
 NEEDED = ('time', 'run', 'block', 'star')
 
 
-class NightTable:
+class NightMemory:
     """Rows by the names of `run.COLUMNS`, and their ``stamp`` in ns.
 
     A row takes 8 bytes a column; as a dict, as it comes and goes, it would be 2 kB. Rows are

@@ -51,7 +51,7 @@ class Sequencer:
         - ``get_logger()``: a logger with ``info``, ``warning`` and ``error``
     instruments : Instruments
     active : ActiveCalibration
-    table : Table
+    table : NightMemory
     memory : NightFile, optional
         Keeps the night beyond the end of the process.
     looks : float

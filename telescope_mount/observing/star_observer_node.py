@@ -27,7 +27,7 @@ from .guard_link import NO_GUARD, GuardLink
 from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile
-from .night_memory import NightTable
+from .night_memory import NightMemory
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
 
@@ -75,7 +75,7 @@ class StarObserver(MountNode):
                                         live=self._live, axes=self._mount.names.axes)
         self._instruments.look = self._look_at_publishers
         self._instruments.health.field = self.value('field_deg') * DEG
-        self._table = NightTable(self._mount, self.value(KEPT_POWER_ONS.name))
+        self._table = NightMemory(self._mount, self.value(KEPT_POWER_ONS.name))
         # before the camera: an exposure is always corrected with the same reading of the
         # thermometer
         self._active = active_calibration_of(self, self._active_changed, self._mount)

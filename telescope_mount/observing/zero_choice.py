@@ -40,7 +40,7 @@ class ZeroExposures(NamedTuple):
         ----------
         observe : callable
             Gives the steps of one exposure of a target.
-        table : Table
+        table : NightMemory
             Has a row more after one that shows the star.
         """
         left = list(self.targets)
@@ -59,7 +59,7 @@ class ZeroChoice:
     ----------
     stars : Stars
         The catalogue, as of `zero_stars.zero_stars`.
-    table : Table
+    table : NightMemory
         Rows of the night so far.
     time : float
         Now, UTC s.

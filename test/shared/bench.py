@@ -14,7 +14,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.zero import RunZero
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
-from telescope_mount.observing.night_memory import NightTable
+from telescope_mount.observing.night_memory import NightMemory
 from telescope_mount.observing.sequencer import Sequencer
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
@@ -72,7 +72,7 @@ class Bench:
         self.statuses, self.refused, self.pending = [], [], None
         self.instruments = Instruments(1, wall=lambda: self.wall, absolute=absolute,
                                        live=live, now=lambda: self.stamp if live else 0)
-        self.in_force, self.table = ActiveCalibration(mount=kind), NightTable(kind, power_ons)
+        self.in_force, self.table = ActiveCalibration(mount=kind), NightMemory(kind, power_ons)
         self.plan = Sequencer(
             self, self.instruments, self.in_force, self.table, memory, looks=0.0)
         if homed:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pointing_model.runs.run import PointingRun
-from telescope_mount.observing.night_memory import NEEDED, NightTable
+from telescope_mount.observing.night_memory import NEEDED, NightMemory
 
 
 def rows(*names):
@@ -13,13 +13,13 @@ def rows(*names):
 
 
 def test_a_night_goes_on():
-    table = NightTable()
+    table = NightMemory()
     table.restore(rows(*NEEDED), 2_000_000_007)
     assert len(table) == 3 and table.rows[-1]['stamp'] == 2_000_000_007
 
 
 def test_rows_are_as_they_came():
-    table, angles = NightTable(), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
+    table, angles = NightMemory(), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
     for i in range(150):
         more = {'exposure': 3.0} if i >= 100 else {}
         part = table.add({'stamp': 10 + i, 'run': i // 50, 'block': i // 30, 'star': i % 40,
@@ -32,13 +32,13 @@ def test_rows_are_as_they_came():
     run = table.all()
     assert table.all() is None and len(table.all(again=True)) == 150
     assert np.isnan(run['exposure'][:100]).all() and (run['exposure'][100:] == 3.0).all()
-    again = NightTable()
+    again = NightMemory()
     again.rows = table.rows
     assert again.all()['star'].tolist() == run['star'].tolist()
 
 
 def test_of_a_power_on_long_over_the_rows_are_counted_and_not_kept():
-    table, angles = NightTable(power_ons=3), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
+    table, angles = NightMemory(power_ons=3), dict.fromkeys(('az', 'el', 'az_enc', 'el_enc'), 0.5)
     for i in range(60):
         table.add({'stamp': 10 + i, 'time': (10 + i) * 1e-9, 'run': 1 + i // 10, 'block': i // 10,
                    'star': i, **angles})
@@ -54,10 +54,10 @@ def test_of_a_power_on_long_over_the_rows_are_counted_and_not_kept():
     table.add({'stamp': 99, 'time': 99e-9, 'run': 7, 'block': 6, 'star': 60, **angles})
     assert len(table.all()) == 21
 
-    again = NightTable(power_ons=3)
+    again = NightMemory(power_ons=3)
     again.restore(run, 69, before=30)
     assert (len(again), again.forgotten) == (60, 30)
-    from_file = NightTable(power_ons=3)
+    from_file = NightMemory(power_ons=3)
     from_file.rows = [{'stamp': i, 'run': i // 10, 'block': 0, 'star': i, **angles}
                       for i in range(50)]
     assert (len(from_file), from_file.forgotten) == (50, 20)
@@ -66,4 +66,4 @@ def test_of_a_power_on_long_over_the_rows_are_counted_and_not_kept():
 @pytest.mark.parametrize('missing', NEEDED)
 def test_rows_of_nobody_are_refused(missing):
     with pytest.raises(ValueError, match=f'without column {missing}: they are of no observer'):
-        NightTable().restore(rows(*(name for name in NEEDED if name != missing)), 1)
+        NightMemory().restore(rows(*(name for name in NEEDED if name != missing)), 1)
