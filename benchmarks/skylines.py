@@ -122,7 +122,7 @@ def judged(rng, corners, text, count):
             wrong['let into it' + name] += passes and hit
             wrong['refused' + (name or ' beside it')] += not passes and not hit and (
                 off > OWN + np.abs(moving).max() / DEG)
-    sky = AllowedSky.of_rows(rows_of(limits), DEFAULT_SITE)
+    sky = AllowedSky.from_rows(rows_of(limits), DEFAULT_SITE)
     chosen = sky(0.0, az * DEG, el * DEG)
     wrong['chosen in it'] = int(np.sum(chosen & (building | (far < 0.9 * AWAY))))
     wrong['not chosen beside it'] = int(np.sum(~chosen & ~building & far_off(corners, az, el)))

@@ -159,7 +159,7 @@ class CalibrationState:
         self._take(self.rows.add, run, stamp)
         self.requests.update(self)
         if self.tracks and self.tracked is None and self.reference is not None:
-            self.tracked = TrackedNight.of_reference(self.reference, run['time'][0])
+            self.tracked = TrackedNight.from_reference(self.reference, run['time'][0])
         return self.tracked is not None and any(one.taken for one in self.tracked.take(run))
 
     def add_table(self, run, stamp):
@@ -268,7 +268,7 @@ class CalibrationState:
             What it says of its zeros is damaged.
         """
         if self.tracks and TRACKED in model.provenance:
-            self.tracked = TrackedNight.of_model(model)
+            self.tracked = TrackedNight.from_model(model)
             self._track_rows()
             return
         zeros, follows = active_zeros(model), Following.from_model(model)

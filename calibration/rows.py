@@ -114,7 +114,7 @@ def without_zeros(rows, zeros, site=None):
         ``latitude``, ``longitude``, rad.
     """
     columns = dict(rows.columns)
-    az, el = zeros.carried(np.unique(rows['run'])).of_rows(rows)
+    az, el = zeros.carried(np.unique(rows['run'])).row_angles(rows)
     # readings are what the encoders read: the zero and the star's place are no part of them
     for axis, zero, factor, miss in (('az', az, np.cos(rows['el']), 'miss_x'),
                                      ('el', el, 1.0, 'miss_y')):
@@ -202,7 +202,7 @@ def usable(run, encoder='enc', zero=NO_ZERO):
             raise ValueError(f'pointing run without column {name}; fit the other encoder')
     columns = {name: np.asarray(run[name], float)
                for name in ('az', 'el', f'az_{encoder}', f'el_{encoder}')}
-    for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero.of_rows(run)):
+    for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero.row_angles(run)):
         if np.ndim(angle) or angle:
             columns[name] = columns[name] - angle
     if not run.mount.vertical:  # either side of the half turn

@@ -37,9 +37,9 @@ def term(canonical, unit, low, high):
     return _marked(number(0.0, unit, low, high), term=canonical)
 
 
-def of_pier(item):
+def pier_only(item):
     """A field that is there of equatorial mounts alone."""
-    return _marked(item, of_pier=True)
+    return _marked(item, pier_only=True)
 
 
 def _marked(item, **marks):

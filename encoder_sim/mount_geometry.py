@@ -20,7 +20,7 @@ from msg_tools.units import wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
-from .field_kinds import choice, number, of_pier, sections, term, text
+from .field_kinds import choice, number, pier_only, sections, term, text
 from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
@@ -166,11 +166,11 @@ class MountErrors:
     creep_period: float = number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
     backlash_elevation: float = number(0.0, 'arcsec', 0.0, 3600.0)
-    fork_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    declination_axis_sag: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    counterweight_west: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    counterweight_meridian: float = of_pier(number(0.0, 'arcsec', -3600.0, 3600.0))
-    counterweight_by: str = of_pier(choice('play', 'play', 'bending', 'flip'))
+    fork_sag: float = pier_only(number(0.0, 'arcsec', -3600.0, 3600.0))
+    declination_axis_sag: float = pier_only(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_west: float = pier_only(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_meridian: float = pier_only(number(0.0, 'arcsec', -3600.0, 3600.0))
+    counterweight_by: str = pier_only(choice('play', 'play', 'bending', 'flip'))
     ca_rate: float = term('CA', 'arcsec_per_hour', -600.0, 600.0)
     an_rate: float = term('AN', 'arcsec_per_hour', -600.0, 600.0)
     aw_rate: float = term('AW', 'arcsec_per_hour', -600.0, 600.0)

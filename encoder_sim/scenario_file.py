@@ -39,7 +39,7 @@ def _key(item, names):
 def _items(cls, names):
     """Key -> field of a section, of a mount with `names`."""
     return {_key(item, names): item for item in dataclasses.fields(cls) if item.metadata
-            and not (item.metadata.get('of_pier') and not names.celestial)}
+            and not (item.metadata.get('pier_only') and not names.celestial)}
 
 
 def _unknown(key, cls, names, where):

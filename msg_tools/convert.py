@@ -9,7 +9,7 @@ AXES = ('azimuth', 'elevation')
 JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'))
 MOUNT_FRAME = 'mount_enu'
 #: temperatures that air has, degC: those for which the refraction is worked out
-OF_AIR = -90.0, 60.0
+AIR_TEMPERATURES = -90.0, 60.0
 
 
 def to_stamp(ns):
@@ -181,7 +181,7 @@ def read_temperature(message):
         It is no number, or none that air has.
     """
     celsius = message.temperature
-    low, high = OF_AIR
+    low, high = AIR_TEMPERATURES
     if not low <= celsius <= high:
         raise ValueError(f'a temperature of {celsius:g} degC, which no air has ({low:g} to '
                          f'{high:g}); the last one holds')

@@ -187,7 +187,7 @@ _MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 
 
 @cache
-def _of_libc(name):
+def _libc_function(name):
     try:
         return getattr(ctypes.CDLL(None), name)
     except (AttributeError, OSError, TypeError):
@@ -200,12 +200,12 @@ def map_large_blocks():
     By default the first that is freed moves the limit up, to 32 MB at most: messages that grow with
     the night then leave holes in the heap, each too small for the next.
     """
-    _of_libc('mallopt')(_MMAP_THRESHOLD, _LARGE)
+    _libc_function('mallopt')(_MMAP_THRESHOLD, _LARGE)
 
 
 def give_back():
     """After work that took much: else the heap keeps its pages for more of it. About 1 ms."""
-    _of_libc('malloc_trim')(0)
+    _libc_function('malloc_trim')(0)
 
 
 if __name__ == '__main__':

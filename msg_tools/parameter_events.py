@@ -5,7 +5,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from .params import OF_SITE, BadInput
+from .params import SITE_PARAMETERS, BadInput
 
 #: rclpy declares it for every node, and does not say what it is
 USE_SIM_TIME = ParameterDescriptor(
@@ -42,7 +42,7 @@ class ParameterNode(Node):
         self.declare(params)
         unknown = [key for key in self._parameter_overrides
                    if not self.has_parameter(key) and not key.startswith('qos_overrides.')
-                   and key not in OF_SITE]
+                   and key not in SITE_PARAMETERS]
         if unknown:
             import difflib
             close = difflib.get_close_matches(unknown[0], list(self._params), 1)
@@ -80,7 +80,7 @@ class ParameterNode(Node):
     def check_overrides(self):
         """BadInput where a QoS override fits no endpoint; all endpoints must have been made."""
         for key in self._parameter_overrides:
-            if not self.has_parameter(key) and key not in OF_SITE:
+            if not self.has_parameter(key) and key not in SITE_PARAMETERS:
                 raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
                                f'see ros2 param list {self.get_fully_qualified_name()}')
 

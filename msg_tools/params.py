@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 #: in the constraints of a parameter's descriptor, see `Param.truth`
-OF_TRUTH = 'what only the simulator knows: kept out of the log that a calibration reads'
+TRUTH_MARK = 'what only the simulator knows: kept out of the log that a calibration reads'
 #: of the site: one file tells them to all nodes (`/**`), and who has no use for them lets them be
-OF_SITE = ('latitude_deg', 'longitude_deg', 'height_m', 'pressure_hpa', 'temperature_c', 'humidity',
-           'wavelength_um')
+SITE_PARAMETERS = ('latitude_deg', 'longitude_deg', 'height_m', 'pressure_hpa', 'temperature_c',
+                   'humidity', 'wavelength_um')
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Param:
         if self.choices:
             out.additional_constraints = 'one of ' + ', '.join(self.choices)
         if self.truth:
-            out.additional_constraints = OF_TRUTH
+            out.additional_constraints = TRUTH_MARK
         return out
 
     def refuse(self, value):

@@ -344,7 +344,7 @@ class PointingModel:
         az, el = run['az'], run['el']
         context = Context.from_run(run, encoder) if self.effects else None
         az_enc, el_enc = self.sky_to_encoder(az, el, context)
-        zero_az, zero_el = zero.of_rows(run)
+        zero_az, zero_el = zero.row_angles(run)
         x = wrap(run[f'az_{encoder}'] - zero_az - az_enc) * np.cos(el)
         return x, run[f'el_{encoder}'] - zero_el - el_enc
 

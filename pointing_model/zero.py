@@ -64,7 +64,7 @@ class RunZero:
         """Standard error of `el`, radians."""
         return float(self.sigma[1])
 
-    def of_rows(self, run):
+    def row_angles(self, run):
         """The angles for each row of a PointingRun: the same for all.
 
         Returns
@@ -132,7 +132,7 @@ class Zeros(dict):
             raise ValueError('no zero of any run; measure one')
         return self[max(self)]
 
-    def of_rows(self, run):
+    def row_angles(self, run):
         """The angles for each row of a PointingRun.
 
         Returns

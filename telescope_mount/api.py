@@ -367,10 +367,10 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
         whose rows are all in the runs.
     """
     runs, notes = without_copies(_several(runs))
-    held, of_held = without_copies(_several(holdout), runs)
-    if notes or of_held:
+    held, copies = without_copies(_several(holdout), runs)
+    if notes or copies:
         runs[0] = runs[0].select(slice(None))
-        runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *of_held]}
+        runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *copies]}
     check_columns([*runs, *held], encoder)
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
     return RunDiagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,

@@ -8,9 +8,9 @@ from pathlib import Path
 from msg_tools.open_files import check_open_files
 
 #: modules that only ROS brings, by the beginning of their names
-_OF_ROS = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces', 'lifecycle_msgs',
-           'rosgraph_msgs', 'std_msgs', 'std_srvs', 'sensor_msgs', 'geometry_msgs',
-           'trajectory_msgs', 'diagnostic_msgs', 'visualization_msgs')
+_ROS_PACKAGES = ('rclpy', 'rcl_interfaces', 'rosidl', 'rpyutils', 'builtin_interfaces',
+                 'lifecycle_msgs', 'rosgraph_msgs', 'std_msgs', 'std_srvs', 'sensor_msgs',
+                 'geometry_msgs', 'trajectory_msgs', 'diagnostic_msgs', 'visualization_msgs')
 
 
 def check(command):
@@ -36,7 +36,7 @@ def missing(error, command):
         Of the user.
     """
     name = error.name or ''
-    if not name.startswith(_OF_ROS):
+    if not name.startswith(_ROS_PACKAGES):
         return None
     return _line(command, '' if isinstance(error, ModuleNotFoundError)
                  else f' ({" ".join(str(error).split())[:120]})')

@@ -199,7 +199,7 @@ def run_of_log(path):
                                                      and is_beyond(run['el']))
     if zeros:
         notes.append(f'the zeros that the night set on {len(zeros)} power-ons are taken off')
-        az, el = zeros.filled(np.unique(run['run']), NO_ZERO).of_rows(run)
+        az, el = zeros.filled(np.unique(run['run']), NO_ZERO).row_angles(run)
         columns['az_enc'], columns['el_enc'] = columns['az_enc'] - az, columns['el_enc'] - el
     columns['az_enc'] = run['az'] + wrap(columns['az_enc'] - run['az'])
     stars = ~is_for_zero(run)

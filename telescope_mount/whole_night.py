@@ -281,10 +281,10 @@ def _results(watcher, specs, plan, write, bag):
         raise NightFailed('the plan is done, but its results were not published')
     with ThreadPoolExecutor(1) as pool:
         # files and picture are made while the last messages reach the log
-        latest, of_log = dict(watcher.latest), _progress(watcher).forgotten > 0
-        written = None if of_log else pool.submit(write, latest)
+        latest, incomplete = dict(watcher.latest), _progress(watcher).forgotten > 0
+        written = None if incomplete else pool.submit(write, latest)
         missing = watcher.wait_for_log([spec.full_name for spec in specs], 15.0)
-        out = write(_with_all_rows(latest, bag)) if of_log else written.result()
+        out = write(_with_all_rows(latest, bag)) if incomplete else written.result()
     if missing:
         raise NightFailed('the logger could not keep up; it lacks messages of '
                           + ', '.join(missing))

@@ -73,7 +73,7 @@ class BaseModel:
         series = [] if self.model.harmonics is None else ['harmonics']
         return [*series, *(e.effect.name for e in self.model.effects)]
 
-    def of_its_errors(self, run):
+    def matched(self, run):
         """The run, of a mount whose errors are those of the model: of its parts, or on the sky."""
         if self.model.mount.errors == run.mount.errors:
             return run

@@ -57,11 +57,11 @@ def refitted(model, rows, effects, seen=None):
         use &= seen
     context = Context.from_run(rows)
     names = tuple(name for name in model.terms if name not in model.held)
-    series, of_series = model.harmonics, np.empty((0, 2, len(rows)))
+    series, harmonic_columns = model.harmonics, np.empty((0, 2, len(rows)))
     if series is not None:
-        of_series = series.columns(rows['az'], rows['el'])
+        harmonic_columns = series.columns(rows['az'], rows['el'])
     columns = [stacked_design(names, rows['az'], rows['el'], rows.mount).reshape(len(names), 2, -1),
-               of_series, *(e.effect.columns(context) for e in free), _of_runs(rows)]
+               harmonic_columns, *(e.effect.columns(context) for e in free), _zero_columns(rows)]
     table = np.concatenate(columns)[:, :, use]
     fit = robust_fit(table.reshape(len(table), -1).T, left[:, use].ravel())
     k, values = len(names), fit.coefficients
@@ -70,7 +70,7 @@ def refitted(model, rows, effects, seen=None):
     places = [list(terms).index(name) for name in names]
     covariance = np.zeros((len(terms), len(terms)))
     covariance[np.ix_(places, places)] = fit.covariance[:k, :k]
-    sigma, out, at = np.sqrt(np.diag(fit.covariance)), [], k + len(of_series)
+    sigma, out, at = np.sqrt(np.diag(fit.covariance)), [], k + len(harmonic_columns)
     if series is not None:
         series = series.moved(values[k:at], fit.covariance[k:at, k:at])
     for e in free:
@@ -86,7 +86,7 @@ def _older(rows):
     return np.unique(rows['run'])[:-1].tolist() if 'run' in rows else []
 
 
-def _of_runs(rows):
+def _zero_columns(rows):
     """Columns (k, 2, n) of the zeros of all runs but the newest."""
     older = _older(rows)
     out = np.zeros((2 * len(older), 2, len(rows)))

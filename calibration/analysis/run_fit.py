@@ -105,7 +105,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         terms = base.terms if base else run.mount.names.physical
     terms = tuple(terms)
     if base:
-        run = base.taken_off(base.of_its_errors(run), encoder)
+        run = base.taken_off(base.matched(run), encoder)
     settled_run, origin = settled(run, terms, encoder=encoder, robust=robust)
     if not base:
         run = settled_run

@@ -241,7 +241,7 @@ def _left_out(run, names, encoder, robust, beyond, several):
                            run_zeros=several)
         rows = run.select(out_of)
         if several:
-            zero = fitted.zeros.of_rows(rows)
+            zero = fitted.zeros.row_angles(rows)
             for name, angle in zip((f'az_{encoder}', f'el_{encoder}'), zero):
                 rows.columns[name] = rows[name] - angle
         out[:, out_of] = np.subtract(rows.offsets(encoder),

@@ -103,7 +103,7 @@ def _copies(run, solved, left, far):
     """
     first, out = {}, {}
     digits = np.degrees(solved.ra) * _DIGITS
-    unlike = solved.of_images and bool(np.any(np.abs(digits - np.rint(digits)) > 1e-3))
+    unlike = solved.from_images and bool(np.any(np.abs(digits - np.rint(digits)) > 1e-3))
     for i, place in enumerate(zip(solved.ra.tolist(), solved.dec.tolist())):
         first.setdefault(place, []).append(i)
     for rows in first.values():
@@ -119,7 +119,7 @@ def _copies(run, solved, left, far):
 
 def _from_the_others(run):
     """How far each row lies from a mount that most rows agree on (radians), and their noise."""
-    sound = _of_one_mount(run)
+    sound = _rotation_inliers(run)
     if sound is None or sound.sum() < FEW:
         return None, None
     bare = _bare(run)
@@ -154,7 +154,7 @@ def _wrapped(x, el):
     return wrap(x / reach) * reach
 
 
-def _of_one_mount(run):
+def _rotation_inliers(run):
     """Rows that one rotation from places to readings holds, or None if none does for most.
 
     The rotation is tried from pairs of rows: what a false solve says spoils only its own pairs.

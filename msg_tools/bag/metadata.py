@@ -120,12 +120,12 @@ def listed_files(folder):
         return {}, f'{METADATA_FILE} is missing'
     except (yaml.YAMLError, ValueError) as error:
         return {}, f'{METADATA_FILE} is damaged ({" ".join(str(error).split())[:120]})'
-    info = _of(root, 'rosbag2_bagfile_information')
+    info = _entry(root, 'rosbag2_bagfile_information')
     # before version 4 the paths had the folder in front
-    files = {PurePath(name).name: Listed() for name in _of(info, 'relative_file_paths', list)
+    files = {PurePath(name).name: Listed() for name in _entry(info, 'relative_file_paths', list)
              if isinstance(name, str)}
-    for row in _of(info, 'files', list):
-        name, entry = _of(row, 'path', str), _listed(row)
+    for row in _entry(info, 'files', list):
+        name, entry = _entry(row, 'path', str), _listed(row)
         if name in files and entry is not None:
             files[name] = entry
     return files, '' if files else f'{METADATA_FILE} lists no file'
@@ -134,14 +134,14 @@ def listed_files(folder):
 def _listed(row):
     """`Listed` of a row of ``files``; None where its numbers are none."""
     try:
-        start = int(_of(_of(row, 'starting_time'), 'nanoseconds_since_epoch', str))
-        span = int(_of(_of(row, 'duration'), 'nanoseconds', str))
-        return Listed(int(_of(row, 'message_count', str)), start, start + span)
+        start = int(_entry(_entry(row, 'starting_time'), 'nanoseconds_since_epoch', str))
+        span = int(_entry(_entry(row, 'duration'), 'nanoseconds', str))
+        return Listed(int(_entry(row, 'message_count', str)), start, start + span)
     except ValueError:
         return None
 
 
-def _of(tree, key, kind=dict):
+def _entry(tree, key, kind=dict):
     """What stands under `key`, of one kind; empty where nothing of it does."""
     value = tree.get(key) if isinstance(tree, dict) else None
     return value if isinstance(value, kind) else kind()

@@ -6,7 +6,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import NodeNameNonExistentError
 from rclpy.parameter import parameter_value_to_python
 
-from ..params import OF_TRUTH
+from ..params import TRUTH_MARK
 
 #: calls of `step` after which an answer counts as lost and is asked for again, then twice as many
 PATIENCE = 2
@@ -111,7 +111,7 @@ class _NodeQuery:
     def _described(self, names, answer):
         self._drop()
         truth = {name for name, described in zip(names, answer.descriptors)
-                 if OF_TRUTH in described.additional_constraints}
+                 if TRUTH_MARK in described.additional_constraints}
         self._begin(GetParameters, 'get_parameters', GetParameters.Request(names=names),
                     lambda values: self._got(names, truth, values))
 

@@ -22,7 +22,7 @@ from .mcap_records import (
 #: bytes that are looked through at a time for the next chunk after a damaged record
 WINDOW = 2**22
 #: records that stand before the end of the data
-_OF_DATA = frozenset(map(int, (
+_DATA_OPCODES = frozenset(map(int, (
     Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX,
     Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END)))
 _DATA_END = re.compile(rb'\x0f\x04\0{7}.{4}[\x02-\x0e].{5}\0{3}', re.DOTALL)
@@ -79,7 +79,7 @@ class LogScan:
             if opcode == Opcode.CHUNK or CHUNK_HEAD.match(b'\x06' + head[1:]):
                 following = self._take_chunk(pos, length)
             elif end <= self._size and opcode != Opcode.MESSAGE and (
-                    opcode in _OF_DATA or (opcode == Opcode.HEADER and pos == 8)):
+                    opcode in _DATA_OPCODES or (opcode == Opcode.HEADER and pos == 8)):
                 closed = opcode == Opcode.DATA_END
                 self._take_record(opcode, pos, end)
                 following = end
@@ -107,7 +107,7 @@ class LogScan:
     def _is_record(self, pos):
         """Whether a record of the data may be at `pos`."""
         head = self._file.at(pos, 9) if pos < self._size else b''
-        return len(head) == 9 and head[0] in _OF_DATA and (
+        return len(head) == 9 and head[0] in _DATA_OPCODES and (
             pos + 9 + struct.unpack_from('<Q', head, 1)[0] <= self._size)
 
     def _take_record(self, opcode, pos, end):

@@ -42,19 +42,19 @@ def copies(columns, source=None):
     place = np.array([columns['az'], columns['el']], float) / DEG
     n = place.shape[1]
     time = np.asarray(columns.get('time', np.full(n, np.nan)), float)
-    of_one = source is None
-    source = np.zeros(n, int) if of_one else source
+    one_file = source is None
+    source = np.zeros(n, int) if one_file else source
     units = [_unit(reading, _ANGLES, _ANGLE_ERROR, source, 0.15),
              _unit(place, _ANGLES, _ANGLE_ERROR, source, 0.15), _time_unit(time, source)]
     out = np.arange(n)
     for i, j in _beside(reading, place, units[0]):
-        of_reading, of_place, of_time = (_within(unit, i, j) for unit in units)
+        reading_limit, place_limit, time_limit = (_within(unit, i, j) for unit in units)
         timed = np.isfinite(time[i]) & np.isfinite(time[j])
-        same = (_distance(reading, i, j) < of_reading) & np.where(
-            timed, (np.abs(time[i] - time[j]) < of_time) & (_distance(place, i, j) < _SAME_FIELD),
-            _distance(place, i, j) < of_place)
+        same = (_distance(reading, i, j) < reading_limit) & np.where(
+            timed, (np.abs(time[i] - time[j]) < time_limit)
+            & (_distance(place, i, j) < _SAME_FIELD), _distance(place, i, j) < place_limit)
         np.minimum.at(out, j[same], i[same])
-    if not of_one:
+    if not one_file:
         utc = np.where(np.abs(time) > _CLOCK, time, np.nan)
         for i, j in _beside(place, reading, units[1]):
             same = (source[i] != source[j]) & (np.abs(utc[i] - utc[j]) < _within(units[2], i, j)) \

@@ -94,7 +94,7 @@ def _run(args):
     check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
     base = _base_file(args.base, runs[0].mount)
     if base:
-        runs, held = ([base.taken_off(base.of_its_errors(run), args.encoder) for run in each]
+        runs, held = ([base.taken_off(base.matched(run), args.encoder) for run in each]
                       if each else each for each in (runs, held))
     else:
         (runs, held), origin = settled_together(runs, held, encoder=args.encoder)

@@ -44,15 +44,15 @@ def run(args):
 def _log(args):
     from msg_tools.bag.sqlite import open_bag
 
-    from ..dashboard.log_state import of_log
+    from ..dashboard.log_state import log_messages
     from .export import time_of
     bag = open_bag(args.log)
     if args.at is None or bag.start_time is None:
-        return of_log(bag, args.namespace)
+        return log_messages(bag, args.namespace)
     end = time_of(args.at, bag.start_time)
     if not bag.start_time <= end:
         raise ValueError(f'--at {args.at} is before the log begins')
-    return of_log(bag, args.namespace, end)
+    return log_messages(bag, args.namespace, end)
 
 
 def _print_state(args, state):

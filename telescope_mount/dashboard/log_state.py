@@ -7,7 +7,7 @@ from msg_tools import topics
 from .graph_state import STARS, SUBSCRIBED, LastMessages, full_name
 
 
-def of_log(bag, namespace, end=None):
+def log_messages(bag, namespace, end=None):
     """What a log says at a time.
 
     Parameters

@@ -177,7 +177,7 @@ class Listener:
         if star:
             site = _site(asking.status)
             target = bright_star(self._mount, site, self._now(), home,
-                                 AllowedSky.of_rows(asking.status, site))
+                                 AllowedSky.from_rows(asking.status, site))
             place = place_of(target, self._mount, site, home)
             remarks = [Remark(
                 OK, 'nudge', f'beside {target.name}, {target.magnitude:.1f} mag, from '

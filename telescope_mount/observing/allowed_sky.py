@@ -73,7 +73,7 @@ class AllowedSky(NamedTuple):
     elsewhere: str = ''
 
     @classmethod
-    def of_rows(cls, rows, site):
+    def from_rows(cls, rows, site):
         """From the rows of a status; None where it does not tell. ValueError for bad ones."""
         if not {LEAST, HORIZON} <= rows.keys():
             return None

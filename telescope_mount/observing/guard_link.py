@@ -45,7 +45,7 @@ class GuardLink:
         state, self.known = rows.get('state', ''), True
         self._refused = int(rows.get('refused', 0)), rows.get('reason', '')
         self.own_way = rows.get('goto') == 'True'
-        self.allowed = AllowedSky.of_rows(rows, site)
+        self.allowed = AllowedSky.from_rows(rows, site)
         self.ends = f'the mount guard: {message.message}' if state in ENDING else ''
         if self.ends:
             self._request = None

@@ -71,7 +71,7 @@ class NightMemory:
             del self._rows[:old]
             self.forgotten += old
 
-    def of_last(self, power_ons):
+    def newest_rows(self, power_ons):
         """How many rows of the last so many power-ons are here; 0: of all."""
         return len(self._rows) - first_of_last(self._column('run'), power_ons)
 

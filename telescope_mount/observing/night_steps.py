@@ -348,7 +348,7 @@ class NightSteps:
     def calibration_has_all(self):
         """Wait until the calibration has taken all rows."""
         yield from self.until(
-            lambda: self.calibrated.has(self.table.of_last(self.calibrated.power_ons),
+            lambda: self.calibrated.has(self.table.newest_rows(self.calibrated.power_ons),
                                         self.table.newest),
             'calibration to take the last observation')
 

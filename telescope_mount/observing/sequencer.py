@@ -191,7 +191,7 @@ class Sequencer:
         """What the calibration has, `msg_tools.status_rows.Taken`."""
         before, table = self.night.calibrated, self._table
         anew = taken.newest < before.newest or not taken.kept and before.kept
-        lacks = taken.newest == table.newest and taken.kept < table.of_last(taken.power_ons)
+        lacks = taken.newest == table.newest and taken.kept < table.newest_rows(taken.power_ons)
         if anew or lacks and self._mended != table.newest:
             # it knows nothing of the night so far, or a row was lost
             self._mended = table.newest
@@ -252,7 +252,7 @@ class Sequencer:
         self._plan, self._table.rows = plan, list(rows)
         self.night.evening, self._before = evening, before
         # of the calibration nobody knows yet whether it has them
-        self.night.calibrated = Taken(self._table.of_last(0), newest=self._table.newest)
+        self.night.calibrated = Taken(self._table.newest_rows(0), newest=self._table.newest)
         self._taken_up(self._table.all(), left)
         if left.state == 'done':
             self._left, self.night.progress = None, left

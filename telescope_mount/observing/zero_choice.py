@@ -115,10 +115,10 @@ class ZeroChoice:
         # without a model what is held cancels in the change, if it is the same then
         held = {'model': self._model, 'mount': self._mount, 'held': is_a_model(self._model)}
         own = zero_sigma(first, second, **held)
-        return way_to_zero((heights, own), self._of_stars(n, held), lowest=self._low,
+        return way_to_zero((heights, own), self._star_sigma(n, held), lowest=self._low,
                            highest=self._high)
 
-    def _of_stars(self, n, held):
+    def _star_sigma(self, n, held):
         try:
             chosen = self._chosen(n)
         except ValueError:

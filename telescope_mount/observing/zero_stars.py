@@ -65,14 +65,14 @@ class Before(NamedTuple):
     ----------
     az, el : ndarray, shape (n,)
         Catalogue place by the axes of the mount, radians.
-    of_now : ndarray of bool, shape (n,)
+    current : ndarray of bool, shape (n,)
         Whether they are of the power-on whose zero is wanted, or of another one, since which its
         change is wanted.
     """
 
     az: np.ndarray
     el: np.ndarray
-    of_now: np.ndarray
+    current: np.ndarray
 
 
 def exposure_noise(up):
@@ -98,8 +98,8 @@ class _NormalMatrices:
         self.want = np.eye(2, 4 + j)
         if before is not None and len(before.az):
             self.base = self.base + self.information(
-                before.az, before.el, np.where(before.of_now, 0, 1))
-            if not before.of_now.all():
+                before.az, before.el, np.where(before.current, 0, 1))
+            if not before.current.all():
                 self.want[:, 2:4] = -np.eye(2)
                 self._change_too = False  # it is what is wanted
 

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip(
     'rclpy', reason='rclpy is not installed (./install.sh ros)', exc_type=ImportError)
 from msg_tools.bag.parameter_query import GIVEN_UP, WAITED_FOR, ParameterCollector
-from msg_tools.params import OF_TRUTH
+from msg_tools.params import TRUTH_MARK
 
 
 class Asker:
@@ -36,7 +36,7 @@ class Asker:
             answer = SimpleNamespace(result=SimpleNamespace(names=['rate', 'seed']))
         elif what == 'describe_parameters':
             answer = SimpleNamespace(descriptors=[
-                SimpleNamespace(additional_constraints=text) for text in ('', OF_TRUTH)])
+                SimpleNamespace(additional_constraints=text) for text in ('', TRUTH_MARK)])
         else:
             answer = SimpleNamespace(values=[SimpleNamespace(
                 type=2, integer_value=k) for k in (7, 3)])

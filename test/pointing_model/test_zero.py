@@ -21,7 +21,7 @@ def rows(*numbers):
 
 def test_one_zero_is_that_of_every_row():
     zero = RunZero(1.0, 2.0, np.diag([9.0, 16.0]), 3)
-    assert zero.of_rows(rows(1.0, 2.0)) == (1.0, 2.0) == zero.of_rows(rows())
+    assert zero.row_angles(rows(1.0, 2.0)) == (1.0, 2.0) == zero.row_angles(rows())
     assert (zero.sigma_az, zero.sigma_el) == (3.0, 4.0)
     assert np.isnan(RunZero(1.0, 2.0).sigma).all()
     np.testing.assert_array_equal(zero.plus(0.5, -1.0).angles, [1.5, 1.0])
@@ -30,15 +30,15 @@ def test_one_zero_is_that_of_every_row():
 
 
 def test_each_row_has_the_zero_of_its_run():
-    az, el = ZEROS.of_rows(rows(2.0, 1.0, 2.0))
+    az, el = ZEROS.row_angles(rows(2.0, 1.0, 2.0))
     np.testing.assert_array_equal(az, [3, 1, 3])
     np.testing.assert_array_equal(el, [4, 2, 4])
     assert ZEROS.newest == ZEROS[2.0] and ZEROS.newest.run == 2
 
 
 @pytest.mark.parametrize('ask, words', [
-    (lambda: ZEROS[3], 'no zero for run 3'), (lambda: ZEROS.of_rows(rows(1.0, 3.0)), 'run 3'),
-    (lambda: ZEROS.of_rows(rows()), 'column run'), (lambda: Zeros().newest, 'measure one')])
+    (lambda: ZEROS[3], 'no zero for run 3'), (lambda: ZEROS.row_angles(rows(1.0, 3.0)), 'run 3'),
+    (lambda: ZEROS.row_angles(rows()), 'column run'), (lambda: Zeros().newest, 'measure one')])
 def test_a_run_without_a_zero_is_refused(ask, words):
     with pytest.raises(ValueError, match=words) as caught:
         ask()

@@ -131,11 +131,11 @@ def candidates(season, day, declared=()):
     out += [Cause('trend', 'time', terms, (day[:, None] - half) / _YEAR, 'a year',
                   lambda at, _: [(at - half) / _YEAR]) for terms in every]
     if day[-1] - day[0] > 1.5 * _YEAR and n >= 12:
-        def of_year(at, _=None):
+        def annual(at, _=None):
             return np.stack([np.cos(2.0 * np.pi * np.asarray(at) / _YEAR),
                              np.sin(2.0 * np.pi * np.asarray(at) / _YEAR)], axis=-1)
-        out += [Cause('year', 'the time of the year', terms, of_year(day), 'of cosine and sine',
-                      of_year) for terms in every]
+        out += [Cause('year', 'the time of the year', terms, annual(day), 'of cosine and sine',
+                      annual) for terms in every]
     # each step is a part of it: one column for each would be nights x nights
     stair = np.repeat([0.0, 1.0], n)[:, None]
 

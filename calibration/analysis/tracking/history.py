@@ -60,7 +60,7 @@ class Past:
                 **{name: getattr(self, name).tolist() for name in _ARRAYS}}
 
     @classmethod
-    def of_model(cls, model):
+    def from_model(cls, model):
         """What a model tells of the nights before; None where it tells nothing.
 
         Raises

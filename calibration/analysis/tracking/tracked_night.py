@@ -88,7 +88,7 @@ class TrackedNight:
         self._sensors = [name for name, known in (
             ('difference', difference), ('inclinometer', lean)) if known]
         self._tracker = self._tracker_of(self._evening, self._began)
-        past = Past.of_model(self._evening)
+        past = Past.from_model(self._evening)
         self._warm_start = None if past is None else WarmStart(self._evening, past)
         self._started = None  # how likely each hypothesis of the warm start was
         for axis in (0, 1) if difference else ():
@@ -104,7 +104,7 @@ class TrackedNight:
             model, stamp, sensors=self._sensors, rate_weights=weights)
 
     @classmethod
-    def of_reference(cls, model, first):
+    def from_reference(cls, model, first):
         """A night that begins with the model of an earlier one.
 
         Parameters
@@ -121,7 +121,7 @@ class TrackedNight:
                    else min(held, first - _A_DAY))
 
     @classmethod
-    def of_model(cls, model):
+    def from_model(cls, model):
         """The night as it began, from a model that came of it; it has to take its rows again.
 
         Raises

@@ -40,7 +40,7 @@ def observe_places(path, table, weather, origin, mount):
                          '1970-01-01')
     from pointing_model.runs.plate_solves.frames import ICRS, Solved, to_icrs
     from pointing_model.sky.places import icrs_to_observed, moment_of
-    declared, of_images = meta.pop('sky_frame', None), are_images(table)
+    declared, from_images = meta.pop('sky_frame', None), are_images(table)
     frame, by_fit = declared or ICRS, 'equinox' in meta
     ra, dec, time = (columns.pop('ra_deg'), columns.pop('dec_deg'), columns['time'])
     if 'lst_given' in columns:
@@ -64,7 +64,7 @@ def observe_places(path, table, weather, origin, mount):
             az[ok], el[ok] = icrs_to_observed(*icrs, time[ok], site, air)
             if not by_fit:
                 meta['solved'] = Solved(table.lines[ok], ra[ok], dec[ok], time[ok], frame,
-                                        declared is not None, site, air, of_images)
+                                        declared is not None, site, air, from_images)
             if by_fit and declared is None:
                 az[ok], el[ok] = equinox.which_fits(
                     table, ok, (az[ok], el[ok]), (ra[ok], dec[ok], time[ok], site, air), mount)

@@ -50,7 +50,7 @@ def refuse_radians(path, table):
         the readings say so too: see `_azimuth_in_radians`.
     """
     columns, small = table.columns, []
-    sound, of_horizon = table.reasons == 0, table.names is ALTAZ.names
+    sound, altazimuth = table.reasons == 0, table.names is ALTAZ.names
     for pair in PAIRS:
         if not set(pair) <= set(columns):
             continue
@@ -62,7 +62,7 @@ def refuse_radians(path, table):
         highest = np.abs(el[used]).max()
         if both[used].max() <= _TURN and highest <= _QUARTER:
             _radians(path, table, pair, both[used].max())
-        if not of_horizon:
+        if not altazimuth:
             continue  # hour angles and declinations near zero are the middle of the sky
         if used.sum() >= 3 and highest <= _QUARTER and np.ptp(el[used]) > 0.05:
             _radians(path, table, pair[1:], highest)

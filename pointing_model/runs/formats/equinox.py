@@ -30,7 +30,7 @@ _SIZES = (-8.0, 5.0)  # log of the size of a group, in units of the noise
 _FAR = 0.1  # rad, of a term, from where rows cannot tell it and it is not made exact
 
 
-def which_fits(table, rows, icrs, of_date, mount):
+def which_fits(table, rows, icrs, apparent, mount):
     """Azimuth and elevation of the rows, by the equinox with which the mount fits.
 
     Parameters
@@ -42,7 +42,7 @@ def which_fits(table, rows, icrs, of_date, mount):
         Those that the places are of.
     icrs : tuple of ndarray
         Observed azimuth and elevation with the places taken as ICRS.
-    of_date : tuple
+    apparent : tuple
         Right ascension, declination, time, site and weather of the places, which may be apparent
         ones of the moment.
     mount : Mount
@@ -54,7 +54,7 @@ def which_fits(table, rows, icrs, of_date, mount):
     from pointing_model.runs.plate_solves import frames
     from pointing_model.sky.places import icrs_to_observed
     reading = np.array([table.columns[name][rows] for name in ('az_enc', 'el_enc')])
-    ra, dec, time, *air = of_date
+    ra, dec, time, *air = apparent
     time = np.broadcast_to(time, np.shape(ra))
     places = {J2000: icrs,
             OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
@@ -212,7 +212,7 @@ class _EquinoxFit:
 
         data, root = self._data(), np.sqrt(np.tile(weights, 2))
         groups = np.concatenate([self._others, self._walks])
-        of_group = np.repeat([0, 1], [len(self._others), len(self._walks)])
+        group = np.repeat([0, 1], [len(self._others), len(self._walks)])
         basis = np.linalg.qr((self._terms * root).T)[0]
         y, z = data * root, groups * root
         y, z = y - basis @ (basis.T @ y), z - (z @ basis) @ basis.T
@@ -220,7 +220,7 @@ class _EquinoxFit:
         free = max(len(y) - len(self._names), 1)
 
         def solved(sizes):
-            scale = np.exp(np.array(sizes))[of_group]
+            scale = np.exp(np.array(sizes))[group]
             lower = np.linalg.cholesky(np.eye(len(scale)) + scale[:, None] * gram * scale)
             u = solve_triangular(lower, scale * both, lower=True)
             variance = max(square - float(u @ u), 0.0) / free + _LEAST_NOISE**2

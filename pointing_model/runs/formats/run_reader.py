@@ -105,8 +105,8 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
     table.meta = meta
     if encoder == 'abs':
         swap_encoders(path, columns, meta)
-    of_azimuths = table.names is ALTAZ.names and 'lst_given' not in columns
-    _settle_origin(azimuth_origin, meta, of_azimuths)
+    altazimuth = table.names is ALTAZ.names and 'lst_given' not in columns
+    _settle_origin(azimuth_origin, meta, altazimuth)
     if site is not None:
         _compare_site(site, meta)
         meta['site'] = {**(meta.get('site') or {}), **site} if isinstance(site, dict) else site
@@ -209,10 +209,10 @@ def swap_encoders(path, columns, meta):
     meta['notes'].append('the second (absolute) encoder was read in place of the first')
 
 
-def _settle_origin(given, meta, of_azimuths):
+def _settle_origin(given, meta, altazimuth):
     declared = meta.pop('told_origin', None)
     meta['azimuth_origin'] = given or declared or 'N'
-    if not of_azimuths:
+    if not altazimuth:
         meta['azimuth_origin'] = 'N'
         return
     if declared and given and declared != given:

@@ -18,7 +18,7 @@ SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
 def are_images(table):
     """Whether the places are solutions of images: they have a sigma or a scale of their own."""
-    return bool(table.meta.get('solver_sigma') or table.meta.get('of_images'))
+    return bool(table.meta.get('solver_sigma') or table.meta.get('from_images'))
 
 
 def take_sigma(table):
@@ -92,7 +92,7 @@ def flag_scales(table):
         if name not in columns:
             continue
         values = columns.pop(name)
-        table.meta['of_images'] = True
+        table.meta['from_images'] = True
         sound = (table.reasons == 0) & np.isfinite(values)
         if sound.sum() < 3:
             continue

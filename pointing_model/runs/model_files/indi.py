@@ -18,11 +18,11 @@ from msg_tools.units import ARCSEC, DEG, wrap
 
 from .program import ModelFile, Program
 from .spk import SPK
-from .term_columns import OF_TERM, on_sky
+from .term_columns import TERM_KEYS, on_sky
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
 _TERMS = {'IA': 1, 'IE': -1, 'AN': 1, 'AW': 1, 'CA': 1, 'TF': 1}
-_OWN = {OF_TERM[name]: [(name, float(sign))] for name, sign in _TERMS.items()}
+_OWN = {TERM_KEYS[name]: [(name, float(sign))] for name, sign in _TERMS.items()}
 _HOUR = 15.0 * DEG
 #: of all points that are written: only the sidereal time follows from it
 _DATE = 2461041.5
@@ -46,7 +46,7 @@ def _write(sheet):
     i = np.arange(_POINTS)
     height = np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * (i + 0.5) / _POINTS
     az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
-    wanted = {OF_TERM[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
+    wanted = {TERM_KEYS[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
     made = dict(wanted)
     for _ in range(_STEPS):
         a, e = SPK.encoder(made, az, el)
@@ -109,12 +109,12 @@ def _read(path, text):
     az, el = erfa.hd2ae(_sidereal(date, longitude) - ra * _HOUR, dec * DEG, latitude)
     a, e = np.arctan2(-y, x), np.arctan2(z, np.hypot(x, y))
     count = 2 if len(rows) < 3 else 4 if len(rows) < 5 else 5 if len(rows) < 6 else 6
-    keys = [OF_TERM[name] for name in list(_TERMS)[:count]]
+    keys = [TERM_KEYS[name] for name in list(_TERMS)[:count]]
     values, left = _fitted(keys, az, el, a, e)
     if not left < _FAR:
         raise ValueError(f'{path}: its points are {left / DEG:.3g} degrees off any model of an '
                          'alt-azimuth mount; is it of an equatorial one?')
-    found = ModelFile({name: float(sign * values[OF_TERM[name]]) for name, sign in list(
+    found = ModelFile({name: float(sign * values[TERM_KEYS[name]]) for name, sign in list(
         _TERMS.items())[:count]})
     if count < 6:
         found.notes.append(f'of {len(rows)} points INDI fits {count} terms')
@@ -147,5 +147,5 @@ def _looks_like(text):
 
 INDI = Program(
     'indi', 'INDI (SPK plug-in)', 'indilib/indi, libs/alignment/SPKMathPlugin.cpp and spk/pmfit.c',
-    '.xml', _OWN.get, lambda name: [(OF_TERM[name], float(_TERMS[name]))], tuple(_OWN),
+    '.xml', _OWN.get, lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),
     SPK.encoder, _write, _read, _looks_like, None, '1e-9 degrees')

@@ -14,7 +14,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
 from .program import ModelFile, Program, for_celestial, number_of
-from .term_columns import OF_TERM, TERM_OF, column, summed
+from .term_columns import KEY_TERMS, TERM_KEYS, column, summed
 
 _WAVES = {'hca': ('az', 'A'), 'dca': ('el', 'E')}
 #: number of the command -> its name there
@@ -22,10 +22,10 @@ _COMMANDS = {'0': 'ax1Cor', '1': 'ax2Cor', '2': 'altCor', '3': 'azmCor', '4': 'd
              '5': 'pdCor', '6': 'dfCor', '8': 'tfCor', 'a': 'hcp', 'b': 'hca', 'c': 'dcp',
              'd': 'dca'}
 #: name -> our column, and its coefficient for a unit of ours
-_TERMS = {'ax1Cor': (OF_TERM['IA'], -1), 'ax2Cor': (OF_TERM['IE'], 1),
-          'altCor': (OF_TERM['AN'], 1), 'azmCor': (OF_TERM['AW'], -1),
-          'doCor': (OF_TERM['CA'], 1), 'pdCor': (OF_TERM['NPAE'], -1),
-          'dfCor': (OF_TERM['HECA'], 1), 'tfCor': (OF_TERM['TF'], -1)}
+_TERMS = {'ax1Cor': (TERM_KEYS['IA'], -1), 'ax2Cor': (TERM_KEYS['IE'], 1),
+          'altCor': (TERM_KEYS['AN'], 1), 'azmCor': (TERM_KEYS['AW'], -1),
+          'doCor': (TERM_KEYS['CA'], 1), 'pdCor': (TERM_KEYS['NPAE'], -1),
+          'dfCor': (TERM_KEYS['HECA'], 1), 'tfCor': (TERM_KEYS['TF'], -1)}
 _OWN = {key: [(name, float(sign))] for name, (key, sign) in _TERMS.items()}
 # amplitude and phase, by cosine and sine until they are written; elevation's cosine is tfCor
 for _name, (_result, _angle) in _WAVES.items():
@@ -35,7 +35,7 @@ for _name, (_result, _angle) in _WAVES.items():
 #: declination axis that lifts the declination, no term of ours is
 _EQUATORIAL = {'ax1Cor': ('IH', -1), 'ax2Cor': ('ID', 1), 'altCor': ('ME', 1), 'azmCor': ('MA', 1),
                'doCor': ('CH', 1), 'pdCor': ('NP', -1), 'dfCor': ('FO', 1), 'tfCor': ('TF', -1)}
-_INDEX = tuple(OF_TERM[name] for name in ('IA', 'IE'))
+_INDEX = tuple(TERM_KEYS[name] for name in ('IA', 'IE'))
 
 
 def _column(name):
@@ -134,5 +134,5 @@ def _looks_like(text):
 
 ONSTEPX = Program(
     'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
-    _OWN.get, _column, tuple(key for key in _OWN if key in TERM_OF), _encoder, _write, _read,
+    _OWN.get, _column, tuple(key for key in _OWN if key in KEY_TERMS), _encoder, _write, _read,
     _looks_like, None, 'whole arcseconds', whole=ARCSEC, for_mount=_for_mount)

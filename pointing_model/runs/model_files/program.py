@@ -159,15 +159,15 @@ def model_of(values, sigma, geometry, provenance=None, mount=ALTAZ):
     from pointing_model.effects import effect
     from pointing_model.fitted_effects import FittedEffect
 
-    from .term_columns import TERM_OF
+    from .term_columns import KEY_TERMS
     if not mount.vertical:
         return PointingModel({key[0]: value for key, value in values.items()}, np.diag(np.square(
             [sigma.get(key, 0.0) for key in values])), None, provenance or {}, geometry, (), mount)
-    terms = {TERM_OF[key]: value for key, value in values.items() if key in TERM_OF}
-    errors = [sigma.get(key, 0.0) for key in values if key in TERM_OF]
+    terms = {KEY_TERMS[key]: value for key, value in values.items() if key in KEY_TERMS}
+    errors = [sigma.get(key, 0.0) for key in values if key in KEY_TERMS]
     effects = [FittedEffect(effect('product', result=key[0], factors=[list(f) for f in key[1]]),
                             [value], [sigma.get(key, 0.0)])
-               for key, value in values.items() if key not in TERM_OF]
+               for key, value in values.items() if key not in KEY_TERMS]
     return PointingModel(terms, np.diag(np.square(errors)), None, provenance or {}, geometry,
                          effects)
 

@@ -12,12 +12,12 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 
 from .program import ModelFile, Program, first_order, for_celestial, number_of
-from .term_columns import OF_TERM, column
+from .term_columns import TERM_KEYS, column
 
 #: of the line, in its order: the column, and RTS2's coefficient for a unit of ours
 _LINE = {'ia': ('IA', -1), 'tn': ('AN', -1), 'te': ('AW', 1), 'npae': ('NPAE', -1),
          'npoa': ('CA', 1), 'ie': ('IE', -1), 'tf': ('TF', 1)}
-_NAMES = {OF_TERM[name]: (own, sign) for own, (name, sign) in _LINE.items()}
+_NAMES = {TERM_KEYS[name]: (own, sign) for own, (name, sign) in _LINE.items()}
 #: of an equatorial mount, RTS2_GEM (RTS2_MODEL of its C++); declinations beyond 90 degrees are
 #: those of a tube that went through the pole
 _GEM = {'id': ('ID', 1), 'me': ('ME', 1), 'ma': ('MA', 1), 'tf': ('TF', -1), 'ih': ('IH', 1),
@@ -87,7 +87,7 @@ def _own(key):
 def _column(name):
     if name in _LINE:
         own, sign = _LINE[name]
-        return [(OF_TERM[own], float(sign))]
+        return [(TERM_KEYS[own], float(sign))]
     key, sign = _key(name)
     return [(key, float(sign))]
 

@@ -14,7 +14,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ, is_beyond
 
 from .program import ModelFile, Program, for_celestial, number_of
-from .term_columns import OF_TERM
+from .term_columns import TERM_KEYS
 
 #: member of spkPM -> our term and SPK's coefficient for a unit of ours
 _MEMBERS = {'pia': ('IA', 1), 'pib': ('IE', -1), 'pvd': ('TF', 1), 'pca': ('CA', 1),
@@ -24,7 +24,7 @@ _EQUATORIAL = {'pia': ('IH', 1), 'pib': ('ID', -1), 'pvd': ('TF', 1), 'pca': ('C
                'pnp': ('NP', 1), 'paw': ('MA', 1), 'pan': ('ME', -1)}
 _MEANINGS = {'pia': 'IA', 'pib': 'IE', 'pvd': 'TF: times cos E', 'pca': 'CA', 'pnp': 'NPAE',
          'paw': 'AW', 'pan': 'AN'}
-_OWN = {OF_TERM[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
+_OWN = {TERM_KEYS[name]: [(own, float(sign))] for own, (name, sign) in _MEMBERS.items()}
 _PASSES = 4  # each shrinks the error of where the droop is taken by the terms' size
 
 
@@ -160,6 +160,6 @@ def _looks_like(text):
 SPK = Program(
     'spk', 'SPK (INDI)',
     'P. T. Wallace 2002, SPIE 4848, 125; indilib/indi, libs/alignment/spk/vtel.c', '.c',
-    _OWN.get, lambda name: [(OF_TERM[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],
+    _OWN.get, lambda name: [(TERM_KEYS[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],
     tuple(_OWN), _encoder, _write, _read, _looks_like, None, '1e-7 arcsec',
     for_mount=_for_mount)

@@ -39,9 +39,9 @@ def _terms():
 
 
 #: column of each term of ours that has one
-OF_TERM = _terms()
+TERM_KEYS = _terms()
 #: and back
-TERM_OF = {key: name for name, key in OF_TERM.items()}
+KEY_TERMS = {key: name for name, key in TERM_KEYS.items()}
 
 
 def on_sky(key, az, el, mount=ALTAZ):
@@ -64,8 +64,8 @@ def on_sky(key, az, el, mount=ALTAZ):
     out = np.zeros((2, len(az)))
     if not mount.vertical:
         out[0], out[1] = trig.columns(terms_of(mount)[key[0]])
-    elif key in TERM_OF:
-        out[0], out[1] = TERMS[TERM_OF[key]].of(trig)
+    elif key in KEY_TERMS:
+        out[0], out[1] = TERMS[KEY_TERMS[key]].of(trig)
     else:
         result, factors = key
         out[0], out[1] = RESULTS[result][0](trig, value_of(factors, az, el))
@@ -102,10 +102,10 @@ def _effect_columns(effect):
         return _pair('np', 'E', int(order))
     if effect.form == 'fork_cross_term':
         return [[(column('el', ('sin', 'E', 1), (f, 'A', 1)), 1.0)] for f in ('cos', 'sin')]
-    if effect.form in ('term', 'terms') and effect.coefficient_names[0] in OF_TERM:
-        return [[(OF_TERM[effect.coefficient_names[0]], 1.0)]]
+    if effect.form in ('term', 'terms') and effect.coefficient_names[0] in TERM_KEYS:
+        return [[(TERM_KEYS[effect.coefficient_names[0]], 1.0)]]
     if effect.form == 'latitude':
-        return [[(OF_TERM['AN'], 1.0)]]
+        return [[(TERM_KEYS['AN'], 1.0)]]
     if effect.form == 'diurnal_aberration':
         return [[(column('lr', ('cos', 'A', 1)), 1.0),
                  (column('el', ('sin', 'E', 1), ('sin', 'A', 1)), -1.0)]]
@@ -193,10 +193,10 @@ def model_columns(model):
     def take(key, value):
         values[key] = values.get(key, 0.0) + value
     for (name, value), error in zip(model.terms.items(), model.sigmas):
-        if model.mount.vertical and name not in OF_TERM:
+        if model.mount.vertical and name not in TERM_KEYS:
             left.append(name)
             continue
-        key = OF_TERM[name] if model.mount.vertical else (name, ())
+        key = TERM_KEYS[name] if model.mount.vertical else (name, ())
         take(key, value)
         if np.isfinite(error):
             sigma[key] = float(error)

@@ -30,7 +30,7 @@ from .program import (
     rotations,
 )
 from .spk import SPK
-from .term_columns import OF_TERM, column, summed
+from .term_columns import TERM_KEYS, column, summed
 
 #: our coefficient for a unit of TPOINT's, of the terms with a name of their own
 _NAMED = {'IA': 1, 'IE': -1, 'CA': 1, 'NPAE': 1, 'AN': 1, 'AW': 1, 'TF': 1, 'TX': 1, 'ECES': -1,
@@ -70,9 +70,9 @@ def columns_of(name):
     list of (tuple, float) or None
     """
     if name in _NAMED:
-        return [(OF_TERM[name], float(_NAMED[name]))]
+        return [(TERM_KEYS[name], float(_NAMED[name]))]
     if name == 'ECEC':  # the opposite of TF
-        return [(OF_TERM['TF'], -1.0)]
+        return [(TERM_KEYS['TF'], -1.0)]
     match = _HARMONIC.fullmatch(name)
     if match:
         result, sign = _RESULT[match[1]]
@@ -99,7 +99,7 @@ def _own(key):
     """[(TPOINT's name, its coefficient for a unit of ours)], or None."""
     result, factors = key
     for name in _NAMED:
-        if OF_TERM[name] == key:
+        if TERM_KEYS[name] == key:
             return [(name, float(_NAMED[name]))]
     if result not in _LETTER or not 1 <= len(factors) <= 2:
         return None
@@ -127,7 +127,7 @@ def _candidates():
         out += [column(r, (f, 'A', k)) for r in ('el', 'az', 'lr', 'np') for k in range(1, 7)]
         out += [column(r, (f, 'A', i), (g, 'E', j)) for r in ('el', 'lr') for g in ('cos', 'sin')
                 for i in range(1, 4) for j in range(1, 4)]
-    return (*(OF_TERM[name] for name in ('CA', 'NPAE', 'AN', 'AW', 'TX')),
+    return (*(TERM_KEYS[name] for name in ('CA', 'NPAE', 'AN', 'AW', 'TX')),
             *(key for key in dict.fromkeys(out) if _own(key)))
 
 

@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ, through_pole
 from pointing_model.pointing_terms import stacked_design
 
 from .program import Program, Sheet, model_of, rotations
-from .term_columns import OF_TERM, TERM_OF, model_columns, on_sky
+from .term_columns import KEY_TERMS, TERM_KEYS, model_columns, on_sky
 
 #: a loss below is none, arcsec
 HELD = 1e-3
@@ -187,7 +187,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = model_columns(model)
     values = {key: value for key, value in values.items() if value or (
-              key in TERM_OF or not model.mount.vertical) and program.own(key) is not None}
+              key in KEY_TERMS or not model.mount.vertical) and program.own(key) is not None}
     lacking = [key for key in values if program.own(key) is None]
     left += [_column_name(key) for key in lacking]
     taken = {key: value for key, value in values.items() if key not in lacking}
@@ -247,7 +247,7 @@ def program_for(program, mount):
 def _column_name(key):
     if key[0] not in RESULTS:
         return key[0]
-    return TERM_OF.get(key) or f'{written(key[1])} {RESULTS[key[0]][1]}'
+    return KEY_TERMS.get(key) or f'{written(key[1])} {RESULTS[key[0]][1]}'
 
 
 def _column_values(program, terms):
@@ -264,7 +264,7 @@ def _refit(program, target, start, sky, more):
     With `more`, where parts of the model have no column there, the program's other columns are
     taken as far as they pay; what second order leaves of rotations is not dressed up so.
     """
-    index = [OF_TERM[n] for n in ('IA', 'IE')] if program.mount.vertical else [
+    index = [TERM_KEYS[n] for n in ('IA', 'IE')] if program.mount.vertical else [
         (n, ()) for n in program.mount.names.index]
     keys = [*start, *(key for key in index if key not in start)]
     keys = [key for key in keys if program.own(key) is not None]

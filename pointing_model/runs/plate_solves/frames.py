@@ -148,7 +148,7 @@ class Solved:
     site : Site
     weather : Weather
         Of each row.
-    of_images : bool
+    from_images : bool
         Whether the rows are solutions of images (they have a sigma or a scale of their own), not
         places of catalogue stars.
     """
@@ -161,7 +161,7 @@ class Solved:
     declared: bool
     site: Site
     weather: Weather
-    of_images: bool = False
+    from_images: bool = False
 
     def observed(self, frame=None, ra=None):
         """Observed azimuth and elevation, radians, if the places were of another frame.
@@ -190,4 +190,4 @@ class Solved:
                 for name in ('pressure_hpa', 'temperature_c', 'humidity')}
         return Solved(self.lines[rows], self.ra[rows], self.dec[rows], self.time[rows], self.frame,
                       self.declared, self.site,
-                      Weather(wavelength_um=air.wavelength_um, **each), self.of_images)
+                      Weather(wavelength_um=air.wavelength_um, **each), self.from_images)

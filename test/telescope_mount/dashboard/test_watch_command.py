@@ -16,13 +16,13 @@ from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.cli import main
 from telescope_mount.dashboard.graph_state import LastMessages
-from telescope_mount.dashboard.log_state import of_log
+from telescope_mount.dashboard.log_state import log_messages
 from telescope_mount.dashboard.terminal_view import ALARMS, Dashboard
 
 
 @pytest.fixture(scope='module')
 def at_end():
-    return of_log(BagReader(LOG), '/mount').state()
+    return log_messages(BagReader(LOG), '/mount').state()
 
 
 def drawn(state, width, encoding='utf-8', note='', whole=True):
@@ -69,11 +69,11 @@ def test_a_log_says_how_it_ended(at_end):
 
 def test_a_log_at_an_earlier_time(at_end):
     bag = BagReader(LOG)
-    then = of_log(bag, '/mount', bag.start_time + 200 * 10**9).state()
+    then = log_messages(bag, '/mount', bag.start_time + 200 * 10**9).state()
     assert then.plan['state'] == 'observing' and then.zero_arcsec is None and then.left_by == ''
     assert then.stars.time_s == at_end.stars.time_s[:9] and then.time_utc < at_end.time_utc
     with pytest.raises(ValueError, match='no message of a graph in /other'):
-        of_log(bag, '/other')
+        log_messages(bag, '/other')
 
 
 def test_encoders_are_compared_at_one_time_and_a_zero_of_another_power_on_is_told():

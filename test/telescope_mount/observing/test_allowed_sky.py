@@ -25,7 +25,7 @@ SKYLINE = '0 12, 45 50, 140 55, 180 8'
 
 def told(**limits):
     """As the observer has it from the rows that the guard publishes."""
-    return AllowedSky.of_rows(rows_of(Limits(**limits)), DEFAULT_SITE)
+    return AllowedSky.from_rows(rows_of(Limits(**limits)), DEFAULT_SITE)
 
 
 def test_what_the_guard_tells_is_what_it_keeps():
@@ -47,7 +47,7 @@ def test_what_the_guard_tells_is_what_it_keeps():
     assert sky.within(az * DEG, np.full(6, 0.9)).tolist() == [
         False, True, True, False, False, True]
     assert not sky.within(np.ones(1), np.array([80.0 * DEG]))[0]
-    assert AllowedSky.of_rows({'state': 'idle'}, DEFAULT_SITE) is None  # an older guard
+    assert AllowedSky.from_rows({'state': 'idle'}, DEFAULT_SITE) is None  # an older guard
 
 
 @pytest.mark.parametrize(('kind', 'first', 'second'), [
@@ -156,6 +156,6 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
 
 def test_a_guard_of_another_site_is_told():
     rows = rows_of(Limits()) | {'latitude_deg': '34.3', 'longitude_deg': '109.0'}
-    assert AllowedSky.of_rows(rows, DEFAULT_SITE).elsewhere == ''
-    other = AllowedSky.of_rows(rows, replace(DEFAULT_SITE, longitude=-70.7 * DEG)).elsewhere
+    assert AllowedSky.from_rows(rows, DEFAULT_SITE).elsewhere == ''
+    other = AllowedSky.from_rows(rows, replace(DEFAULT_SITE, longitude=-70.7 * DEG)).elsewhere
     assert other.startswith('the guard takes the mount to be at 34.3000, 109.0000 deg, not at 34.3')

@@ -47,7 +47,7 @@ def test_of_a_power_on_long_over_the_rows_are_counted_and_not_kept():
     # rows have the numbers that they had
     assert [row['star'] for row in table.rows_from(58)] == [58, 59]
     assert table.rows_from(5) == table.rows and table.rows_from(-1)[0]['star'] == 59
-    assert [table.of_last(n) for n in (0, 1, 2, 9)] == [30, 10, 20, 30]
+    assert [table.newest_rows(n) for n in (0, 1, 2, 9)] == [30, 10, 20, 30]
     run = table.all()
     assert run['run'].tolist() == sorted(10 * [4.0, 5.0, 6.0])
     assert table.all() is None

@@ -84,11 +84,11 @@ def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
     with pytest.raises(ValueError, match='without column time'):
         night.take(PointingRun({k: v for k, v in rows(1).columns.items() if k != 'time'}))
     with pytest.raises(ValueError, match='not tracked'):
-        TrackedNight.of_model(MOUNT)
+        TrackedNight.from_model(MOUNT)
     damaged = night.model(START)
     del damaged.provenance[KEY]['evening']['noise']
     with pytest.raises(ValueError, match='evening of a tracked model is damaged'):
-        TrackedNight.of_model(damaged)
+        TrackedNight.from_model(damaged)
 
 
 def test_a_pier_that_leans_is_told_from_a_tube_by_the_inclinometer():

@@ -96,7 +96,7 @@ def test_it_goes_on_to_the_bit_and_tells_of_the_nights_before_no_more(foretold):
         state = tracked(foretold, rows.select(np.arange(count)))
         model, _ = state.tracked.pair(state.last_stamp)
         assert PAST not in model.provenance and model.provenance[RATES]
-        again = TrackedNight.of_model(PointingModel.from_json(model.to_json()))
+        again = TrackedNight.from_model(PointingModel.from_json(model.to_json()))
         again.take(rows.select(np.arange(count)))
         assert again.model(state.last_stamp).to_json() == model.to_json()
 

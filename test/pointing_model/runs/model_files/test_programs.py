@@ -23,7 +23,7 @@ from pointing_model.runs.model_files import (
 from pointing_model.runs.model_files import (
     coefficient_table as table,
 )
-from pointing_model.runs.model_files.term_columns import OF_TERM, model_columns, on_sky, summed
+from pointing_model.runs.model_files.term_columns import TERM_KEYS, model_columns, on_sky, summed
 from pointing_model.runs.model_files.tpoint import columns_of
 
 SEVEN = dict(zip(PHYSICAL, np.array([412.5, -31.25, 25.0, -18.5, 30.75, -22.0, 15.5]) * ARCSEC))
@@ -56,9 +56,9 @@ def round_trip(tmp_path, model, name):
 # ------------------------------------------------------------------------------- what we compare by
 
 def test_every_term_has_the_column_of_its_definition():
-    assert set(OF_TERM) <= set(TERMS)
+    assert set(TERM_KEYS) <= set(TERMS)
     trig = Trig(SKY.az, SKY.el)
-    for name, key in OF_TERM.items():
+    for name, key in TERM_KEYS.items():
         if name in ('AN', 'AW'):
             continue
         result, factors = key
@@ -160,7 +160,7 @@ def test_tpoints_generic_names_are_those_of_its_convention():
         np.testing.assert_allclose(got[1], y, atol=1e-12, err_msg=name)
     for name, term in TERMS.items():
         if term.tpoint_sign:
-            assert columns_of(name) == [(OF_TERM[name], term.tpoint_sign)], name
+            assert columns_of(name) == [(TERM_KEYS[name], term.tpoint_sign)], name
 
 
 def gpoint(text, az_deg, el_deg):
