@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis import check_columns, naming_columns
+from calibration.analysis.diagnosis import check_columns
 from calibration.analysis.fit import fit_terms
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -156,8 +156,7 @@ def mistakes_beyond(beyond):
 def outcome(path, said, truth):
     """What becomes of a file."""
     try:
-        with naming_columns():
-            run = load_run(path)
+        run = load_run(path)
         checked = check_columns(run)
         fitted = fit_terms(run)
     except ValueError as error:
@@ -246,8 +245,7 @@ def right(rng, form, path, of_sky):
     a = np.remainder(a, 2.0 * np.pi) if kind == 'altaz' else wrap(a)
     write(path, kind, [v / DEG for v in (h, d, a, e)], beyond if pier else None, stars, site)
     try:
-        with naming_columns():
-            run = load_run(path)
+        run = load_run(path)
         checked = check_columns(run)
     except ValueError as error:
         return 'refused', str(error)

@@ -24,7 +24,7 @@ from types import SimpleNamespace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.analysis.diagnosis import check_columns, naming_columns
+from calibration.analysis.diagnosis import check_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
@@ -301,8 +301,7 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
         azimuth_origin=azimuth_origin, mount=mount, latitude=latitude_deg,
         longitude=longitude_deg, height=height_m, pressure=pressure_hpa,
         temperature=temperature_c, equinox=equinox))
-    with naming_columns():
-        return Run(load_run(path, **place))
+    return Run(load_run(path, **place))
 
 
 @_one_thread

@@ -167,11 +167,10 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
 
 def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
-    from calibration.analysis.diagnosis import check_columns, naming_columns
+    from calibration.analysis.diagnosis import check_columns
 
     from .runs import load_run
-    with naming_columns():
-        run = load_run(file, **place)
+    run = load_run(file, **place)
     check_columns(run)
     counts = reader_row_counts(run)
     if counts.too_few:

@@ -5,6 +5,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from calibration.analysis.diagnosis import check_columns
 from calibration.analysis.solves import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
@@ -16,7 +17,7 @@ from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.runs.copies import copies, without_copies, written_twice
-from pointing_model.runs.formats import NoObservations, read_run, swap_encoders
+from pointing_model.runs.formats import NoObservations, NoUsableRow, read_run, swap_encoders
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.skyline import parse_horizon
@@ -56,6 +57,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
 
     Raises
     ------
+    MistakenColumns
+        A ValueError: no row can be used, for the columns are not what they are named.
     ValueError
         Not a run, a log of the simulator's truth, or no such driver.
     OSError
@@ -63,9 +66,14 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     """
     path = log_of(path)
     if not path.is_dir() and path.suffix != '.mcap':
-        run = _without_check_rows(_worded(check_solves(read_run(
-            path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
-            mount=mount, equinox=equinox))))
+        try:
+            run = _without_check_rows(_worded(check_solves(read_run(
+                path, azimuth_origin=azimuth_origin, site=site, weather=weather, encoder=encoder,
+                mount=mount, equinox=equinox))))
+        except NoUsableRow as error:
+            if error.run is not None:  # what its columns are says more
+                check_columns(error.run)
+            raise
     else:
         if equinox is not None:
             raise ValueError(f'{path} is a log, which has no catalogue places; leave out --equinox')

@@ -12,7 +12,7 @@ from pointing_model.zero import NO_ZERO
 
 from .diagnosis.implausible_terms import suspicious
 from .diagnosis.input_check import ColumnCheck, check_columns
-from .diagnosis.row_counts import RowCounts, fit_row_counts
+from .diagnosis.row_counts import fit_row_counts
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit import fit_terms
@@ -40,7 +40,10 @@ class RunFit:
         Of each half of the rows, by a fit to the other.
     origin : Origin or None
         Whose the errors of a German mount are.
-    counts : RowCounts
+    counts : dict
+        Of `RowCounts`.
+    few_used : bool
+        More than a third of the rows is left out.
     harmonics : dict or None
         As of `harmonic_fit.fit_chosen`, with ``harmonic_findings``.
     predicted : diagnosis.prediction.PredictiveModel or None
@@ -57,7 +60,8 @@ class RunFit:
     columns: ColumnCheck
     halves: Rms | None
     origin: Origin | None
-    counts: RowCounts
+    counts: dict
+    few_used: bool
     harmonics: dict | None = None
     harmonic_findings: list = ()
     predicted: object = None
@@ -112,8 +116,9 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     source = {'source': str(source or run.meta.get('source', ''))}
     result = fit_terms(run, terms, robust=robust, encoder=encoder, provenance=source, **solver)
     halves = checked_by_halves(run, result, terms, encoder=encoder, robust=robust, **solver)
+    counts = fit_row_counts(run, result)
     out = RunFit(run, encoder, result, result.model, result.model, columns, halves, origin,
-                 fit_row_counts(run, result), base=base)
+                 counts.to_dict(), counts.too_few, base=base)
     if harmonics:
         fitted, out.harmonics, out.harmonic_findings = fit_chosen(
             run, harmonics, Recipe(NO_ZERO, False, terms, encoder, robust), result)

@@ -32,7 +32,7 @@ def fit_document(found):
     run, result, base = found.run, found.terms, found.base
     used, matrix = run.select(result.weights > 0.0), result.correlations
     return {
-        **run.mount.entries(), 'observations': found.counts.used,
+        **run.mount.entries(), 'observations': found.counts['rows_used'],
         'terms': result.term_rows(interval=True),
         'degrees_of_freedom': result.degrees_of_freedom,
         'before': _entry(rms_arcsec(*used.offsets(found.encoder))),
@@ -42,7 +42,7 @@ def fit_document(found):
         'correlations': [{'terms': [a, b], 'value': float(matrix[i, j])}
                          for i, a in enumerate(result.names)
                          for j, b in enumerate(result.names[:i]) if np.isfinite(matrix[i, j])],
-        'undetermined': [one['text'] for one in result.dropped], **found.counts.to_dict(),
+        'undetermined': [one['text'] for one in result.dropped], **found.counts,
         'columns_alike': found.columns.alike, 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
                      for one in excluded_of_fit(run, result)],

@@ -172,7 +172,7 @@ def fit_tables(found, document):
         lines.append(f'correlations above 0.9: {strong}')
     if document['outliers']:
         lines.append(outlier_sentence(document))
-    if found.counts.too_few:
+    if found.few_used:
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     lines += map(wording, result.open_directions)
     lines += left_out_lines(document['excluded'], word=document['rows_are'])

@@ -60,10 +60,9 @@ def add(commands):
 
 def run(args):
     """Load, diagnose, print, write."""
-    from calibration.analysis.diagnosis import MistakenColumns, naming_columns
+    from calibration.analysis.diagnosis import MistakenColumns
     try:
-        with naming_columns():
-            return _run(args)
+        return _run(args)
     except MistakenColumns as error:
         if args.json:
             from calibration.report.documents import refused_document

@@ -51,7 +51,6 @@ def _run(args):
                          + ('--harmonics' if harmonics else '--no-robust'))
     if args.base and args.terms:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
-    from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.harmonic_fit import choice_of
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.documents import fit_document
@@ -59,10 +58,9 @@ def _run(args):
 
     from ..runs import load_run
     from .console import new_console, print_all, write_outputs
-    with naming_columns():
-        # in logs of ours the zeros of the power-ons are known, and taken off
-        run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
-                          args.file.is_dir() or args.file.suffix == '.mcap')
+    # in logs of ours the zeros of the power-ons are known, and taken off
+    run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
+                      args.file.is_dir() or args.file.suffix == '.mcap')
     base = None
     if args.base:
         from calibration.analysis.base_model import BaseModel

@@ -29,7 +29,6 @@ def add(commands):
 
 def run(args):
     """Read, fit, judge, print, write."""
-    from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.season.season_analysis import analyse_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import render_season
@@ -59,8 +58,7 @@ def run(args):
         for number, path in enumerate(files):
             progress('reading', number, len(files))
             try:
-                with naming_columns():
-                    runs.append(load_run(path, **options.place_of(args)))
+                runs.append(load_run(path, **options.place_of(args)))
             except NoObservations as err:
                 empty.append(f'left out: {err}')
         progress(f'fitting {len(runs)} nights')

@@ -64,14 +64,13 @@ def run(args):
 
 def _column_doubts(path):
     """Whether clock, site or readings of a run are wrong, and what is said of them, lines."""
-    from calibration.analysis.diagnosis import MistakenColumns, check_columns, naming_columns
+    from calibration.analysis.diagnosis import MistakenColumns, check_columns
     from calibration.report.wording import wording
 
     from ..runs import load_run
     try:
-        with naming_columns():
-            run = load_run(path)
-            return False, [wording(one) for one in check_columns(run).doubts(run.mount.names)]
+        run = load_run(path)
+        return False, [wording(one) for one in check_columns(run).doubts(run.mount.names)]
     except MistakenColumns as error:
         return True, [str(error)]
     except ValueError:  # no run yet, such as of an image without readings

@@ -26,7 +26,6 @@ def run(args):
     """Read, track, print, write."""
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
-    from calibration.analysis.diagnosis import naming_columns
     from calibration.analysis.tracking.run_track import track_run
     from calibration.report.tables import new_table
     from calibration.report.track_page import render_track, tracking_lines
@@ -35,8 +34,7 @@ def run(args):
 
     from ..runs import load_run
     from .console import ProgressLine, new_console, print_lines, write_outputs
-    with naming_columns():
-        run = load_run(args.file, **options.place_of(args))
+    run = load_run(args.file, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
     with ProgressLine(unit='rows', first='following the mount') as progress:
         tracked = track_run(run, model, args.first, args.terms, progress)

@@ -5,7 +5,7 @@ from importlib import import_module
 _PLACES = {'Base': 'diagnosis_base', 'DiagnosedEffect': 'diagnosis_result',
            'Diagnosis': 'diagnosis_result',
            'MistakenColumns': 'input_check', 'ColumnCheck': 'input_check',
-           'check_columns': 'input_check', 'diagnose': 'diagnosis', 'naming_columns': 'input_check'}
+           'check_columns': 'input_check', 'diagnose': 'diagnosis'}
 __all__ = list(_PLACES)
 
 

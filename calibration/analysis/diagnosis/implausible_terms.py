@@ -8,8 +8,6 @@ from calibration.analysis.harmonic_fit import rows_of_terms
 from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC, DEG
 
-from .page_figures import live_rows
-
 #: standard errors from where a value is no zero
 _SURE = 3.0
 #: arcsec of cot E: a refraction of 58" at sea level that is wrong by a third. Pressure and
@@ -112,7 +110,8 @@ def refraction_in_place(result):
     base, obs = result.base, result.observations
     if 'TF' not in base.terms or 'TF' in base.own or 'TX' in base.terms:
         return None
-    rows, both = live_rows(result)
+    rows = np.flatnonzero(result.weights > 0.0)
+    both = np.concatenate((rows, rows + len(obs)))
     other = replace(base, terms=tuple('TX' if t == 'TF' else t for t in base.terms))
     with_tf, with_tx = (one.columns(obs.context, obs.label).rows(both) for one in (base, other))
     at = [t for t in base.terms if t not in base.own].index('TF')

@@ -5,13 +5,11 @@ The seven physical terms are fitted robustly to the run as written and in other 
 each divided by what its offsets on the sky gain from a unit of the columns as written.
 """
 
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.runs.formats import NoUsableRow
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
@@ -112,23 +110,6 @@ def check_columns(runs, encoder='enc'):
     runs = [runs] if isinstance(runs, PointingRun) else list(runs)
     return ColumnCheck.of([_RunCheck(run, encoder).result() for run in runs
                            if f'az_{encoder}' in run])
-
-
-@contextmanager
-def naming_columns():
-    """What is read within: a file of which no row can be used is told by what its columns are.
-
-    Raises
-    ------
-    MistakenColumns
-        In place of `NoUsableRow`, if a reading fits.
-    """
-    try:
-        yield
-    except NoUsableRow as error:
-        if error.run is not None:
-            check_columns(error.run)
-        raise
 
 
 class _RunCheck:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from places import CASES
 
-from calibration.analysis.diagnosis import MistakenColumns, check_columns, naming_columns
+from calibration.analysis.diagnosis import MistakenColumns, check_columns
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
-from pointing_model.runs.formats import read_run
 from pointing_model.sky.places import Site, Weather, observed_to_icrs, sidereal_time
 from telescope_mount.runs import load_run
 
@@ -48,9 +47,7 @@ def written(path, kind='german', pier=True, through=True, n=60, seed=1, places=N
 
 def checked(path, **options):
     """What the check of a file says; raises MistakenColumns."""
-    with naming_columns():
-        run = read_run(path, **options)
-    return check_columns(run)
+    return check_columns(load_run(path, **options))
 
 
 def hours(x, y):
@@ -135,7 +132,7 @@ def test_a_clock_that_is_not_utc_and_a_wrong_site_are_named(tmp_path, kind):
     assert check_columns(load_run(of_stars(path, kind))).findings == []
     for hours, site, said in ELSEWHERE.values():
         of_stars(path, kind, hours, site)
-        with pytest.raises(MistakenColumns, match=said), naming_columns(), catch_warnings():
+        with pytest.raises(MistakenColumns, match=said), catch_warnings():
             simplefilter('error')  # numpy's are faults of the fit
             check_columns(load_run(path))
 
@@ -144,7 +141,7 @@ def test_a_clock_that_right_ascensions_of_the_mount_were_turned_by_is_named(tmp_
     path = tmp_path / 'run.csv'
     assert check_columns(load_run(of_stars(path, 'german', ascension=True))).findings == []
     of_stars(path, 'german', 8.0, ascension=True)
-    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'), naming_columns():
+    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
         check_columns(load_run(path))
 
 
@@ -168,7 +165,7 @@ def test_numbers_that_no_terms_explain_are_refused_without_a_proposal(tmp_path):
 def test_the_small_inputs_of_clocks_and_unrelated_columns():
     if not CASES.is_dir():
         pytest.skip(f'no small inputs in {CASES}')
-    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'), naming_columns():
+    with pytest.raises(MistakenColumns, match='a clock 8 hours ahead of UTC'):
         check_columns(load_run(CASES / 'ps_local_time.csv'))
     with pytest.raises(MistakenColumns, match='No other reading that was tried fits'):
         checked(CASES / 'garbage0.csv')
