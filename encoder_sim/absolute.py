@@ -6,6 +6,7 @@ import numpy as np
 
 from encoder_reading.axis_reader import AxisReader, read_frames
 from encoder_reading.design import Design
+from encoder_reading.disc import RECURRENCES
 from encoder_reading.frame_readings import FrameReadings
 
 from .ccd import LinearCCD
@@ -79,7 +80,7 @@ class Absolute(EncoderScale):
     """
 
     diameter: float = drawn(Design, 'diameter')
-    code: str = choice('table', 'table', 'equation2')
+    code: str = choice('table', *RECURRENCES)
     bar_wide: float = drawn(Design, 'bar_wide')
     bar_narrow: float = drawn(Design, 'bar_narrow')
     bar_position_error: float = number(0.0, 'um', 0.0, 50.0)

@@ -16,7 +16,7 @@ from .bag import BagWriter
 from .bag.compression import COMPRESSORS, DEFAULT_COMPRESSION
 from .bag.parameter_query import ParameterCollector, as_text
 from .bag.recorder import Recorder
-from .bag.recording import DEPTH, Selection, adapt_qos, check_patterns, versions
+from .bag.topic_selection import DEPTH, Selection, adapt_qos, check_patterns, versions
 from .node import NO_SUBSCRIPTION_EVENTS, Counter, MountNode, Param
 from .readiness import AWAITED
 from .topics import Topic

@@ -9,8 +9,8 @@ from rosgraph_msgs.msg import Clock
 
 from . import topics
 from .bag.names import prefixes_of
-from .bag.recording import check_patterns
 from .bag.sqlite import open_bag
+from .bag.topic_selection import check_patterns
 from .convert import to_stamp
 from .node import MountNode, Param
 from .topics import Topic, make_qos

@@ -15,7 +15,7 @@ from std_msgs.msg import Int32, String
 from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.recorder import Ring
-from msg_tools.bag.recording import Selection, adapt_qos
+from msg_tools.bag.topic_selection import Selection, adapt_qos
 from msg_tools.mcap_logger_node import McapLogger
 from msg_tools.topics import Topic
 

@@ -1,32 +1,29 @@
 """Models that other programs read and write: theirs as ours, ours as theirs.
 
-A file for each program: its terms, signs and units, what it computes, its file. What they share
-(which columns a model is made of, what a program cannot hold and how much that is) stands in
-`columns` and `transfer`.
+A file for each program, whose `PROGRAM` is found by itself: its terms, signs and units, what it
+computes, its file. What they share (which columns a model is made of, what a program cannot hold
+and how much that is) stands in `term_columns` and `transfer`.
 """
 
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, mount_wording
 
 from . import coefficient_table
-from .indi import INDI
-from .katpoint import KATPOINT
-from .onstepx import ONSTEPX
 from .program import Program
-from .rts2 import RTS2
-from .spk import SPK
-from .tpoint import TPOINT
 from .transfer import Exported, ExportLoss, export, imported, loss_of, program_for, uniform_sky
 
 __all__ = ['PROGRAMS', 'ExportLoss', 'Exported', 'ImportedModel', 'Program', 'export', 'loss_of',
            'read_model', 'table', 'uniform_sky']
 
-#: by name; in the order in which a file is looked at
-PROGRAMS = {program.name: program for program in (
-    INDI, RTS2, SPK, ONSTEPX, KATPOINT, TPOINT)}
+_MODULES = [import_module(f'.{module.name}', __name__) for module in iter_modules(__path__)]
+#: what modules of this package declare, by name; in the order in which a file is looked at
+PROGRAMS = {module.PROGRAM.name: module.PROGRAM for module in _MODULES
+            if hasattr(module, 'PROGRAM')}
 _OURS = ('.json', '.yaml', '.yml')
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 
+from . import spk
 from .program import ModelFile, Program
-from .spk import SPK
 from .term_columns import TERM_KEYS, on_sky
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
@@ -49,7 +49,7 @@ def _write(sheet):
     wanted = {TERM_KEYS[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
     made = dict(wanted)
     for _ in range(_STEPS):
-        a, e = SPK.encoder(made, az, el)
+        a, e = spk.PROGRAM.encoder(made, az, el)
         fitted = _fitted(list(wanted), az, el, a, e)[0]
         # a first-order fit to rotations is off by the second order: the points make up for it
         made = {key: made[key] + wanted[key] - fitted[key] for key in wanted}
@@ -145,7 +145,7 @@ def _looks_like(text):
     return '<INDIAlignmentDatabase' in text[:2000]
 
 
-INDI = Program(
+PROGRAM = Program(
     'indi', 'INDI (SPK plug-in)', 'indilib/indi, libs/alignment/SPKMathPlugin.cpp and spk/pmfit.c',
     '.xml', _OWN.get, lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),
-    SPK.encoder, _write, _read, _looks_like, None, '1e-9 degrees')
+    spk.PROGRAM.encoder, _write, _read, _looks_like, None, '1e-9 degrees')

@@ -138,7 +138,7 @@ def _angle(path, line, name, word):
     return (-size if word.strip().startswith('-') else size) * DEG
 
 
-KATPOINT = Program(
+PROGRAM = Program(
     'katpoint', 'katpoint (VLBI Field System)', 'ska-sa/katpoint, katpoint/pointing.py', '.ini',
     _OWN.get, lambda name: [(TERMS[name][0], float(TERMS[name][1]))],
     tuple(key for key in _OWN if 'power' not in str(key)), _encoder, _write, _read, _looks_like,

@@ -124,7 +124,7 @@ def _for_mount(mount):
         found.terms = {name: value for name, value in found.terms.items() if name in terms}
         return found
     return for_celestial(
-        ONSTEPX, mount, terms, read=read,
+        PROGRAM, mount, terms, read=read,
         encoder=lambda values, az, el: _encoder(values, az, el, mount, index))
 
 
@@ -132,7 +132,7 @@ def _looks_like(text):
     return bool(re.search(r'^:SX0\w,', text, re.MULTILINE))
 
 
-ONSTEPX = Program(
+PROGRAM = Program(
     'onstepx', 'OnStepX', 'hjd1964/OnStepX, src/telescope/mount/coordinates/Align.hs.cpp', '.txt',
     _OWN.get, _column, tuple(key for key in _OWN if key in KEY_TERMS), _encoder, _write, _read,
     _looks_like, None, 'whole arcseconds', whole=ARCSEC, for_mount=_for_mount)

@@ -123,7 +123,7 @@ def _write_gem(sheet):
 def _for_mount(mount):
     """gpoint of an equatorial mount: nine terms, in first order."""
     return for_celestial(
-        RTS2, mount, _GEM, write=_write_gem,
+        PROGRAM, mount, _GEM, write=_write_gem,
         encoder=lambda values, az, el: first_order(values, az, el, mount),
         read=lambda path, text: _read(path, text, mount))
 
@@ -197,7 +197,7 @@ def _extra(path, number, words):
     return name, _angle(path, number, name, value)
 
 
-RTS2 = Program(
+PROGRAM = Program(
     'rts2', 'RTS2 gpoint', 'RTS2/rts2, lib/rts2tel/gpointmodel.cpp and python/rts2/gpoint.py',
     '.model', _own, _column, _candidates(), first_order, _write, _read, _looks_like, 'first_order',
     '1e-7 arcsec', for_mount=_for_mount)

@@ -148,7 +148,7 @@ def _read(path, text):
 def _for_mount(mount):
     """SPK of an equatorial mount, on both sides of the pier."""
     made = for_celestial(
-        SPK, mount, _EQUATORIAL,
+        PROGRAM, mount, _EQUATORIAL,
         encoder=lambda values, az, el: _encoder(values, az, el, mount, made.own))
     return made
 
@@ -157,7 +157,7 @@ def _looks_like(text):
     return bool(re.search(r'^\s*pm(\.|->)p\w\w\s*=', text, re.MULTILINE))
 
 
-SPK = Program(
+PROGRAM = Program(
     'spk', 'SPK (INDI)',
     'P. T. Wallace 2002, SPIE 4848, 125; indilib/indi, libs/alignment/spk/vtel.c', '.c',
     _OWN.get, lambda name: [(TERM_KEYS[_MEMBERS[name][0]], float(_MEMBERS[name][1]))],

@@ -21,6 +21,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import terms_of
 
+from . import spk
 from .program import (
     ModelFile,
     Program,
@@ -29,7 +30,6 @@ from .program import (
     refuse_equatorial,
     rotations,
 )
-from .spk import SPK
 from .term_columns import TERM_KEYS, column, summed
 
 #: our coefficient for a unit of TPOINT's, of the terms with a name of their own
@@ -222,7 +222,7 @@ def _for_mount(mount):
     if not signs:
         raise ValueError(f'TPOINT has no names for a mount that is {mount.kind}')
     return replace(
-        TPOINT, own=own, column=of, candidates=tuple((name, ()) for name in signs), mount=mount,
+        PROGRAM, own=own, column=of, candidates=tuple((name, ()) for name in signs), mount=mount,
         encoder=lambda values, az, el: rotations(values, az, el, mount),
         read=lambda path, text: _read(path, text, of, mount), otherwise=(
             ('read to first order at the encoder angles',
@@ -231,13 +231,13 @@ def _for_mount(mount):
 
 def _kernel(values, az, el):
     """The geometric terms by SPK's rotations, the others as columns at the target."""
-    turned = {key: value for key, value in values.items() if SPK.own(key)}
-    a, e = SPK.encoder(turned, az, el)
+    turned = {key: value for key, value in values.items() if spk.PROGRAM.own(key)}
+    a, e = spk.PROGRAM.encoder(turned, az, el)
     x, y = summed({key: value for key, value in values.items() if key not in turned}, az, el)
     return a + x / np.cos(el), e + y
 
 
-TPOINT = Program(
+PROGRAM = Program(
     'tpoint', 'TPOINT', 'P. T. Wallace 2002, SPIE 4848, 125; TPOINT manual, appendix of terms',
     '.mod', _own, columns_of, _candidates(), rotations, _write, _read, _looks_like, 'rotation',
     '1e-4 arcsec', otherwise=(
