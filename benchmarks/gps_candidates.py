@@ -15,7 +15,7 @@ from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
 from calibration.analysis.external_check import PAPER
-from calibration.report.tables import new_table
+from calibration.report.terminal_tables import new_table
 from msg_tools.units import DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements
 from pointing_model.sky.satellite import satellite_place

@@ -27,7 +27,6 @@ from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
 from .report import calibration_wording as words
-from .report.encoder_wording import MARKS_UNKNOWN
 
 
 class Calibration(MountNode):
@@ -326,13 +325,11 @@ class Calibration(MountNode):
 
     def problems(self):
         """Where the encoders and the sky of the last night disagree, or cannot be compared."""
-        from .report.track_wording import problems
-        state = self._state
-        found = [state.contradiction and str(state.contradiction), *state.alarms,
-                 self._marks_unknown() and MARKS_UNKNOWN, self._refused,
-                 *(problems(state.tracked) if state.tracks else [])]
-        return [(DiagnosticStatus.WARN, text) for text in found if text]
+        from .report.diagnostics_rows import problem_sentences
+        return [(DiagnosticStatus.WARN, text) for text in problem_sentences(
+            self._state, self._marks_unknown(), self._refused)]
 
     def details(self):
         """What has come."""
-        return words.state_details(self._state, self._taken_up, self._finding)
+        from .report.diagnostics_rows import state_rows
+        return state_rows(self._state, self._taken_up, self._finding)

@@ -2,7 +2,7 @@
 
 from textwrap import shorten
 
-from calibration.report.tables import new_table
+from calibration.report.terminal_tables import new_table
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 

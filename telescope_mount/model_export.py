@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.fit_result import undetermined_terms
-from calibration.report.tables import new_table
+from calibration.report.terminal_tables import new_table
 from calibration.report.wording import wording
 from msg_tools.output import write_text
 from msg_tools.units import ARCSEC

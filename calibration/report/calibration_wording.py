@@ -66,17 +66,3 @@ def restart_sentence(taken_up, model):
     """What a calibration has that was started anew: `taken_up` (list of str), `model` or None."""
     known = 'no model is known until the next fit' if model is None else 'the active model'
     return f'started in the middle of a night: took up {", ".join(taken_up)}; {known}'
-
-
-def state_details(state, taken_up, finding):
-    """Of a CalibrationState or NightSeries, for the diagnostics: pairs of str."""
-    from .track_wording import details
-    zeros = state.zeros
-    asked = state.requests.document
-    return [('observations', str(state.rows.taken.kept)),
-            ('power-ons with a zero', str(len(zeros))),
-            ('zeros by', ways(zeros.values()) or 'nothing yet'),
-            ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
-            ('diagnosis', finding or 'none yet'),
-            *([('causes told apart', asked['says'])] if asked else []),
-            *(details(state.tracked) if state.tracks else [])]

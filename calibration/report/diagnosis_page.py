@@ -8,7 +8,7 @@ from .drawing import clean
 from .provenance import provenance_section
 from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
-from .term_table import correlation_table, terms_table
+from .terms_section import correlation_table, terms_table
 
 
 def render(view, files=None):

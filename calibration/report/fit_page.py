@@ -13,7 +13,7 @@ from .diagnosis_sections import exclusions
 from .drawing import clean
 from .provenance import provenance_section, site_degrees, site_text
 from .residual_figures import controls, residual_sections, run_residuals
-from .term_table import terms_section
+from .terms_section import terms_section
 from .wording import wording
 
 

@@ -27,7 +27,7 @@ from .log_health import log_health
 from .page_parts import FOOTER, body_of, cards, gains, listed, section, verdict, whole
 from .provenance import provenance_section, site_text
 from .residual_figures import controls, residual_sections, run_residuals
-from .term_table import terms_section
+from .terms_section import terms_section
 from .zero_figures import zeros_of, zeros_section
 
 #: ends of the topics that a page is made of: rows one by one, all of them, and what came of them

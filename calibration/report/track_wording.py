@@ -1,7 +1,5 @@
 """Words for a tracked night: what a measurement made known, and how well the filter predicts."""
 
-from calibration.analysis.tracking.innovations import HONEST
-
 
 def _filter_consistency(found):
     if found['tested'] is None:
@@ -51,30 +49,6 @@ KINDS = {
         f'the model has no {", ".join(found.causes)}: added, unknown within {found.size:.0f} '
         'arcsec'),
 }
-
-
-def problems(night):
-    """What is wrong with what the filter of a `TrackedNight` (or None) predicts, sentences."""
-    if night is None:
-        return ['tracking begins with a model: fit, or give model_file']
-    document = night.document()
-    return [] if document['confidence'] == HONEST else [
-        f'tracking: the filter was {_filter_consistency(document["confidence_sentence"])}, and is '
-        'widened or narrowed for it']
-
-
-def details(night):
-    """Of a `TrackedNight` or None, for a node's diagnostics: names and values."""
-    if night is None:
-        return [('tracking', 'not begun')]
-    document = night.document()
-    expected, start = document['expected_arcsec'], document.get('opening')
-    return [('tracking', f'{document["stars"]} stars'),
-            *([('since the nights before', max(start['chances'], key=start['chances'].get))]
-              if start else []),
-            ('expected error now, in 1 h [arcsec]',
-             f'{expected["now"]:.2f}, {expected["1 h"]:.2f}'),
-            ('innovations', _filter_consistency(document['confidence_sentence']))]
 
 
 def last_update(night):

@@ -5,7 +5,7 @@ from pointing_model.runs.formats.cells import write_rows
 
 from ..analysis.zero.zero_causes import AXES, zero_causes
 from ..analysis.zero.zero_season import season_from_rows
-from .tables import decimals, new_table
+from .terminal_tables import decimals, new_table
 from .wording import worded
 from .zero_wording import COVARIATES
 

@@ -232,7 +232,7 @@ def print_files(console, files, width=13):
 def print_calibration(console, report):
     """A calibration report: its tables, notes and alarms."""
     from calibration.report.row_wording import expected_sentence
-    from calibration.report.tables import night_tables
+    from calibration.report.terminal_tables import night_tables
     if 'steps' in report:
         print_all(console, night_tables(report))
         if report.get('expected'):

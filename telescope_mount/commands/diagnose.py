@@ -73,11 +73,11 @@ def run(args):
 def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
-    from calibration.report.diagnosis_tables import diagnosis_tables
+    from calibration.report.diagnosis_terminal import diagnosis_tables
     from calibration.report.diagnosis_view import view_of
     from calibration.report.documents import diagnosis_document
     from calibration.report.fit_wording import origin_sentence
-    from calibration.report.tables import base_table
+    from calibration.report.terminal_tables import base_table
     from calibration.report.wording import wording
     from msg_tools.forks import cores
 

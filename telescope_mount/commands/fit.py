@@ -54,7 +54,7 @@ def _run(args):
     from calibration.analysis.harmonic_fit import choice_of
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.documents import fit_document
-    from calibration.report.tables import fit_tables
+    from calibration.report.terminal_tables import fit_tables
 
     from ..runs import load_run
     from .console import new_console, print_all, write_outputs

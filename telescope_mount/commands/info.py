@@ -125,7 +125,7 @@ def _read_through(bag):
 
 def info_tables(info):
     """What `log_info` tells, as rich tables and lines for the console."""
-    from calibration.report.tables import new_table
+    from calibration.report.terminal_tables import new_table
     table = new_table(f'{info["path"]}: {info["messages"]} messages', 'topic', 'type', 'messages',
                       'rate [Hz]', 'publishers', 'lost')
     table.columns[1].justify = 'left'

@@ -390,7 +390,7 @@ def list_scenarios(args, *patterns):
     from .console import new_console, write_outputs
     scenarios = {name: text for name, text in described_scenarios().items()
             if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns)}
-    from calibration.report.tables import new_table
+    from calibration.report.terminal_tables import new_table
     console = new_console()
     table = new_table('', 'scenario', 'what it does')
     table.columns[1].justify = 'left'

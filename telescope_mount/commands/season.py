@@ -90,7 +90,7 @@ def _files(paths):
 
 
 def _table(document):
-    from calibration.report.tables import new_table
+    from calibration.report.terminal_tables import new_table
     nights = document['nights']
     predicted, drift = document['tonight'], document['wander']
     out = new_table(f'{len(nights)} nights, {nights[0]["time"][:10]} to '

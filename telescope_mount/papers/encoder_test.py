@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.report.tables import new_table
+from calibration.report.terminal_tables import new_table
 from encoder_reading.evaluation import (
     TABLE_2_MEASURED,
     TABLE_2_STANDARD,

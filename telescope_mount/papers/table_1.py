@@ -5,7 +5,7 @@ from itertools import zip_longest
 import numpy as np
 
 from calibration.analysis.external_check import gps_statistics
-from calibration.report.tables import new_table
+from calibration.report.terminal_tables import new_table
 from pointing_model.rms import rms
 
 COLUMNS = ('night', 'before_az_arcsec', 'before_el_arcsec', 'after_az_arcsec', 'after_el_arcsec')

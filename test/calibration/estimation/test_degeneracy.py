@@ -10,7 +10,7 @@ from calibration.analysis import diagnosis
 from calibration.analysis.fit import fit_terms
 from calibration.analysis.run_fit import fit_run
 from calibration.report.documents import fit_document
-from calibration.report.tables import fit_tables
+from calibration.report.terminal_tables import fit_tables
 from calibration.rows import usable
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel

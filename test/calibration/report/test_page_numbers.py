@@ -3,7 +3,7 @@
 import pytest
 
 from calibration.report.page_parts import value_and_error
-from calibration.report.term_table import terms_table
+from calibration.report.terms_section import terms_table
 
 
 @pytest.mark.parametrize('value, sigma, texts', [

@@ -10,7 +10,7 @@ from calibration.analysis.tracking.tracked_night import (
     difference_of,
 )
 from calibration.calibration_state import CalibrationState
-from calibration.report.track_wording import problems
+from calibration.report.diagnostics_rows import tracking_problems
 from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
@@ -57,7 +57,7 @@ def test_a_night_is_tracked_from_an_earlier_model_and_goes_on_to_the_bit():
 
 def test_it_begins_anew_from_a_fit():
     state = CalibrationState(mode='track')
-    assert 'begins with a model' in problems(state.tracked)[0]
+    assert 'begins with a model' in tracking_problems(state.tracked)[0]
     feed(state, rows(24, second=0.0))
     state.fit()
     assert state.tracked.stars == 0

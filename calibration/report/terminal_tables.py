@@ -12,8 +12,8 @@ from .wording import wording
 
 
 def new_table(title, *columns):
-    """An empty table, first column left, the others right; see `terminal_table`."""
-    from .terminal_table import TerminalTable
+    """An empty table, first column left, the others right; see `terminal_layout`."""
+    from .terminal_layout import TerminalTable
     out = TerminalTable(title=title)
     for i, name in enumerate(columns):
         out.add_column(name, justify='left' if i == 0 else 'right')

@@ -6,8 +6,8 @@ import re
 import pytest
 from rich.console import Console
 
-from calibration.report.tables import night_tables
-from calibration.report.terminal_table import TerminalTable
+from calibration.report.terminal_layout import TerminalTable
+from calibration.report.terminal_tables import night_tables
 
 LONG = 'model of power-on 1 on the stars of power-on 2, with the old zero'
 

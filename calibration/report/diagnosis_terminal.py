@@ -4,7 +4,7 @@ from rich.text import Text
 
 from pointing_model.effects.base import driver_word
 
-from .tables import decimals, new_table
+from .terminal_tables import decimals, new_table
 
 
 def diagnosis_tables(view):
