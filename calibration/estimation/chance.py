@@ -202,7 +202,7 @@ class Chance:
         Where such noise can be mistaken for nothing there is nothing to simulate.
         """
         groups = np.flatnonzero(MemoryMask(problem, chosen, problem.dictionary,
-                                           problem.plain.fit(chosen), None).groups)
+                                           problem.plain.fit(chosen)).groups)
         if len(groups):
             self._memory_test(problem, chosen, groups).by_chance  # noqa: B018
 

@@ -12,11 +12,13 @@ from msg_tools.units import ARCSEC
 
 from .correlated_noise import CorrelatedNoise, WhiteNoise, noise_memory
 from .group_columns import Basis
+from .least_squares import weighted_solve
 from .robust import bisquare, hampel, huber, reweighted, sigma_of
 
 #: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
 #: 50 times that of the column alone, and what is found rests on the second order
 DISTINCT = 0.02
+_RCOND = 1e-5  # relative singular value of columns that depend on others but for rounding
 #: weight above which a row counts: Hampel's is 0.05 at 20.5 standard deviations
 LIVE = 0.05
 
@@ -102,24 +104,19 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
     least = ARCSEC if inverse_sigma is None else 1.0  # the unit of the noise that is not zero
     last = bisquare if final else hampel
     steps = [None] + [huber] * 6 + [last] * 5 if weights is None else [last] * 4
-    scale, todo = np.ones(2), iter(steps)
+    design, todo = columns if columns.groups else columns.common, iter(steps)
+    w, scale = np.ones(n) if weights is None else weights, np.ones(2)
 
-    def solution(w):
-        root = given * np.concatenate((np.sqrt(w) / scale[0], np.sqrt(w) / scale[1]))
-        noise = WhiteNoise(root)
-        basis = columns.basis(noise)
-        residual = basis.off(noise.whiten(b))
-        raw = residual / np.where(root > 0.0, root, np.inf)
-        if (w == 0.0).any():  # by the coefficients of the others
-            out = np.tile(w == 0.0, 2)
-            raw[out] = columns.left_of(b, noise)[out]
-        return WeightedFit(basis, noise, residual, raw, w, scale)
+    def root():
+        return given * (np.sqrt(w) / scale[:, None]).ravel()
 
-    def weigh(fit):
-        nonlocal scale
-        step = next(todo)
-        w, standard = fit.weights, (fit.raw * given).reshape(2, n)
-        dof = np.sqrt(2 * n / max(2 * n - len(fit.basis), 1))
+    def solve(_):
+        return weighted_solve(design, b, np.square(root()), _RCOND)
+
+    def weigh(found):
+        nonlocal w, scale
+        step, standard = next(todo), (found.residual * given).reshape(2, n)
+        dof = np.sqrt(2 * n / max(2 * n - found.rank, 1))
         if step is not None:
             middle = np.maximum(sigma_of(standard, dof, axis=1), 1e-6 * least)
             w = step(np.hypot(*(standard / middle[:, None])))
@@ -127,8 +124,10 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
         scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof, 1e-9 * least)
         return w
 
-    start = solution(np.ones(n) if weights is None else weights)
-    return reweighted(solution, weigh, start, len(steps))[0]
+    found, _ = reweighted(solve, weigh, solve(w), len(steps))
+    noise = WhiteNoise(root())
+    return WeightedFit(columns.basis(noise), noise, noise.whiten(found.residual), found.residual,
+                       w, scale)
 
 
 def memory_of(fit, columns, b, sequence):

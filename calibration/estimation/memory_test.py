@@ -42,15 +42,13 @@ class MemoryMask:
     bank : CandidateBank
     plain : WeightedFit
         Of the choice, without memory.
-    weights : ndarray, shape (n,)
-        To begin with.
     without : int, optional
         Of `chosen`, that is left out.
     """
 
-    def __init__(self, problem, chosen, bank, plain, weights, without=None):
+    def __init__(self, problem, chosen, bank, plain, without=None):
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
-        self._make = lambda: problem.fit(chosen, weights, without)
+        self._make = lambda: problem.with_memory(plain, chosen, without)
 
     def covers(self, g):
         """Whether a group is one of them."""

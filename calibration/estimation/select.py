@@ -135,7 +135,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
 
 
 def _mask(problem, choice, bank):
-    return MemoryMask(problem, list(choice.chosen), bank, choice.fit, choice.fit.weights)
+    return MemoryMask(problem, list(choice.chosen), bank, choice.fit)
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
@@ -395,7 +395,7 @@ def significance(problem, choice, i, chance, alpha):
     chosen, weights = choice.chosen, choice.fit.weights
     bank, g = chosen[i].family(problem, chosen)
     fit = problem.plain.fit(chosen, weights, without=i)
-    mask = MemoryMask(problem, chosen, bank, fit, weights, i)
+    mask = MemoryMask(problem, chosen, bank, fit, i)
     masked = mask.covers(g)
     if masked:
         fit = mask.fit

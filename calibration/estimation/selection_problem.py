@@ -91,8 +91,13 @@ class SelectionProblem:
         """
         design = self.design(chosen, without)
         fit = weighted_fit(design, self.b, self.inverse_sigma, weights, final)
+        return self.with_memory(fit, chosen, without, memory)
+
+    def with_memory(self, fit, chosen, without=None, memory=None):
+        """A fit without memory, with the memory that its noise has; parameters as of `fit`."""
         if self.sequence is None:
             return fit
+        design = self.design(chosen, without)
         if memory is None:
             key = frozenset(c for i, c in enumerate(chosen) if i != without)
             if key not in self._memories:

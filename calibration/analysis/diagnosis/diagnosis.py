@@ -331,7 +331,9 @@ def _assemble(run, choice, fits, models, chance, fit):
             one.other_causes.append(e.name)
             if e.cause_summary not in [cause['cause'] for cause in one.causes]:
                 one.causes.append(cause_entry(e, gain))
-        one.causes.sort(key=lambda cause: (cause['more_effects'] > 0, -cause['delta_bic']))
+        # of equals the order of the dictionary counts, not rounding
+        one.causes.sort(key=lambda cause: (cause['more_effects'] > 0,
+                                           -round(cause['delta_bic'], 1)))
         beside += [_beside(f.effect, other, others, *larger.get(other, ()))
                    for other, others in one.beside.items()]
         effects.append(one)

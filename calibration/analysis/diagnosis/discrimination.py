@@ -273,7 +273,7 @@ class _SetMatch:
             fit = plain.fit([], weights)
         scores, tops, best = of(fit)
         self._fit = plain.fit([CandidateGroup(best)], weights)
-        if MemoryMask(self._whole, [], bank, fit, weights).covers(best):
+        if MemoryMask(self._whole, [], bank, fit).covers(best):
             memory = self._whole.fit([CandidateGroup(best)], weights).memory
             scores, tops, best = of(self._whole.fit([], weights, memory=memory))
             self._fit = self._whole.fit([CandidateGroup(best)], weights)

