@@ -150,6 +150,11 @@ class CandidateBank:
         out.columns = self.columns[:, np.concatenate((index, index + n))]
         return out
 
+    def by_size(self):
+        """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d)."""
+        return [(groups, self._start[groups][:, None] + np.arange(d))
+                for d, groups in self._by_size]
+
     def bases(self, fit):
         """Orthonormal bases of the groups beyond the model.
 
@@ -160,12 +165,13 @@ class CandidateBank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        for d, all_groups in self._by_size:
+        for all_groups, places in self.by_size():
             # what is at work at a time stays near the processor where rows are many
+            d = places.shape[1]
             step = max(_FEW, _NEAR // (self.columns[0].nbytes * d))
-            for groups in np.split(all_groups, np.arange(step, len(all_groups), step)):
-                index = (self._start[groups][:, None] + np.arange(d)).ravel()
-                white = fit.noise.whiten(self.columns[index])
+            for i in range(0, len(all_groups), step):
+                groups = all_groups[i:i + step]
+                white = fit.noise.whiten(self.columns[places[i:i + step].ravel()])
                 length = np.sqrt(np.einsum('ij,ij->i', white, white))
                 white /= np.where(length > 0.0, length, 1.0)[:, None]
                 basis = fit.basis.off(white, in_place=True).reshape(len(groups), d, -1)

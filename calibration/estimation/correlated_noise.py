@@ -23,8 +23,8 @@ _SIZES = _SIZE_STEP ** np.arange(-1.0, 3.0)
 _FINER = _SIZE_STEP ** np.arange(-1.5, 3.0, 0.5)
 _ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in (-0.5, 0.0, 0.5)
                    if longer or larger])
-#: numbers in the columns of the tries that are made at a time
-_AT_ONCE = 200_000
+#: numbers in the columns of the noises that are tried at a time
+AT_ONCE = 200_000
 
 
 
@@ -152,7 +152,7 @@ class CorrelatedNoise:
     def __init__(self, root, sequence, memory):
         n = len(sequence.run)
         self.root, self._sequence, self.memory = root, sequence, memory
-        self._axes = [(part, _Differences(_AxisRows(root[part], sequence, one.scaled), one))
+        self._axes = [(part, _Differences(AxisRows(root[part], sequence, one.scaled), one))
                       for k, one in enumerate(memory) if one.variance > 0.0
                       for part in [slice(k * n, (k + 1) * n)]]
 
@@ -229,7 +229,7 @@ def _set_aside(root, rows):
     return root
 
 
-class _AxisRows:
+class AxisRows:
     """The rows with weight of one axis, in order; their values in units of the process."""
 
     def __init__(self, root, sequence, scaled):
@@ -254,6 +254,32 @@ class _AxisRows:
     def scaled(self, values):
         """Values (k, n) of all rows -> (m, k) of these."""
         return (values[:, self.rows] * self._scale).T
+
+    def whitened_by(self, columns, memories, variances, white):
+        """Columns as `scaled` gives them, whitened by several noises.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (m, k)
+        memories, variances : ndarray, shape (t,)
+            Of the process of each noise.
+        white : ndarray, shape (t,)
+            Sigma of the white part, in that of these rows.
+
+        Returns
+        -------
+        columns : ndarray, shape (t, m, k)
+        log_det : ndarray, shape (t,)
+            Of the covariance of the rows.
+        """
+        # the noises are as runs one after the other, that know nothing of each other
+        tries, n = len(memories), len(columns)
+        phi = np.exp(-self.gap / np.asarray(memories)[:, None]).ravel()
+        diagonal, lower = _factored(phi, np.outer(np.square(white), self.white).ravel(),
+                                    np.repeat(variances, n))
+        out = _solved(phi, np.sqrt(diagonal)[:, None], lower, np.tile(columns, (tries, 1)))
+        return (out.reshape(tries, n, -1),
+                np.log(diagonal).reshape(tries, n).sum(axis=1) - self.log_scale)
 
     def unscaled(self, columns):
         """Values (m, k) of these rows as on the sky."""
@@ -421,7 +447,7 @@ class AxisLikelihood:
         own, rows = (some[np.abs(some).max(axis=1, initial=0.0) > 0.0] for some in (
             columns.own[:, part], columns.common[:, part]))
         self._scaled, self._scale, self._own = scaled, scale[axis], len(own)
-        self._rows = _AxisRows(root[part], sequence, scaled)
+        self._rows = AxisRows(root[part], sequence, scaled)
         self._columns = self._rows.scaled(np.vstack((own, rows, b[part])))
         self.few = len(self._columns) < len(rows) + len(own) * len(self._rows.starts) + 3
         if not self.few:
@@ -443,21 +469,15 @@ class AxisLikelihood:
 
     def at(self, memories, sizes):
         """`AxisNoise` of each memory and size (over the variance of the white noise), in pairs."""
-        out, rows, n = [], self._rows, len(self._columns)
-        step = max(1, _AT_ONCE // max(self._columns.size, 1))
+        out, step = [], max(1, AT_ONCE // max(self._columns.size, 1))
         for i in range(0, len(memories), step):
-            # the tries are as runs one after the other, that know nothing of each other
             memory, size = memories[i:i + step], np.multiply(sizes[i:i + step], self.typical)
-            tries = len(memory)
-            phi = np.exp(-rows.gap / np.asarray(memory)[:, None]).ravel()
-            diagonal, lower = _factored(phi, np.tile(rows.white, tries), np.repeat(size, n))
-            white = _solved(phi, np.sqrt(diagonal)[:, None], lower,
-                            np.tile(self._columns, (tries, 1)))
-            log_det = np.log(diagonal).reshape(tries, n).sum(axis=1) - rows.log_scale
+            white, log_det = self._rows.whitened_by(self._columns, memory, size,
+                                                    np.ones(len(memory)))
+            found = self._of(white.reshape(-1, white.shape[2]), log_det, len(memory))
             out += [AxisNoise(float(s * variance), float(m), self._scaled,
                               self._scale * float(np.sqrt(variance)), float(self._none - value))
-                    for m, s, value, variance in zip(memory, size,
-                                                     *self._of(white, log_det, tries))]
+                    for m, s, value, variance in zip(memory, size, *found)]
         return out
 
     def _of(self, white, log_det, tries):

@@ -8,11 +8,13 @@ for, in runs simulated with the noise that was estimated (parametric bootstrap).
 """
 
 from functools import cached_property
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
-from .correlated_noise import AxisNoise, CorrelatedNoise
+from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
+from .group_columns import inverse_root
+from .linear_model import DISTINCT
 
 #: a group whose score memory inflates by more (variance) is one that such noise can be mistaken
 #: for; with up to a fifth more a p of 0.01 is one of 0.02
@@ -28,8 +30,8 @@ TAIL = 0.2
 #: 2 ln of a likelihood ratio below which no group is beyond the noise at a p of 0.01: what the
 #: largest passes in 1 of 100 simulated runs was 12.2 to 23.9 (71 nights of 30 to 200 rows)
 _LEAST_RATIO = 12.0
-_KEPT = 1000  # rows up to which the fits of all noises are kept: of more they take much memory
-_SIZES = (0.1, 0.4, 1.6, 6.4, 25.0)
+#: sizes that are tried (variance over that of the white noise); and no process
+_SIZES, _WHITE = (0.1, 0.4, 1.6, 6.4, 25.0), (1.0, 0.0, 1.0)
 
 
 class MemoryMask:
@@ -54,9 +56,10 @@ class MemoryMask:
         """Whether a group is one of them."""
         # whether it goes with the order of the rows at all is cheaper to ask
         columns = self._plain.basis.off(self._plain.noise.whiten(self._bank.of(g)))
-        columns = columns.reshape(-1, self._sequence.order.size)[:, self._sequence.order]
-        before = np.einsum('ij,ij->', columns[:, 1:], columns[:, :-1])
-        return before > _UNLIKE * np.einsum('ij,ij->', columns, columns) and self.groups[g]
+        ordered = columns.reshape(-1, self._sequence.order.size)[:, self._sequence.order]
+        before = np.einsum('ij,ij->', ordered[:, 1:], ordered[:, :-1])
+        return bool(before > _UNLIKE * np.einsum('ij,ij->', ordered, ordered)
+                    and self._inflates(columns, [0])[0])
 
     @cached_property
     def fit(self):
@@ -71,13 +74,15 @@ class MemoryMask:
     @cached_property
     def groups(self):
         """Whether memory, if it is not reckoned with, inflates the variance of each score, (G,)."""
+        return self._inflates(self._plain.basis.off(
+            self._plain.noise.whiten(self._bank.columns)), self._bank.starts)
+
+    def _inflates(self, columns, starts):
+        """Of groups whose whitened columns, beyond the model, begin at `starts`."""
         if not self.fit.memory:
-            return np.zeros(len(self._bank), bool)
-        plain = self._plain
-        columns = plain.basis.off(plain.noise.whiten(self._bank.columns))
-        spread = self.fit.noise.spread(columns * plain.noise.root)
-        both = [np.add.reduceat(np.square(c).sum(axis=1), self._bank.starts)
-                for c in (spread, columns)]
+            return np.zeros(len(starts), bool)
+        spread = self.fit.noise.spread(columns * self._plain.noise.root)
+        both = [np.add.reduceat(np.square(c).sum(axis=1), starts) for c in (spread, columns)]
         return both[0] > _INFLATED * np.maximum(both[1], 1e-300)
 
 
@@ -100,24 +105,16 @@ class MemoryTest:
     def __init__(self, problem, chosen, bank, groups, normal):
         self._problem, self._bank, self._groups, self._normal = problem, bank, groups, normal
         self._plain = problem.plain.fit(chosen)
-        self._design = problem.design(chosen)
-        self._known = None
-        self._noises = _noises(problem.sequence, self._plain, problem.fit(chosen).memory)
+        self._memory = problem.with_memory(self._plain, chosen).memory
+        self._design = np.asarray(problem.design(chosen))
+        self._noises, self._sets = _tried(problem.sequence, self._plain, self._memory)
 
     def p(self, g):
         """Chance that noise makes any of the groups look as `g` does."""
-        ratio = _ratios(self._observed(), self._problem.finer(g)).max()
+        ratio = self._ratios(self._problem.finer(g), self._problem.b[None]).max()
         if ratio < _LEAST_RATIO:
             return 1.0
         return (SIMULATIONS * tail_share(self.by_chance, ratio) + 1.0) / (SIMULATIONS + 1)
-
-    def _observed(self):
-        made = _beyond(self._noises, self._design, self._problem.b[None])
-        if self._problem.n > _KEPT:
-            return made
-        if self._known is None:
-            self._known = list(made)
-        return self._known
 
     @property
     def has_simulated(self):
@@ -129,9 +126,34 @@ class MemoryTest:
         """Largest ratio of each simulated run, shape (b,)."""
         if self._normal.ndim == 1:
             return self._normal
-        runs = self._noises[0].coloured(self._normal * (self._plain.noise.root > 0.0))
-        return _ratios(_beyond(self._noises, self._design, runs),
-                       self._bank.only(self._groups)).max(axis=1)
+        plain = self._plain
+        noise = CorrelatedNoise.beside(plain.noise, plain.scale, self._problem.sequence,
+                                       self._memory)
+        runs = noise.coloured(self._normal * (plain.noise.root > 0.0))
+        return self._ratios(self._bank.only(self._groups), runs).max(axis=1)
+
+    def _ratios(self, bank, values):
+        """2 ln of the likelihood ratio of each group, shape (m, G), for values of shape (m, 2n).
+
+        Either likelihood is the largest of all pairs of noises that are tried.
+        """
+        columns, n = np.vstack((self._design, bank.columns, values)), self._plain.n
+        axes = []
+        for axis, noises in enumerate(self._noises):
+            part = slice(axis * n, (axis + 1) * n)
+            rows = AxisRows(self._plain.noise.root[part], self._problem.sequence,
+                            self._memory[axis].scaled)
+            axes.append(_products(rows, rows.scaled(columns[:, part]), noises, bank,
+                                  len(self._design)))
+        live = np.count_nonzero(self._plain.noise.root[:n])
+        without, with_it = -np.inf, -np.inf
+        step = max(1, AT_ONCE // max(len(bank.columns) * len(values), 1))
+        for i in range(0, len(self._sets), step):
+            pair = [of.of(self._sets[i:i + step, axis]) for axis, of in enumerate(axes)]
+            plain, each = _likelihoods(pair, live)
+            without = np.maximum(without, plain.max(axis=0))
+            with_it = np.maximum(with_it, each.max(axis=0))
+        return with_it - without[:, None]
 
 
 def tail_share(by_chance, ratio):
@@ -159,54 +181,115 @@ def tail_share(by_chance, ratio):
     return float(TAIL * np.exp(-(ratio - start) / excess))
 
 
-def _noises(sequence, plain, memory):
-    """Noises of a grid of one axis, the other as estimated; first the estimate."""
-    typical = [float(np.median(1.0 / np.square(r[r > 0.0])))
-               for r in plain.noise.root.reshape(2, plain.n)]
-    white = [AxisNoise(scale=s) for s in plain.scale]
-    sets = [tuple(memory), tuple(white)]
-    for axis in (0, 1):
-        tried = [white[axis], *(
-            AxisNoise(size * typical[axis], tau, memory[axis].scaled, plain.scale[axis])
-            for tau in sequence.memories()[1:] for size in _SIZES)]
-        sets += [tuple(t if k == axis else memory[k] for k in (0, 1)) for t in tried]
-    return [CorrelatedNoise.beside(plain.noise, plain.scale, sequence, both) for both in sets]
+def _tried(sequence, plain, memory):
+    """Noises of each axis, and which are tried together.
+
+    Returns
+    -------
+    noises : list of ndarray, shape (t, 3)
+        Of x and y: memory, variance, and sigma of the white part in that of the plain fit; the
+        first is the estimate, the second white.
+    sets : ndarray of int, shape (s, 2)
+        The estimate of both, white noise of both, each of x with the estimate of y, and so on.
+    """
+    root = plain.noise.root.reshape(2, plain.n)
+    noises = []
+    for axis, one in enumerate(memory):
+        size = np.median(1.0 / np.square(root[axis][root[axis] > 0.0]))
+        estimate = (one.memory, one.variance, one.scale / plain.scale[axis])
+        noises.append(np.array([
+            estimate if one.variance > 0.0 else _WHITE, _WHITE,
+            *((tau, part * size, 1.0) for tau in sequence.memories()[1:] for part in _SIZES)]))
+    x, y = (np.arange(1, len(of)) for of in noises)
+    return noises, np.concatenate(([(0, 0), (1, 1)], np.column_stack((x, 0 * x)),
+                                   np.column_stack((0 * y, y))))
 
 
-def _beyond(noises, design, values):
-    """Of each noise in turn: the fit's basis, what is left of the values, its squares, -2 ln L
-    without."""
-    n = values.shape[1] // 2
-    for noise in noises:
-        basis = design.basis(noise)
-        left = basis.off(noise.whiten(values))
-        live = np.count_nonzero(noise.root[:n])
-        squares = np.square(left).reshape(-1, 2, n).sum(axis=2)
-        none = -live * np.log(np.maximum(squares, 1e-300)).sum(axis=1) - noise.log_det
-        yield noise, basis, left, squares, live, none
+class _Products(NamedTuple):
+    """Sums over the rows of an axis, whitened by each of t noises: design D, groups C, values V.
+
+    Attributes
+    ----------
+    log_det : ndarray, shape (t,)
+    design : ndarray, shape (t, k, k)
+        D D.
+    design_values, values : ndarray, shape (t, k, m), (t, m)
+        D V, V V.
+    groups : list of tuple
+        Of each number of columns d: which groups, (G,), then for each noise C C (t, G, d, d),
+        C D (t, G, d, k) and C V (t, G, d, m).
+    """
+
+    log_det: np.ndarray
+    design: np.ndarray
+    design_values: np.ndarray
+    values: np.ndarray
+    groups: list
+
+    def of(self, noises):
+        """Of some noises (indices)."""
+        return _Products(*(of[noises] for of in self[:4]),
+                         [(which, *(of[noises] for of in some)) for which, *some in self.groups])
 
 
-def _ratios(beyond, bank):
-    """2 ln of the likelihood ratio of each group, shape (rows of values, G)."""
-    without, with_it = -np.inf, -np.inf
-    for noise, basis, left, squares, live, none in beyond:
-        out = np.empty((len(left), len(bank)))
-        for groups, q, _ in bank.bases(SimpleNamespace(noise=noise, basis=basis)):
-            reduced = _reduced(q, left, squares)
-            out[:, groups] = -live * np.log(np.maximum(reduced, 1e-300)).sum(axis=0)
-        without = np.maximum(without, none)
-        with_it = np.maximum(with_it, out - noise.log_det)
-    return with_it - without[:, None]
+def _products(rows, columns, noises, bank, k):
+    """`_Products` of columns (n, k + ... + m), scaled rows of an axis."""
+    parts, count = [], len(bank.columns)
+    step = max(1, AT_ONCE // max(columns.size, 1))
+    for i in range(0, len(noises), step):
+        white, log_det = rows.whitened_by(columns, *noises[i:i + step].T)
+        white = white.transpose(0, 2, 1)
+        design, groups, values = white[:, :k], white[:, k:k + count], white[:, k + count:]
+        across = groups @ np.concatenate((design, values), axis=1).transpose(0, 2, 1)
+        parts.append((
+            log_det, design @ design.transpose(0, 2, 1), design @ values.transpose(0, 2, 1),
+            np.square(values).sum(axis=2), *(
+                one for _, at in bank.by_size()
+                for one in (groups[:, at] @ groups[:, at].transpose(0, 1, 3, 2),
+                            across[:, at, :k], across[:, at, k:]))))
+    parts = [np.concatenate(part) for part in zip(*parts)]
+    return _Products(*parts[:4], [(which, *parts[4 + 3 * j:7 + 3 * j])
+                                  for j, (which, _) in enumerate(bank.by_size())])
 
 
-def _reduced(q, left, squares):
-    """Sums of squares of either axis with each group taken out, shape (2, rows, G)."""
-    n = left.shape[1] // 2
-    share = np.tensordot(q, left, (2, 1))
-    out = np.empty((2, len(left), len(q)))
-    for axis, part in enumerate((slice(0, n), slice(n, 2 * n))):
-        gram = q[:, :, part] @ q[:, :, part].transpose(0, 2, 1)
-        cross = np.tensordot(q[:, :, part], left[:, part], (2, 1))
-        taken = (2.0 * share * cross - share * (gram @ share)).sum(axis=1)
-        out[axis] = squares[:, axis, None] - taken.T
-    return out
+def _likelihoods(pair, live):
+    """2 ln L of sets of noises without, (s, m), and with each group, (s, m, G).
+
+    Parameters
+    ----------
+    pair : sequence of _Products, length 2
+        Of x and y.
+    live : int
+        Rows with weight.
+    """
+    x, y = pair
+    root = inverse_root(x.design + y.design)
+    p = root @ (root.transpose(0, 2, 1) @ (x.design_values + y.design_values))
+    left = [of.design_values - of.design @ p for of in pair]  # D r
+    squares = [of.values - (p * (of.design_values + rest)).sum(axis=1)
+               for of, rest in zip(pair, left)]
+    log_det = (x.log_det + y.log_det)[:, None]
+    out = np.empty((*squares[0].shape, sum(len(which) for which, *_ in x.groups)))
+    for (which, *gx), (_, *gy) in zip(x.groups, y.groups):
+        onto = (gx[1] + gy[1]) @ root[:, None] @ root.transpose(0, 2, 1)[:, None]
+        across = []  # of what the design leaves of each group: with itself, and with r
+        for of, (own, design, values), rest in zip(pair, (gx, gy), left):
+            shared = design @ onto.transpose(0, 1, 3, 2)
+            across.append((own - shared - shared.transpose(0, 1, 3, 2)
+                           + onto @ of.design[:, None] @ onto.transpose(0, 1, 3, 2),
+                           values - design @ p[:, None] - onto @ rest[:, None]))
+        length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
+        length = np.where(length > 0.0, length, 1.0)[..., None]
+        eigen, vectors = np.linalg.eigh((across[0][0] + across[1][0])
+                                        / (length * length.transpose(0, 1, 3, 2)))
+        keep = eigen > DISTINCT**2
+        factor = vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, eigen, 1.0)), 0.0)[
+            ..., None, :] / length
+        fitted = factor @ (factor.transpose(0, 1, 3, 2) @ (across[0][1] + across[1][1]))
+        total = 0.0
+        for square, (own, with_left) in zip(squares, across):
+            reduced = square[:, None] - (fitted * (2.0 * with_left - own @ fitted)).sum(axis=2)
+            total = total - live * np.log(np.maximum(reduced, 1e-300))
+        out[:, :, which] = total.transpose(0, 2, 1)
+    plain = -live * sum(np.log(np.maximum(square, 1e-300)) for square in squares)
+    return plain - log_det, out - log_det[..., None]
