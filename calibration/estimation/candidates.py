@@ -11,7 +11,7 @@ from .linear_model import DISTINCT, LIVE
 
 #: standard errors within which a fitted size agrees with one that physics fixes
 AGREES = 3.0
-#: bytes of the bases that are at work at a time, and groups of which they are at least
+#: bytes of columns that are at work at a time, and groups of which they are at least
 _NEAR, _FEW = 4_000_000, 8
 
 
@@ -65,21 +65,19 @@ class Scores:
     delta_bic : ndarray, shape (G,)
         Gain of adding the group; -inf where dof is 0, and where physics fixes the group's size
         and the rows ask for another.
-    bases : list of (ndarray of int, ndarray of shape (G_d, d, 2n), ndarray of int)
-        Groups of equal size, their orthonormal bases beyond the model, and their dof.
+    bank : CandidateBank
+    fit : WeightedFit
+        That left the residual.
     """
 
     dof: np.ndarray
     delta_bic: np.ndarray
-    bases: list
+    bank: object
+    fit: object
 
     def basis(self, group):
-        """Orthonormal basis of one group, shape (d, 2n)."""
-        for groups, basis, _ in self.bases:
-            where = np.flatnonzero(groups == group)
-            if len(where):
-                return basis[where[0]]
-        raise ValueError(f'no candidate group {group}')
+        """Orthonormal basis of one group beyond the model, shape (d, 2n)."""
+        return next(self.bank.bases(self.fit, [group]))[1][0]
 
 
 class CandidateBank:
@@ -101,6 +99,8 @@ class CandidateBank:
     def __init__(self, effects, columns, sizes=True):
         self.effects, self.columns = list(effects), columns
         self._sized = [g for g, e in enumerate(self.effects) if sizes and e.size is not None]
+        #: largest score of all groups by chance in each of many flips, ascending; None: not known
+        self.by_chance = None
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
@@ -150,13 +150,25 @@ class CandidateBank:
         out.columns = self.columns[:, np.concatenate((index, index + n))]
         return out
 
-    def by_size(self):
-        """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d)."""
-        return [(groups, self._start[groups][:, None] + np.arange(d))
-                for d, groups in self._by_size]
+    def by_size(self, groups=None):
+        """Of each number of columns: the groups that have so many, (G_d,), and where, (G_d, d).
 
-    def bases(self, fit):
-        """Orthonormal bases of the groups beyond the model.
+        Of all, or of some `groups`.
+        """
+        for d, which in self._by_size:
+            if groups is not None and len(groups) < len(self):
+                which = np.intersect1d(which, groups)
+            if len(which):
+                yield which, self._start[which][:, None] + np.arange(d)
+
+    def _blocks(self, groups=None):
+        """Groups, all or some, so many at a time that their columns stay near the processor."""
+        groups = np.arange(len(self)) if groups is None else groups
+        step = max(_FEW, _NEAR // max(self.columns[:1].nbytes, 1))
+        return np.split(groups, range(step, len(groups), step)) if len(groups) else ()
+
+    def bases(self, fit, groups=None):
+        """Orthonormal bases of the groups beyond the model, of all or of some `groups`.
 
         Yields
         ------
@@ -165,30 +177,21 @@ class CandidateBank:
             A row is zero where the group has fewer directions of its own.
         dof : ndarray of int, shape (G_d,)
         """
-        for all_groups, places in self.by_size():
-            # what is at work at a time stays near the processor where rows are many
-            d = places.shape[1]
-            step = max(_FEW, _NEAR // (self.columns[0].nbytes * d))
-            for i in range(0, len(all_groups), step):
-                groups = all_groups[i:i + step]
-                white = fit.noise.whiten(self.columns[places[i:i + step].ravel()])
+        for block in self._blocks(groups):
+            for some, places in self.by_size(block):
+                white = fit.noise.whiten(self.columns[places.ravel()])
                 length = np.sqrt(np.einsum('ij,ij->i', white, white))
                 white /= np.where(length > 0.0, length, 1.0)[:, None]
-                basis = fit.basis.off(white, in_place=True).reshape(len(groups), d, -1)
-                values, vectors = np.linalg.eigh(basis @ basis.transpose(0, 2, 1))
-                keep = values > DISTINCT**2
-                factor = np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)
-                yield (groups, (vectors * factor[:, None, :]).transpose(0, 2, 1) @ basis,
-                       keep.sum(axis=1))
+                basis = fit.basis.off(white, in_place=True).reshape(*places.shape, -1)
+                factor, dof = directions(basis @ basis.transpose(0, 2, 1))
+                yield some, factor.transpose(0, 2, 1) @ basis, dof
 
-    def score(self, fit, gains_only=False):
+    def score(self, fit):
         """Score all groups on what a fit leaves.
 
         Parameters
         ----------
         fit : WeightedFit
-        gains_only : bool
-            Without the bases, which take as much memory as the columns.
 
         Returns
         -------
@@ -196,23 +199,37 @@ class CandidateBank:
         """
         n, size = fit.n, len(self.effects)
         dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
-        r = fit.residual
         live = max(np.count_nonzero(fit.weights > LIVE), 2)
-        rss = np.array([r[:n] @ r[:n], r[n:] @ r[n:]]) + 1e-30
-        bases = []
-        for groups, basis, k in self.bases(fit):
-            if not gains_only:
-                bases.append((groups, basis, k))
-            left = np.square(r - np.einsum('gd,gdi->gi', basis @ r, basis))
-            ratio = left.reshape(-1, 2, n).sum(axis=2) / rss
-            cost = (k + self.scan_cost[groups]) * np.log(live)
-            gain = -live * np.log(np.maximum(ratio, 1e-12)).sum(axis=1) - cost
-            dof[groups] = k
-            dbic[groups[k > 0]] = gain[k > 0]
+        model = np.vstack((fit.basis.common, fit.residual))
+        axes = [(part, model[:, part].T, model[:-1, part] @ model[:, part].T)
+                for part in (slice(0, n), slice(n, None))]
+        rss = [np.square(fit.residual[None, part]).sum(axis=1) + 1e-30 for part, *_ in axes]
+        for block in self._blocks():
+            first = self._start[block[0]]
+            white = fit.noise.whiten(self.columns[first:self._start[block[-1] + 1]])
+            length = np.sqrt(np.einsum('ij,ij->i', white, white))
+            white = fit.basis.off_groups(white)
+            with_model = [white[:, part] @ rows for part, rows, _ in axes]
+            onto = sum(with_model)[:, :-1]
+            modelled = [onto @ within for *_, within in axes]
+            for groups, places in self.by_size(block):
+                at, across = places - first, []
+                rows, onto_model = white[at], onto[at].transpose(0, 2, 1)
+                for (part, *_), one, both in zip(axes, with_model, modelled):
+                    of, one, both = rows[..., part], one[at], both[at]
+                    shared = (one - 0.5 * both)[..., :-1] @ onto_model
+                    across.append((np.einsum('gdi,gei->gde', of, of)
+                                   - shared - shared.transpose(0, 2, 1),
+                                   (one - both)[..., -1:]))
+                left, dof[groups] = reduced_squares(rss, across, length[at])
+                ratios = [np.maximum(one[:, 0] / all_, 1e-12) for one, all_ in zip(left, rss)]
+                gain = -live * np.log(ratios).sum(axis=0) - (
+                    dof[groups] + self.scan_cost[groups]) * np.log(live)
+                dbic[groups] = np.where(dof[groups] > 0, gain, -np.inf)
         for g in self._sized:
             if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, fit)):
                 dbic[g] = -np.inf
-        return Scores(dof, dbic, bases)
+        return Scores(dof, dbic, self, fit)
 
     def _fitted(self, g, fit):
         """Coefficients of a group beside the model, and their covariance, radians."""
@@ -223,6 +240,54 @@ class CandidateBank:
         live = max(np.count_nonzero(fit.weights > LIVE), 2)
         free = max(2 * live - len(fit.basis) - len(columns), 1)
         return coefficients, inverse * (left @ left) / free
+
+
+def directions(gram):
+    """What makes groups of unit columns orthonormal, of their products beyond the model.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (..., d, d)
+
+    Returns
+    -------
+    factor : ndarray, shape (..., d, d)
+        Zero columns where a group has fewer directions of its own than `DISTINCT` asks for.
+    dof : ndarray of int, shape (...)
+        Directions.
+    """
+    values, vectors = np.linalg.eigh(gram) if gram.shape[-1] > 1 else (
+        gram[..., 0], np.ones_like(gram))
+    keep = values > DISTINCT**2
+    return (vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, values, 1.0)), 0.0)[..., None, :],
+            keep.sum(axis=-1))
+
+
+def reduced_squares(squares, across, length):
+    """Sums of squares of each axis of what is left, with each group in the model too.
+
+    Parameters
+    ----------
+    squares : sequence of ndarray, shape (..., m)
+        Of each axis, without the groups.
+    across : sequence of (ndarray of shape (..., G, d, d), ndarray of shape (..., G, d, m))
+        Of each axis, products of the groups beyond the model with themselves, and with what is
+        left.
+    length : ndarray, shape (..., G, d)
+        Of the columns, before the model took its part.
+
+    Returns
+    -------
+    left : list of ndarray, shape (..., G, m)
+    dof : ndarray of int, shape (..., G)
+    """
+    own, with_left = map(sum, zip(*across))
+    scale = 1.0 / np.where(length > 0.0, length, 1.0)[..., None]
+    factor, dof = directions(own * scale * np.swapaxes(scale, -1, -2))
+    factor = factor * scale
+    fitted = factor @ (np.swapaxes(factor, -1, -2) @ with_left)
+    return [square[..., None, :] - (fitted * (2.0 * with_one - of @ fitted)).sum(axis=-2)
+            for square, (of, with_one) in zip(squares, across)], dof
 
 
 def agrees(size, coefficients, covariance):

@@ -80,9 +80,11 @@ class ChanceTest:
         On that fit.
     group : int
         The group to be tested.
+    among : sequence of int, optional
+        Groups that are scored; by default all.
     """
 
-    def __init__(self, fit, scores, group):
+    def __init__(self, fit, scores, group, among=None):
         n, r = fit.n, fit.residual
         own = scores.basis(group)
         own = own[np.einsum('ij,ij->i', own, own) > 0.5]
@@ -90,16 +92,14 @@ class ChanceTest:
         variance = np.mean(np.square(e), axis=1) + 1e-30
         free = 1.0 - len(fit.basis) / (2.0 * n)
         self._parts, self.all = [], np.full(len(scores.dof), -np.inf)
-        for groups, basis, dof in scores.bases:
-            pairs = basis[:, :, :n] * e[0] + basis[:, :, n:] * e[1]
+        for groups, basis, dof in scores.bank.bases(fit, among):
+            x, y = basis[:, :, :n], basis[:, :, n:]
+            pairs = x * e[0] + y * e[1]
             v = pairs @ pairs.transpose(0, 2, 1)
-            x = basis[:, :, :n]
-            gram = x @ x.transpose(0, 2, 1)
-            kept = np.einsum('gdi,gdi->gd', basis, basis)[:, :, None] * np.eye(basis.shape[1])
-            common = variance[0] * gram + variance[1] * (kept - gram)
-            energy = np.einsum('gdi,gdi->gi', basis, basis)
-            energy = energy[:, :n] + energy[:, n:]
-            rows = np.square(dof) / np.maximum(np.square(energy).sum(axis=1), 1e-30) * free
+            common = (variance[0] * (x @ x.transpose(0, 2, 1))
+                      + variance[1] * (y @ y.transpose(0, 2, 1)))
+            energy = np.einsum('gdi,gdi->gi', x, x) + np.einsum('gdi,gdi->gi', y, y)
+            rows = np.square(dof) / np.maximum(np.einsum('gi,gi->g', energy, energy), 1e-30) * free
             rows = np.maximum(rows, 0.5)
             share = (rows / (rows + PRIOR))[:, None, None]
             whiten = _inverse_root(share * v + (1.0 - share) * common)
@@ -129,8 +129,8 @@ class ChanceTest:
         ndarray, shape (B,)
         """
         best = np.full(len(signs), -np.inf)
-        for gain, dof, nu in self._gains(signs):
-            best = np.maximum(best, normal_score(gain, dof, nu).max(axis=1))
+        for gain, (dof, nu, shrink) in self._gains(signs):
+            best = np.maximum(best, normal_score(_unshrunk(gain, shrink), dof, nu).max(axis=1))
         return best
 
     def flipped_beyond(self, signs):
@@ -139,24 +139,30 @@ class ChanceTest:
         As of `flipped_max`, of which most time would go into cube roots of each flip and group.
         """
         reached, largest = np.zeros(len(signs), bool), -np.inf
-        for gain, dof, nu in self._gains(signs):
-            reached |= (gain >= _gain_of(self.z, dof, nu)).any(axis=1)
-            largest = max(largest, normal_score(gain.max(axis=0), dof, nu).max())
+        for gain, (dof, nu, shrink) in self._gains(signs):
+            least = np.clip(_gain_of(self.z, dof, nu), 0.0, 1e30)
+            # the gain before the variance is mended: `_unshrunk` the other way round
+            reached |= (gain >= np.where(least * shrink < 49.0, least / (1.0 + least * shrink),
+                                         0.02 * least)).any(axis=1)
+            largest = max(largest, normal_score(
+                _unshrunk(gain.max(axis=0), shrink), dof, nu).max())
         return int(np.count_nonzero(reached)), float(largest)
 
     def _gains(self, signs):
-        """Of some groups after the others: gain of each flip (B, G), dof and nu of the groups."""
-        for pairs, dof, nu, shrink in self._parts:  # (G_d, d, n)
+        """Of some groups after the others: gain of each flip (B, G); dof, nu, shrink of them."""
+        for pairs, *known in self._parts:  # (G_d, d, n)
             g, d, n = pairs.shape
             step = max(1, 4_000_000 // max(len(signs) * d, 1))
             for i in range(0, g, step):
-                s = signs @ pairs[i:i + step].reshape(-1, n).T
-                gain = np.square(s)
+                gain = np.square(signs @ pairs[i:i + step].reshape(-1, n).T)
                 if d > 1:
                     gain = gain.reshape(len(signs), -1, d).sum(axis=2)
-                # what the variance of this flip would be without the group's own part
-                yield (gain / np.maximum(1.0 - gain * shrink[i:i + step], 0.02),
-                       dof[i:i + step], nu[i:i + step])
+                yield gain, [one[i:i + step] for one in known]
+
+
+def _unshrunk(gain, shrink):
+    """Gain by what the variance of a flip would be without the group's own part."""
+    return gain / np.maximum(1.0 - gain * shrink, 0.02)
 
 
 class Chance:
@@ -170,18 +176,28 @@ class Chance:
         Flips.
     rng : numpy.random.Generator
     whole : Chance, optional
-        Of all rows, where these are a part of them: runs that it has simulated count here too.
+        Of all rows, where these are a part of them: what it has simulated counts here too.
     group : ndarray of int, shape (n,), optional
         Rows of one group are flipped together: a star measured twice within minutes has its error
         twice, and is no second measurement.
     """
 
     def __init__(self, n, count, rng, whole=None, group=None):
-        group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
-        signs = rng.integers(0, 2, (count, group.max(initial=-1) + 1)).astype(np.float32)
-        self.signs = signs[:, group] * 2.0 - 1.0
-        self._rng, self._n = rng.spawn(1)[0], n
+        self._group = np.arange(n) if group is None else np.unique(group, return_inverse=True)[1]
+        self._rng, self._n, self._count = rng.spawn(1)[0], n, count
         self._memory_tests, self._whole = {}, whole
+        if whole is None:
+            self.signs = self._drawn(rng)
+
+    @cached_property
+    def signs(self):
+        """Flips of each row, -1 and 1, shape (count, n)."""
+        return self._drawn(self._rng)
+
+    def _drawn(self, rng):
+        groups = self._group.max(initial=-1) + 1
+        signs = rng.integers(0, 2, (self._count, groups)).astype(np.float32)
+        return signs[:, self._group] * 2.0 - 1.0
 
     @cached_property
     def _normal(self):
@@ -197,12 +213,19 @@ class Chance:
         return self._memory_test(problem, chosen, groups).p(g)
 
     def simulate(self, problem, chosen):
-        """Simulate runs with the noise beside a choice now, for all parts of these rows to know.
+        """Flip signs, and simulate runs with the noise beside a choice, for all parts to know.
 
-        Where such noise can be mistaken for nothing there is nothing to simulate.
+        The largest scores by chance rest on what the groups are, and hardly on the rows.
         """
-        groups = np.flatnonzero(MemoryMask(problem, chosen, problem.dictionary,
-                                           problem.plain.fit(chosen)).groups)
+        fit = problem.plain.fit(chosen)
+        for bank in (problem.dictionary, problem.curves):
+            scores = bank.score(fit)
+            best, gain = best_of(scores)
+            if np.isfinite(gain):
+                bank.by_chance = np.sort(ChanceTest(fit, scores, best).flipped_max(self.signs))
+        if problem.sequence is None or problem.base.groups:
+            return  # of runs with terms of their own it takes minutes
+        groups = np.flatnonzero(MemoryMask(problem, chosen, problem.dictionary, fit).groups)
         if len(groups):
             self._memory_test(problem, chosen, groups).by_chance  # noqa: B018
 
@@ -235,11 +258,14 @@ class Chance:
         alpha : float, optional
             Stop when the share is certain to be above.
         """
+        by_chance = scores.bank.by_chance
+        if self._whole is not None and by_chance is not None:
+            return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
         test = ChanceTest(fit, scores, group)
         count = len(self.signs)
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         hits, start = 0, 0
-        for stop in (*range(200, count, 400), count):
+        for stop in (*(n for n in (50, 200, 600, 1200) if n < count), count):
             reached, largest = test.flipped_beyond(self.signs[start:stop])
             hits += reached
             start = stop
@@ -260,9 +286,13 @@ class Chance:
         if group < 0 or not np.isfinite(scores.delta_bic[group]):
             return np.ones(len(scores.dof))
         test = ChanceTest(fit, scores, group)
-        best = np.sort(test.flipped_max(self.signs))
-        hits = len(best) - np.searchsorted(best, test.all, side='left')
-        return (hits + 1.0) / (len(best) + 1.0)
+        return _share(np.sort(test.flipped_max(self.signs)), test.all)
+
+
+def _share(by_chance, z):
+    """Family-wise p of scores, of ascending largest scores by chance."""
+    hits = len(by_chance) - np.searchsorted(by_chance, z, side='left')
+    return (hits + 1.0) / (len(by_chance) + 1.0)
 
 
 def _inverse_root(v):

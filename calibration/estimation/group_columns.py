@@ -282,12 +282,16 @@ class Basis:
 
     def off(self, rows, in_place=False):
         """Rows, shape (..., n), without what the basis spans."""
-        out = rows if in_place else np.array(rows, dtype=float)
-        if self.groups.groups:
-            flat = out.reshape(-1, out.shape[-1])
-            flat -= self.groups.spread(self.groups.sums(flat))
+        out = self.off_groups(rows if in_place else np.array(rows, dtype=float))
         out -= (out @ self.common.T) @ self.common
         return out
+
+    def off_groups(self, rows):
+        """Rows, shape (..., n), without what those of groups span; `rows` are changed."""
+        if self.groups.groups:
+            flat = rows.reshape(-1, rows.shape[-1])
+            flat -= self.groups.spread(self.groups.sums(flat))
+        return rows
 
     def beside(self, rows):
         """With orthonormal rows, shape (j, n), that are beyond it."""

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .candidates import reduced_squares
 from .correlated_noise import AT_ONCE, AxisRows, CorrelatedNoise
 from .group_columns import inverse_root
-from .linear_model import DISTINCT
 
 #: a group whose score memory inflates by more (variance) is one that such noise can be mistaken
 #: for; with up to a fifth more a p of 0.01 is one of 0.02
@@ -279,17 +279,8 @@ def _likelihoods(pair, live):
                            + onto @ of.design[:, None] @ onto.transpose(0, 1, 3, 2),
                            values - design @ p[:, None] - onto @ rest[:, None]))
         length = np.sqrt(np.diagonal(gx[0] + gy[0], axis1=2, axis2=3))
-        length = np.where(length > 0.0, length, 1.0)[..., None]
-        eigen, vectors = np.linalg.eigh((across[0][0] + across[1][0])
-                                        / (length * length.transpose(0, 1, 3, 2)))
-        keep = eigen > DISTINCT**2
-        factor = vectors * np.where(keep, 1.0 / np.sqrt(np.where(keep, eigen, 1.0)), 0.0)[
-            ..., None, :] / length
-        fitted = factor @ (factor.transpose(0, 1, 3, 2) @ (across[0][1] + across[1][1]))
-        total = 0.0
-        for square, (own, with_left) in zip(squares, across):
-            reduced = square[:, None] - (fitted * (2.0 * with_left - own @ fitted)).sum(axis=2)
-            total = total - live * np.log(np.maximum(reduced, 1e-300))
-        out[:, :, which] = total.transpose(0, 2, 1)
+        reduced, _ = reduced_squares(squares, across, length)
+        out[:, :, which] = -live * sum(np.log(np.maximum(of, 1e-300)) for of in reduced).transpose(
+            0, 2, 1)
     plain = -live * sum(np.log(np.maximum(square, 1e-300)) for square in squares)
     return plain - log_det, out - log_det[..., None]

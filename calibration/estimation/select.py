@@ -148,7 +148,7 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
     if chance.p(mask.fit, mask.scores, g, alpha) <= alpha or chance.p_beyond_memory(
             problem, choice.chosen, bank, np.flatnonzero(mask.groups), g) <= alpha:
         return ()
-    z = ChanceTest(mask.fit, mask.scores, g).all
+    z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
 
 
@@ -159,9 +159,8 @@ def _beyond_chance(problem, fit, alpha, chance, without):
     if gain <= 0.0:
         return None
     if chance.p(fit, scores, g, alpha) > alpha:
-        z = ChanceTest(fit, scores, g).all.copy()
-        z[without] = -np.inf
-        other = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
+        pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
+        other = int(np.argmax(ChanceTest(fit, scores, g, pays).all))
         if other == g or chance.p(fit, scores, other, alpha) > alpha:
             return None
         g = other
@@ -251,8 +250,8 @@ def _curve_beside(problem, choice, alpha, chance, without):
     if gain <= 0.0:
         return []
     # of curves, the one that chance explains least: BIC would rather have half of a shape
-    z = ChanceTest(choice.fit, scores, g).all
-    g = int(np.argmax(np.where(scores.delta_bic > 0.0, z, -np.inf)))
+    g = int(np.argmax(ChanceTest(choice.fit, scores, g, np.flatnonzero(
+        scores.delta_bic > 0.0)).all))
     if chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
             problem, choice.fit, len(problem.curves.of(g))):
         return []
@@ -268,7 +267,7 @@ def _replacements(problem, choice, without):
     for driver in {d for d, of in zip(drivers, free) if of}:
         keep = tuple(i for i, of in enumerate(free) if not of or drivers[i] != driver)
         fit = problem.fit([choice.chosen[i] for i in keep], choice.fit.weights)
-        scores = problem.curves.score(fit, gains_only=True)
+        scores = problem.curves.score(fit)
         same = np.array([e.driver == driver for e in problem.curves.effects])
         if not same.any():
             continue

@@ -281,7 +281,7 @@ def alternatives(problem, choice, choices):
     """
     if not any(c.plain for c in choice.chosen):
         return [[] for _ in choice.chosen]
-    alone = problem.dictionary.score(problem.plain.fit([]), gains_only=True).delta_bic
+    alone = problem.dictionary.score(problem.plain.fit([])).delta_bic
     lines = [{e.line for e in some} for some in choices]
     taken = {c.effect(problem).cause_summary for c in choice.chosen}
     return [_to_one(problem, choice, i, alone, lines, taken) if c.plain else []

@@ -294,7 +294,7 @@ def _as_well_as_a_step(problem, choice, i):
         return []
     fit = problem.plain.fit(choice.chosen, without=i)
     own = problem.dictionary.score(fit).delta_bic[one.group]
-    scores = problem.curves.score(fit, gains_only=True)
+    scores = problem.curves.score(fit)
     out = {}
     for g in np.argsort(-scores.delta_bic):
         e = problem.curves.effects[g]

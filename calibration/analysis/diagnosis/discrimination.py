@@ -329,7 +329,7 @@ class _SetMatch:
         """Whether a candidate of no set would stand in the place of the best, not beside it."""
         if overlap(scores.basis(best), scores.basis(other))[1] <= DISTINCT:
             return False
-        beside = bank.score(self._whole.plain.fit([CandidateGroup(other)]), gains_only=True)
+        beside = bank.score(self._whole.plain.fit([CandidateGroup(other)]))
         return beside.delta_bic[best] < SET_WIDTH
 
     def pair(self, obs, base, other, points, behind):

@@ -133,7 +133,7 @@ def _forward(problem):
     plain = problem.plain
     choice, seen = ModelChoice([], plain.fit([])), set()
     while len(choice.chosen) < _MOST:
-        g, gain = best_of(plain.dictionary.score(choice.fit, gains_only=True),
+        g, gain = best_of(plain.dictionary.score(choice.fit),
                           [c.group for c in choice.chosen])
         if gain <= 0.0 or not affordable(plain, choice.fit, len(plain.dictionary.of(g))):
             break

@@ -177,8 +177,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         every.extend(choices)
         return _rms(np.square(cross_validate(problem.plain, [], folds)), keep), np.square(left)
     parts, every, folds_done, expected = [], [], 0, 0
-    if problem.sequence is not None and not problem.base.groups:
-        chance.simulate(problem, chosen)  # once, and not in each fold
+    chance.simulate(problem, chosen)  # once, and not in each fold
     least, most = (ways, ways) if ways is not None else (
         (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
