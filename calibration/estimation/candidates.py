@@ -186,12 +186,14 @@ class CandidateBank:
                 factor, dof = directions(basis @ basis.transpose(0, 2, 1))
                 yield some, factor.transpose(0, 2, 1) @ basis, dof
 
-    def score(self, fit):
+    def score(self, fit, groups=None):
         """Score all groups on what a fit leaves.
 
         Parameters
         ----------
         fit : WeightedFit
+        groups : sequence of int, optional
+            Of these alone; the others count as not told from the model.
 
         Returns
         -------
@@ -204,7 +206,7 @@ class CandidateBank:
         axes = [(part, model[:, part].T, model[:-1, part] @ model[:, part].T)
                 for part in (slice(0, n), slice(n, None))]
         rss = [np.square(fit.residual[None, part]).sum(axis=1) + 1e-30 for part, *_ in axes]
-        for block in self._blocks():
+        for block in self._blocks(groups):
             first = self._start[block[0]]
             white = fit.noise.whiten(self.columns[first:self._start[block[-1] + 1]])
             length = np.sqrt(np.einsum('ij,ij->i', white, white))
@@ -226,7 +228,7 @@ class CandidateBank:
                 gain = -live * np.log(ratios).sum(axis=0) - (
                     dof[groups] + self.scan_cost[groups]) * np.log(live)
                 dbic[groups] = np.where(dof[groups] > 0, gain, -np.inf)
-        for g in self._sized:
+        for g in self._sized if groups is None else np.intersect1d(self._sized, groups):
             if dof[g] and not agrees(self.effects[g].size, *self._fitted(g, fit)):
                 dbic[g] = -np.inf
         return Scores(dof, dbic, self, fit)

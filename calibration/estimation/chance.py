@@ -189,6 +189,11 @@ class Chance:
         if whole is None:
             self.signs = self._drawn(rng)
 
+    @property
+    def of_part(self):
+        """Whether the rows are a part of those that are searched."""
+        return self._whole is not None
+
     @cached_property
     def signs(self):
         """Flips of each row, -1 and 1, shape (count, n)."""
@@ -208,7 +213,7 @@ class Chance:
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0
-        if self._whole is not None and problem.base.groups:
+        if self.of_part and problem.base.groups:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
         return self._memory_test(problem, chosen, groups).p(g)
 
@@ -259,7 +264,7 @@ class Chance:
             Stop when the share is certain to be above.
         """
         by_chance = scores.bank.by_chance
-        if self._whole is not None and by_chance is not None:
+        if self.of_part and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
         test = ChanceTest(fit, scores, group)
         count = len(self.signs)

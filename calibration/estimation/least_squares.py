@@ -72,8 +72,10 @@ def normal_matrix(design, weights):
     return (design if weights is None else design * weights) @ design.T
 
 
-def spectrum_of(design, weights):
+def spectrum_of(design, weights, rcond=0.0):
     """Singular values of a design: from its normal matrix where those are accurate, else by QR.
+
+    Those below the part `rcond` of the largest need not be accurate.
 
     Parameters
     ----------
@@ -90,8 +92,8 @@ def spectrum_of(design, weights):
     values, vectors, bad = _lapack().dsyevd(normal / (scale[:, None] * scale))
     if bad:
         raise np.linalg.LinAlgError('the normal matrix of a fit is not finite')
-    if values[0] > _GRAM_LIMIT * values[-1]:
-        return Spectrum(np.sqrt(values), vectors, scale)
+    if values[0] > _GRAM_LIMIT * values[-1] or rcond**2 >= _GRAM_LIMIT:
+        return Spectrum(np.sqrt(np.maximum(values, 0.0)), vectors, scale)
     rows = np.asarray(design)
     rows = (rows if weights is None else rows * np.sqrt(weights)) / scale[:, None]
     _, s, v = np.linalg.svd(np.linalg.qr(rows.T, mode='r'))
@@ -132,7 +134,7 @@ def weighted_solve(design, b, weights, rcond):
         rank = len(normal)
         refinements = 1 if condition > _FINE_CONDITION else 0
     else:
-        spectrum = spectrum_of(design, weights)
+        spectrum = spectrum_of(design, weights, rcond)
         rank = spectrum.rank(rcond)
         kept = slice(len(spectrum.s) - rank, None)  # none, where no row has a weight
         half = spectrum.vectors[:, kept] / (spectrum.scale[:, None] * spectrum.s[kept])

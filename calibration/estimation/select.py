@@ -304,7 +304,7 @@ def settled(problem, choice, alpha, chance, partitions):
     ModelChoice
     """
     while True:
-        choice.significances = [significance(problem, choice, i, chance, alpha)
+        choice.significances = [significance(problem, choice, i, chance, alpha, chance.of_part)
                                 for i in range(len(choice.chosen))]
         # an effect stays while it changes: in the middle of the night it may be small
         weak = [(s.p, i) for i, (c, s) in enumerate(zip(choice.chosen, choice.significances))
@@ -372,7 +372,7 @@ class Significance:
     behind: dict = field(default_factory=dict)
 
 
-def significance(problem, choice, i, chance, alpha):
+def significance(problem, choice, i, chance, alpha, alone=False):
     """Test one of a choice with the others in the model, and find what could stand in its place.
 
     What noise with memory can be mistaken for is tested against such noise.
@@ -386,6 +386,8 @@ def significance(problem, choice, i, chance, alpha):
     chance : Chance
     alpha : float
         A p that is certain to be above need not be known.
+    alone : bool
+        Whether it is not asked what could stand in its place.
 
     Returns
     -------
@@ -398,15 +400,16 @@ def significance(problem, choice, i, chance, alpha):
     masked = mask.covers(g)
     if masked:
         fit = mask.fit
-    scores = bank.score(fit)
+    groups = [g] if alone else None
+    scores = bank.score(fit, groups)
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
     if masked and p > alpha and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
         p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
         # what memory is left is known with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
-                                        memory=problem.fit(chosen).memory))
-    equals = [] if chosen[i].curve else _equals(problem, choice, i, bank, g, scores)
+                                        memory=problem.fit(chosen).memory), groups)
+    equals = [] if chosen[i].curve or alone else _equals(problem, choice, i, bank, g, scores)
     same = []
     if equals:
         own = scores.basis(g)

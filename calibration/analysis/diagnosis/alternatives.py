@@ -16,7 +16,7 @@ import numpy as np
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import SET_WIDTH, choose, search, settled
+from calibration.estimation.select import SET_WIDTH, choose, search, settled, significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
 
@@ -81,6 +81,9 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
     ModelChoice
     """
     left = MOST_TRIED
+    if chance.of_part:  # as yet it is not known what could stand in the place of each
+        choice.significances = [significance(problem, choice, i, chance, alpha)
+                                for i in range(len(choice.chosen))]
     for i in sorted(range(len(choice.chosen)), key=lambda i: -choice.significances[i].delta_bic):
         near = near_alternatives(problem, choice, i)[:left] if left else []
         left -= len(near)
