@@ -1,5 +1,9 @@
 """How the chunks of a log are compressed, and unpacked, whatever a damaged or hostile file says."""
 
+import re
+import struct
+import zlib
+
 import lz4.frame
 import zstandard
 
@@ -9,6 +13,10 @@ COMPRESSORS = {'zstd': zstandard.ZstdCompressor(level=1).compress, 'lz4': lz4.fr
 DEFAULT_COMPRESSION = 'zstd'
 #: a chunk that claims more than this is not believed (the usual size is 1 MiB)
 MAX_CHUNK = 128 * 2**20
+#: a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
+CHUNK_HEAD = re.compile(
+    rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
+    rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
 
 
 def decompress(data, compression, size):
@@ -27,3 +35,30 @@ def decompress(data, compression, size):
     except (zstandard.ZstdError, RuntimeError, EOFError) as error:
         raise ValueError(f'{compression} data damaged: {error}') from None
     raise ValueError(f'chunk compression {compression!r} is unknown')
+
+
+def by_checksum(body, most):
+    """The records in a chunk whose head is damaged, where its checksum is right; else None.
+
+    Parameters
+    ----------
+    body : bytes
+        Of the chunk record, as long as it is.
+    most : int
+        Bytes that it may hold.
+
+    Returns
+    -------
+    bytes or None
+    """
+    (crc,) = struct.unpack_from('<I', body, 24)
+    for name in ('zstd', 'lz4', '') if crc else ():
+        data = body[40 + len(name):]
+        try:
+            size = zstandard.frame_content_size(data) if name == 'zstd' else most
+            buffer = decompress(data, name, min(size, most) if size > 0 else most)
+        except (ValueError, MemoryError, zstandard.ZstdError):
+            continue
+        if zlib.crc32(buffer) == crc:
+            return buffer
+    return None

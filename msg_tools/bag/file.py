@@ -10,11 +10,10 @@ from mcap import records
 from mcap.opcode import Opcode
 
 from .chunks import MAGIC
-from .compression import MAX_CHUNK, decompress
+from .compression import MAX_CHUNK, by_checksum, decompress
 from .losses import Lost
 from .mcap_records import (
     PARSE_ERRORS,
-    by_checksum,
     chunk_index,
     parse,
     read_at,

@@ -1,24 +1,15 @@
 """Records of MCAP: found, parsed, unpacked, whatever a damaged or hostile file says."""
 
-import re
 import struct
-import zlib
 from io import BytesIO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-
-from .compression import decompress
 
 PARSE_ERRORS = (
     struct.error, McapError, ValueError, KeyError, IndexError, EOFError, MemoryError,
     OverflowError,
 )
-# a chunk record whose compression is named, or whose two sizes agree; the length is below 2**40
-CHUNK_HEAD = re.compile(
-    rb'\x06.{5}\0\0\0(?=.{16}(.{5}\0\0\0).{4}'
-    rb'(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0\1))', re.DOTALL)
 
 
 def short(error):
@@ -64,33 +55,6 @@ def unpack_chunk(body):
     compression = bytes(body[32:32 + n]).decode()
     (length,) = struct.unpack_from('<Q', body, 32 + n)
     return size, crc, compression, body[40 + n:40 + n + length], length
-
-
-def by_checksum(body, most):
-    """The records in a chunk whose head is damaged, where its checksum is right; else None.
-
-    Parameters
-    ----------
-    body : bytes
-        Of the chunk record, as long as it is.
-    most : int
-        Bytes that it may hold.
-
-    Returns
-    -------
-    bytes or None
-    """
-    (crc,) = struct.unpack_from('<I', body, 24)
-    for name in ('zstd', 'lz4', '') if crc else ():
-        data = body[40 + len(name):]
-        try:
-            size = zstandard.frame_content_size(data) if name == 'zstd' else most
-            buffer = decompress(data, name, min(size, most) if size > 0 else most)
-        except (ValueError, MemoryError, zstandard.ZstdError):
-            continue
-        if zlib.crc32(buffer) == crc:
-            return buffer
-    return None
 
 
 def index_record(body):

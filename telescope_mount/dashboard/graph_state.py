@@ -3,7 +3,6 @@
 Needs no ROS: the messages of a log have the same fields.
 """
 
-import json
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -11,7 +10,6 @@ import numpy as np
 from msg_tools import NAMESPACE, convert, topics
 from msg_tools.bag.losses import utc
 from msg_tools.power_on import read_frame
-from msg_tools.readiness import is_count
 from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.calibration_messages import joints_to_zero, text_to_pair
@@ -19,6 +17,8 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
+
+from .alarms import alarms, rows_of
 
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
@@ -28,11 +28,8 @@ LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE
 SUBSCRIBED = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
 #: s by which readings of the two encoders may differ, and be compared by their rates
 LARGEST_DELAY = 0.5
-#: s without a report after which a node is called silent; each reports once a second
-SILENT = 5.0
 #: stars that are drawn at most
 STARS = 500
-_LEVELS = ('ok', 'warning', 'error', 'silent')
 
 
 @dataclass
@@ -231,7 +228,7 @@ class LastMessages:
                 part(state)
             except ValueError as error:
                 self._bad[name] = str(error)
-        self._alarms(state, now)
+        state.nodes, state.alarms = alarms(state, self._bad, self._nodes, self._get, now)
         return state
 
     def _all_rows(self):
@@ -337,58 +334,10 @@ class LastMessages:
             if message is not None:
                 state.said[key] = message.message
         guard = self._get(topics.GUARD_STATUS)
-        state.guard = guard and _rows(guard).get('state')
+        state.guard = guard and rows_of(guard).get('state')
         observer = self._get(topics.OBSERVER_STATUS)
         if observer is not None:
             state.plan = Progress.read(observer).rows()
-
-    def _alarms(self, state, now):
-        found = [(1, f'{name}: a message that cannot be used: {error}')
-                 for name, error in self._bad.items()]
-        silent = {} if now is None else {
-            name: now - arrived for name, (_, arrived) in self._nodes.items()
-            if arrived is not None and now - arrived > SILENT}
-        if len(silent) == len(self._nodes) > 1:
-            found.append((3, f'all {len(silent)} nodes are silent for {min(silent.values()):.0f} '
-                          's: the graph has ended, or is not heard any more'))
-        else:
-            found += [(3, f'{name}: silent for {age:.0f} s')
-                      for name, age in sorted(silent.items())]
-        for name, (status, _) in sorted(self._nodes.items()):
-            level = _level(status)
-            if name in silent:
-                state.nodes[name] = {'level': 'silent', 'said': status.message}
-                continue
-            state.nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
-            if level:
-                found.append((level, f'{name}: {status.message}'))
-            lost = sum(int(value) for key, value in _rows(status).items()
-                       if key.startswith('gaps ') and is_count(value))
-            if lost:
-                found.append((1, f'{name}: {lost} messages lost'))
-        for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
-            message = self._get(topic)
-            # a node that has a status says the same on /diagnostics, with more about it
-            if message is not None and _level(message) and (
-                    state.nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
-                found.append((_level(message), f'{topic.name}: {message.message}'))
-        if state.reading_deg and not np.isfinite(state.reading_deg).all():
-            found.append((1, 'the incremental encoder is not homed'))
-        if None not in (state.power_on, state.zero_power_on) \
-                and state.power_on != state.zero_power_on:
-            found.append((1, f'the zero is of power-on {state.zero_power_on}, and this is '
-                          f'power-on {state.power_on}'))
-        found += [(2, sentence) for sentence in self._cross_check_alarms()]
-        found = dict.fromkeys(sorted(found, key=lambda row: -row[0]))
-        state.alarms = [{'level': _LEVELS[min(level, 3)], 'said': said} for level, said in found]
-
-    def _cross_check_alarms(self):
-        """Alarms of the last report of the calibration."""
-        message = self._get(topics.CALIBRATION_REPORT)
-        try:
-            return json.loads(message.data)['witnesses']['alarms'] if message else []
-        except (ValueError, KeyError, TypeError):
-            return []
 
 
 def full_name(namespace, topic):
@@ -404,12 +353,3 @@ def _on_sky(mount, first, second):
     """Azimuth (0 to 360) and elevation, deg."""
     az, el = mount.horizon_of(first, second)
     return [float(az) / DEG % 360.0, float(el) / DEG]
-
-
-def _level(status):
-    """Of a DiagnosticStatus: one byte live, a number in a log."""
-    return status.level[0] if isinstance(status.level, bytes) else int(status.level)
-
-
-def _rows(status):
-    return {row.key: row.value for row in status.values}

@@ -17,12 +17,12 @@ from msg_tools.units import DEG
 from .axis_readings import AxisReadings
 from .axis_track import ended, resting
 from .course import SHARE, Course, moves_onto, stop_track
+from .detour import around, lead
 from .limits import Allowed, Refused
 from .motion import AxisState
 from .sky_limits import SkyCircles
 from .stop_rules import ERROR, OK, WARN, off_course, silence, why_stop
 from .track_check import TrackCheck
-from .way import around, lead
 
 #: so near to a point of a way around, and slower, it is reached; rad, rad/s
 REACHED, STILL = 0.1 * DEG, 0.02 * DEG

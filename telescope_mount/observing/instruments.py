@@ -7,10 +7,11 @@ from collections import deque
 import numpy as np
 
 from msg_tools.power_on import read_frame
-from msg_tools.units import ARCSEC, DEG, wrap
+from msg_tools.units import DEG, wrap
 
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
 from .pairing import ENCODERS, Exposures
+from .zero_jumps import ZeroJumps
 
 #: an axis slower than this stands still, rad/s
 STILL = 0.01 * DEG
@@ -25,10 +26,6 @@ SLOW_GAPS = 3
 #: wall seconds after which one that has never spoken is named; and one that has spoken for less
 #: than the second, in which it and all others are still starting
 NEVER, STARTING = 1.5, 3.0
-#: least jump, rad; what an axis can do within a sample by its acceleration, rad/s^2, is none
-LEAST_JUMP, ACCELERATION = 60.0 * ARCSEC, 3.0 * DEG
-#: of the jump: by how much the steps before and after it may differ, and the axis miss its track
-STEADY = 0.2
 
 
 class Instruments:
@@ -305,65 +302,3 @@ class Instruments:
         mute = [name for name, last in self._last_use.items()
                 if last == self._awaited_since.get(name)]
         return mute or self.silent(seconds)
-
-
-class ZeroJumps:
-    """Readings of an encoder, one after the other.
-
-    Parameters
-    ----------
-    own_zero : bool
-        Its zero is another than that of where the axes are to be.
-    """
-
-    def __init__(self, own_zero=False):
-        self._last, self._own_zero = deque(maxlen=4), own_zero
-
-    def take(self, stamp, angles, demand):
-        """Take a reading.
-
-        Parameters
-        ----------
-        stamp : int
-            ns.
-        angles : sequence of float, length 2
-            rad; of an axis without a reading NaN.
-        demand : callable
-            Of a stamp, where the axes are to be, rad, shape (2,); None where nobody knows.
-
-        Returns
-        -------
-        (int, float) or None
-            The axis, and by how much its zero jumped at the reading before, rad.
-        """
-        if not any(map(math.isfinite, angles)) or self._last and stamp <= self._last[-1][0]:
-            self._last.clear()
-            return None
-        self._last.append((stamp, *map(float, angles)))
-        if len(self._last) < 4:
-            return None
-        (t0, *p0), (t1, *p1), (t2, *p2), (t3, *p3) = self._last
-        for axis in (0, 1):
-            step = wrap(p2[axis] - p1[axis])
-            if not abs(step) >= 0.5 * LEAST_JUMP:
-                continue
-            seconds = (t2 - t1) * 1e-9
-            before = wrap(p1[axis] - p0[axis]) * (t2 - t1) / (t1 - t0)
-            after = wrap(p3[axis] - p2[axis]) * (t2 - t1) / (t3 - t2)
-            jump = step - 0.5 * (before + after)
-            if abs(before - after) < STEADY * abs(jump) and abs(jump) > max(
-                    LEAST_JUMP, ACCELERATION * seconds**2) and self._leaves(demand, axis, jump):
-                return axis, jump
-        return None
-
-    def _leaves(self, demand, axis, jump):
-        """Whether the axis was on its track before, and is beside it by the jump."""
-        way = []
-        for stamp, *place in (self._last[1], self._last[2]):
-            there = demand(stamp)
-            if there is None:
-                return False
-            way.append(wrap(place[axis] - there[axis]))
-        before = way[0] if self._own_zero else 0.0
-        return all(abs(wrap(off - beside)) <= STEADY * abs(jump)
-                   for off, beside in zip(way, (before, before + jump)))

@@ -7,7 +7,8 @@ from live_bench import Live
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.instrument_health import ABSOLUTE, MOUNT
-from telescope_mount.observing.instruments import Instruments, ZeroJumps
+from telescope_mount.observing.instruments import Instruments
+from telescope_mount.observing.zero_jumps import ZeroJumps
 
 SECOND = 10**9
 TRACK = Track(0, np.array([0.0, 60.0]), np.array([[1.0, 0.7], [1.0 + 900.0 * ARCSEC, 0.7]]), None)

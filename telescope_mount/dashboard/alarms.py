@@ -1,0 +1,90 @@
+"""What the watch warns of: nodes, their statuses, the zero, the encoders."""
+
+import json
+
+import numpy as np
+
+from msg_tools import topics
+from msg_tools.readiness import is_count
+
+#: s without a report after which a node is called silent; each reports once a second
+SILENT = 5.0
+_LEVELS = ('ok', 'warning', 'error', 'silent')
+
+
+def alarms(state, bad, reports, last, now):
+    """What is wrong, and how the nodes are.
+
+    Parameters
+    ----------
+    state : WatchState
+        All else of it.
+    bad : dict of str to str
+        What of the messages could not be used, and why.
+    reports : dict of str to (DiagnosticStatus, float)
+        Of each node the last, and when it came (monotonic s, None in a log).
+    last : callable
+        Gives the last message of a topic, or None.
+    now : float or None
+        Monotonic time, s, for nodes that are silent.
+
+    Returns
+    -------
+    nodes : dict of str to dict
+        ``level`` and ``said`` of each.
+    alarms : list of dict
+        The same, the worst first.
+    """
+    found = [(1, f'{name}: a message that cannot be used: {error}') for name, error in bad.items()]
+    silent = {} if now is None else {
+        name: now - arrived for name, (_, arrived) in reports.items()
+        if arrived is not None and now - arrived > SILENT}
+    if len(silent) == len(reports) > 1:
+        found.append((3, f'all {len(silent)} nodes are silent for {min(silent.values()):.0f} s: '
+                      'the graph has ended, or is not heard any more'))
+    else:
+        found += [(3, f'{name}: silent for {age:.0f} s') for name, age in sorted(silent.items())]
+    nodes = {}
+    for name, (status, _) in sorted(reports.items()):
+        level = _level(status)
+        if name in silent:
+            nodes[name] = {'level': 'silent', 'said': status.message}
+            continue
+        nodes[name] = {'level': _LEVELS[min(level, 3)], 'said': status.message}
+        if level:
+            found.append((level, f'{name}: {status.message}'))
+        lost = sum(int(value) for key, value in rows_of(status).items()
+                   if key.startswith('gaps ') and is_count(value))
+        if lost:
+            found.append((1, f'{name}: {lost} messages lost'))
+    for topic in (topics.OBSERVER_STATUS, topics.GUARD_STATUS, topics.CALIBRATION_STATUS):
+        message = last(topic)
+        # a node that has a status says the same on /diagnostics, with more about it
+        if message is not None and _level(message) and (
+                nodes.get(message.name, {}).get('level', 'ok') == 'ok'):
+            found.append((_level(message), f'{topic.name}: {message.message}'))
+    if state.reading_deg and not np.isfinite(state.reading_deg).all():
+        found.append((1, 'the incremental encoder is not homed'))
+    if None not in (state.power_on, state.zero_power_on) and state.power_on != state.zero_power_on:
+        found.append((1, f'the zero is of power-on {state.zero_power_on}, and this is power-on '
+                      f'{state.power_on}'))
+    found += [(2, sentence) for sentence in _of_cross_check(last(topics.CALIBRATION_REPORT))]
+    found = dict.fromkeys(sorted(found, key=lambda row: -row[0]))
+    return nodes, [{'level': _LEVELS[min(level, 3)], 'said': said} for level, said in found]
+
+
+def _of_cross_check(message):
+    try:
+        return json.loads(message.data)['witnesses']['alarms'] if message else []
+    except (ValueError, KeyError, TypeError):
+        return []
+
+
+def _level(status):
+    """Of a DiagnosticStatus: one byte live, a number in a log."""
+    return status.level[0] if isinstance(status.level, bytes) else int(status.level)
+
+
+def rows_of(status):
+    """Key and value of each row of a DiagnosticStatus, dict."""
+    return {row.key: row.value for row in status.values}
