@@ -148,7 +148,7 @@ class Calibration(MountNode):
             self._state.season.update_marks(axis_homings(self._marks, 0))
 
     def _marks_unknown(self):
-        """Whether an incremental encoder is there that tells nothing of its marks."""
+        """Whether an incremental encoder is there that gives nothing of its marks."""
         return self._marks is None and self.count_publishers(
             self.resolve_topic_name(topics.INCREMENTAL.name)) > 0
 

@@ -54,7 +54,7 @@ class CalibrationState:
     ----------
     reference : PointingModel, optional
         Model of an earlier night. The zero is then the change since that night. Without it the
-        zero is the whole offset at Polaris, in which IA and IE cannot be told from the other
+        zero is the whole offset at Polaris, in which IA and IE cannot be separated from the other
         terms; what changed shows between two power-ons.
     split_seed : int
         Of the choice of the stars that are held out.
@@ -187,7 +187,7 @@ class CalibrationState:
         return out
 
     def started(self, number):
-        """When a power-on began, UTC s; None where its rows do not tell."""
+        """When a power-on began, UTC s; None where its rows do not decide."""
         rows = self.observations()
         own = rows.get('encoder_start')[rows['run'] == number]
         own = own[np.isfinite(own)]
@@ -296,7 +296,7 @@ class CalibrationState:
     # --- fit --------------------------------------------------------------------------------------
 
     def fit(self, homings=()):
-        """Fit all stars, and judge each kind of model on stars that it did not see.
+        """Fit all stars, and test each kind of model on stars that it did not see.
 
         Rows with ``check`` 1 are left out: see `rows`.
 
@@ -376,7 +376,7 @@ class CalibrationState:
         return report['witnesses']['alarms'] if report else []
 
     def _source(self):
-        """What the provenance of every model of these rows tells."""
+        """What the provenance of every model of these rows gives."""
         reference = None
         if self.reference is not None:
             reference = self.reference.provenance.get('source', 'a model of an earlier night')

@@ -30,7 +30,7 @@ def distrusted(rows):
     Parameters
     ----------
     rows : PointingRun
-        In the order in which they were taken. Only those of an observer are judged, which have
+        In the order in which they were taken. Only those of an observer are tested, which have
         the column ``encoder_start``: in a file zeros may stand for what was not measured.
 
     Returns
@@ -72,7 +72,7 @@ def notes_of(rows):
 
     A camera that always says about the same makes a fit that looks too good: it gives back the
     model by which the mount was pointed, and what is left is the noise of the encoders. A long
-    exposure through steady air may do as well, so the rows are used, and it is said.
+    exposure through steady air may do as well, so the rows are used, and it is reported.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     """Diagnose a night, and add what is found.
 
     Stars alone are diagnosed, without the exposures for a zero: many rows in one direction would
-    make one small misfit there look like an effect. Rows kept out (`rows`) judge, with nothing
+    make one small misfit there look like an effect. Rows kept out (`rows`) compare, with nothing
     refitted: what does not hold before them is not published.
 
     Parameters
@@ -88,7 +88,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     alpha : float
         Chance that a clean night gets any effect.
     site : dict, optional
-        ``latitude``, ``longitude``, rad; without it what follows the stars cannot be told.
+        ``latitude``, ``longitude``, rad; without it what follows the stars cannot be determined.
     base : str
         The declared model, that of `start` (`diagnosis.base.Base.parse`). Its terms and
         harmonics are fitted with the effects, so that what harmonics can hold is no effect; to
@@ -113,7 +113,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
     stars = stars_without_zeros(rows, zeros, site, follows)
     if len(stars) == 0:
         raise ValueError('no star to diagnose has come yet; observe first')
-    # a service must answer soon: rows kept out judge beside the cross-validation
+    # a service must answer soon: rows kept out compare beside the cross-validation
     search = partial(diagnose, base=base, alpha=alpha, sessions=0.0, partitions=1)
     result = search(stars, progress=progress)
     old = start if start.model is not None else ModelWithZeros(
@@ -161,12 +161,12 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
 
 
 def check_on_blind_stars(found, active, replaced, blind, stamp):
-    """A diagnosis judged by blind stars that came after its model was published.
+    """A diagnosis tested by blind stars that came after its model was published.
 
     Parameters
     ----------
     found : NightDiagnosis
-        The verdict of its `diagnosis` changes with the judgement.
+        The verdict of its `diagnosis` changes with the comparison.
     active : ModelWithZeros
     replaced : ModelWithZeros or None
         What was active before.
@@ -179,11 +179,11 @@ def check_on_blind_stars(found, active, replaced, blind, stamp):
     -------
     NightDiagnosis
         With what is active from now on: where `active` is worse, `replaced`. In its document
-        ``judged``: ``rows``, ``radial``, ``az``, ``el`` and ``worse`` of the judgement,
+        ``judged``: ``rows``, ``radial``, ``az``, ``el`` and ``worse`` of the comparison,
         ``taken_back`` and ``why``. What is taken back is among ``refused``, and the verdict
         says so.
     """
-    # by axis the change was judged before it was published; here it stands or falls
+    # by axis the change was tested before it was published; here it stands or falls
     compared = replaced and blind.compare(replaced, active)
     document, chosen = {**found.document, 'last_judged_ns': stamp}, active
     if compared is None:

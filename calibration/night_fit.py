@@ -36,7 +36,7 @@ class NightFit:
     chosen : FitResult
         The harmonics where some were asked for, else `terms`.
     harmonics : dict or None
-        What the report tells of them.
+        What the report says of them.
     misfits : int
         Rows that are outliers to the harmonics alone.
     notes : list of str

@@ -1,4 +1,4 @@
-"""Nights in a row: the zero and the stars of each are judged by the model of an earlier one.
+"""Nights in a row: the zero and the stars of each are tested by the model of an earlier one.
 
 Paper 000, section 2: coefficients of two nights before correct the stars of tonight, before and
 after the zero calibration. Each power-on is a night here.
@@ -156,7 +156,7 @@ class NightSeries(CalibrationState):
         return count
 
     def fit(self, homings=()):
-        """Fit tonight, and judge tonight's stars by the model of the earlier night.
+        """Fit tonight, and test tonight's stars by the model of the earlier night.
 
         Parameters
         ----------

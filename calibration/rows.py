@@ -1,4 +1,4 @@
-"""Which rows a fit may see, and which are there to judge it by."""
+"""Which rows a fit may see, and which are there to validate it."""
 
 from typing import NamedTuple
 

@@ -9,19 +9,19 @@ from pointing_model.calibration_messages import CANNOT, CAUSES_FORMAT, CAUSES_VE
 from .report.wording import worded
 from .rows import stars_without_zeros
 
-#: that a star may be asked for later; whether there is so much time knows who observes
+#: that a star may be requested later; whether there is so much time knows who observes
 HOURS = 8.0
-#: rows beyond which each star would be judged too slowly to be worth it
+#: rows beyond which each star would be tested too slowly to be worth it
 MOST_ROWS = 2000
 
 
 class StarRequests:
-    """Judges the sets of causes of the last diagnosis with each star.
+    """Tests the sets of causes of the last diagnosis with each star.
 
     Attributes
     ----------
     document : dict or None
-        How causes stand, and which star is asked for: see `pointing_model.calibration_messages`.
+        How causes stand, and which star is requested: see `pointing_model.calibration_messages`.
     """
 
     def __init__(self):
@@ -64,7 +64,7 @@ class StarRequests:
             f'{verdict}', 'request': None, 'sets': []})
 
     def update(self, state, until=0):
-        """Judge the causes by all rows that have come, if they are still open."""
+        """Test the causes by all rows that have come, if they are still open."""
         if self._causes is None:
             return
         try:

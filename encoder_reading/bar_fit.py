@@ -327,7 +327,7 @@ class Bars:
         The bar in the middle; whether all but the first and the last are good; how many are
         visible.
     like_missing, like_bar : ndarray of bool, or None
-        Whether a bar is none, or has level and contrast of one: once they are asked for.
+        Whether a bar is none, or has level and contrast of one: once they are requested.
     series : ndarray, shape (4, n, bars)
         Terms of the response to a moved template.
     """

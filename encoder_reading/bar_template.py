@@ -66,7 +66,7 @@ class BarTemplate:
     Raises
     ------
     ValueError
-        Bars so blurred that wide and narrow cannot be told apart.
+        Bars so blurred that wide and narrow cannot be separated.
     """
 
     def __init__(self, design, bars):

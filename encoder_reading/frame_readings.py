@@ -35,7 +35,7 @@ class FrameReadings:
 class Differenced:
     """Rates from a reader's own readings: the last two over the time between them.
 
-    An image tells no rate. Of readings with a standard error sigma, `dt` apart, the rate has
+    An image gives no rate. Of readings with a standard error sigma, `dt` apart, the rate has
     sqrt(2) sigma / dt.
     """
 

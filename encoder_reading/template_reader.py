@@ -85,7 +85,7 @@ class TemplateReader:
     Raises
     ------
     ValueError
-        Fewer than 22 bars in view; bars so blurred that wide and narrow cannot be told apart.
+        Fewer than 22 bars in view; bars so blurred that wide and narrow cannot be separated.
     """
 
     #: frames are read alike, however many at once

@@ -32,7 +32,7 @@ class Absolute(EncoderScale):
     bar_shift : float
         How far a shifted bar is off, to either side, in bar periods.
     mounting : {'forward', 'reversed'}
-        Whether the pixels run along the disc or against it, which the reader is not told.
+        Whether the pixels run along the disc or against it, which the reader is not given.
     scale_error : float
         The image is that much larger, relative.
     tilt, tilt_phase : float

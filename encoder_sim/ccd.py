@@ -90,7 +90,7 @@ class LinearCCD:
         self._gain = self._sensitivity().astype(np.float32)
 
     def other_head(self, number):
-        """Another CCD, 1, 2, ..., with pixels of its own, that looks at the same disc."""
+        """Another CCD, 1, 2, ..., with its own pixels, that looks at the same disc."""
         other = copy.copy(self)
         other._device = f'{self._device.rsplit("/", 1)[0]}/{number}'
         other._gain = other._sensitivity().astype(np.float32)

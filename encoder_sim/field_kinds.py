@@ -68,7 +68,7 @@ def choice(default, *names):
 
 
 def section(cls):
-    """A field with an instance of `cls`, a section of its own in the file."""
+    """A field with an instance of `cls`, its own section in the file."""
     return field(default_factory=cls, metadata={'section': cls})
 
 

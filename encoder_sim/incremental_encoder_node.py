@@ -45,7 +45,7 @@ class IncrementalEncoders(MountedDevice):
         if not samples:
             return
         stamps, angles, rates = map(np.array, zip(*samples))
-        # what is known of the marks is told as it becomes known
+        # what is known of the marks is reported as it becomes known
         calm = len(samples) > 1 and all(
             encoder.only_counts(stamps, angles[:, axis])
             for axis, encoder in enumerate(self._encoders))

@@ -66,7 +66,7 @@ def uniform(seed, device, purpose, keys):
     seed : int
         Seed of the night.
     device, purpose : str
-        Which instrument, and what the number is for: each pair is a stream of its own.
+        Which instrument, and what the number is for: each pair is its own stream.
     keys : int or array_like of int, any shape
         The stamp in nanoseconds, the number of the power-on, ...
 

@@ -4,7 +4,7 @@ No pointing term is used here. Each error is a small rotation of a part, applied
 which the parts carry each other: ground, first axis, bearing, second axis, tube, camera, and
 gravity on the tube.
 
-The frame of the ground is east, north, up (ENU). The axes turn in a frame of their own, whose
+The frame of the ground is east, north, up (ENU). The axes turn in their own frame, whose
 third axis is the pole of the first one; of an alt-azimuth mount it is that of the ground, of any
 other `pointing_model.mounts` says how it stands there. The frame of the tube is right, forward, up:
 at angles 0 and 0 of a perfect mount it is that of the axes. The tube's right is then the direction
@@ -253,7 +253,7 @@ class MountGeometry:
     start : float
         Start of the night, UTC s, from which the drifts count.
     seed : int
-        Of what wanders.
+        Of what drifts.
     latitude : float
         Where the mount stands, rad: of an equatorial one it decides how.
     """

@@ -20,12 +20,12 @@ from .device_params import DEVICE_PARAMS, parse_utc
 from .mount import HOME_ATTEMPTS, SimulatedMount
 from .scenario_file import load_scenario, scenario_files
 
-#: change of the air's temperature that the thermometer tells, degC
+#: change of the air's temperature that the thermometer gives, degC
 THERMOMETER_STEP = 0.05
 #: s between two looks at what is waited for, as fast as the graph answers
 LOOK = 0.1
 #: live, s of the wall without a command after which nobody moves the mount, and s to wait for that:
-#: who homes withdraws what was asked for, of which the guard's stop is on its way
+#: who homes withdraws what was requested, of which the guard's stop is on its way
 CALM, CALMS = 0.8, 2.0
 #: a track that is renewed moves no axis by more: the side it came from stays, rad
 HAIR = 0.05 * ARCSEC

@@ -1,4 +1,4 @@
-"""Turbulent air and few photons: the noise of a star's place, and refraction that wanders."""
+"""Turbulent air and few photons: the noise of a star's place, and refraction that drifts."""
 
 from dataclasses import dataclass
 
@@ -48,7 +48,7 @@ class Seeing:
 
 @dataclass(frozen=True)
 class AirLayers:
-    """Layers of the air that are not level, and not for long: refraction wanders.
+    """Layers of the air that are not level, and not for long: refraction drifts.
 
     They lean by a vector of two components that follow an AR(1) process in time; refraction is
     about their normal. So a star is displaced by R0 lean / sin^2 E in elevation and by

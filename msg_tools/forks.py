@@ -79,7 +79,7 @@ def forked(calls, jobs, done=None):
 
 
 class _Child:
-    """A call in a process of its own.
+    """A call in its own process.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ class SequenceGaps:
     The numbers come without the name of the publisher, so each is taken as the next of the
     publisher that it fits best. A jump is a loss, until the number before it comes after all:
     then it was the first message from a publisher that was found late. As long as fewer publishers
-    were heard than there are, it is the first message of one of these.
+    were received than there are, it is the first message of one of these.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class SequenceGaps:
     gaps : int
         Messages lost.
     publishers : int
-        Publishers told apart, those that were started anew counted again.
+        Publishers distinguished, those that were started anew counted again.
     present : callable or None
         Says how many publishers there are now, where that is known.
     """

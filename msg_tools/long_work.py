@@ -21,7 +21,7 @@ class LongWork:
     name : str
         Of the work under way, for people; '' without any.
     stage : str
-        How far that is; '' where it does not tell.
+        How far that is; '' where it does not report it.
     """
 
     def __init__(self, node):

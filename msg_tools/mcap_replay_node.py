@@ -220,7 +220,7 @@ class McapReplay(MountNode):
         """The next message, or None at the end."""
         if self._next is None:
             if self._earlier:
-                # sent before, but in force: it comes now
+                # sent before, but active: it comes now
                 self._next = self._earlier.pop(0)._replace(log_time=self._anchored[1])
             else:
                 self._next = next(self._messages, None)

@@ -216,7 +216,7 @@ class MountNode(ParameterNode):
         """A Trigger service; `call()`, or what it awaits, is whether it was done, and a sentence.
 
         With `once` a question that is asked again, as its answer was lost, is not done again;
-        without it what stops something is done whenever it is asked for.
+        without it what stops something is done whenever it is requested.
         """
         def answer(_, response):
             response.success, response.message = call()
@@ -396,7 +396,7 @@ INSTANCE = 'instance'
 
 
 def new_instance(now=None):
-    """What tells a node that starts now from all others, str."""
+    """What distinguishes a node that starts now from all others, str."""
     start = time.time_ns() if now is None else now
     return f'{start} {socket.gethostname()} process {os.getpid()} {uuid.uuid4().hex[:8]}'
 

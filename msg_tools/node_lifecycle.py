@@ -160,7 +160,7 @@ class ManagedNode(LifecycleNodeMixin, MountNode):
 
 
 class WorkerNode(ManagedNode):
-    """A `ManagedNode` whose device has threads of its own.
+    """A `ManagedNode` whose device has its own threads.
 
     Attributes
     ----------

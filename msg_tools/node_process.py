@@ -46,7 +46,7 @@ def run_node(make_node, args=None):
     Returns
     -------
     int
-        Exit code: 0 after a clean end, 1 where a file of its own is not whole, 2 after bad input.
+        Exit code: 0 after a clean end, 1 where its own file is not whole, 2 after bad input.
     """
     if isinstance(make_node, type) and {'-h', '--help'} & set(args or sys.argv[1:]):
         from .node_help import node_help, wants_help
@@ -182,7 +182,7 @@ def main():
     sys.exit(run_nodes(nodes) if len(nodes) > 1 else run_node(*nodes))
 
 
-#: glibc's mallopt: from how many bytes on a block is a map of its own
+#: glibc's mallopt: from how many bytes on a block is its own map
 _MMAP_THRESHOLD, _LARGE = -3, 128 * 1024
 
 

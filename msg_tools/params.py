@@ -32,7 +32,7 @@ class Param:
     fixed : bool
         Can be set only when the node starts.
     truth : bool
-        It says what only the simulator knows: a log tells it beside the truth alone.
+        It says what only the simulator knows: a log gives it beside the truth alone.
     """
 
     name: str

@@ -28,7 +28,7 @@ class PowerOn(NamedTuple):
 
     @property
     def frame(self):
-        """The ``frame_id`` that tells it."""
+        """The ``frame_id`` that gives it."""
         return f'power_on_{self.number}@{self.started:.3f}'
 
 

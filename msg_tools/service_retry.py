@@ -5,7 +5,7 @@ same question once more, or one that waited in the network or behind the work. I
 answer. One that comes while the work is under way joins it. One that passed the answer on its way
 is known by its time and number: a `steps.ServiceCall` is asked again after `AGAIN` s, and another
 is not begun before `PASSED` s after such an answer. Any later one is a new question. What a client
-does in its place stands in `steps.call`.
+does in its place is in `steps.call`.
 """
 
 import time

@@ -1,6 +1,6 @@
 """The rows of status messages that programs read: one description for writers and readers.
 
-Whatever else stands in a DiagnosticStatus is for people and may be worded anew at any time. The
+Whatever else is in a DiagnosticStatus is for people and may be worded anew at any time. The
 rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
 """
 
@@ -87,7 +87,7 @@ class Taken(NamedTuple):
     forgotten : int
         That it had before.
     newest : int
-        Stamp of the newest, ns; 0: there is none, or it does not tell.
+        Stamp of the newest, ns; 0: there is none, or it does not report it.
     """
 
     kept: int = 0
@@ -98,7 +98,7 @@ class Taken(NamedTuple):
     def has(self, count, newest):
         """Whether it has so many of the power-ons that it keeps, the newest of that stamp (ns).
 
-        By their number alone it could not be told: with a new power-on it becomes less.
+        By their number alone it could not be determined: with a new power-on it becomes less.
         """
         return self.kept >= count and (self.newest >= newest or not self.newest)
 

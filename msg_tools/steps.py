@@ -96,7 +96,7 @@ class ServiceCall:
     client, wake
         As of `call`.
     effect : callable
-        Whether what was asked for is seen to be done.
+        Whether what was requested is seen to be done.
     request
         What is asked; by default nothing but the name of the service.
     patient : bool
@@ -112,7 +112,7 @@ class ServiceCall:
         self._patient, self._wall = patient, wall
         self._futures, self._away, self._looked, self._done_at = [], False, 0.0, None
         self._gone = None  # since when the server is
-        self._lost = False  # its answer; what was asked for is done
+        self._lost = False  # its answer; what was requested is done
         self._begin()
 
     def _begin(self):
@@ -179,7 +179,7 @@ def call(verb, client, wake, wait=until, effect=lambda: False, patient=False, li
     Parameters
     ----------
     verb : str
-        What is asked for, for people.
+        What is requested, for people.
     client : rclpy.client.Client
         Of a service whose answer has ``success`` and ``message`` (std_srvs/Trigger).
     wake : callable

@@ -83,7 +83,7 @@ class Topic:
 
 
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE, computed=True)
-# what commanders ask for; the guard judges it, and it alone publishes `command`
+# what commanders ask for; the guard checks it, and it alone publishes `command`
 REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
 GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
@@ -93,7 +93,7 @@ TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', HISTO
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
-# Velocities are of the encoders' own readings: NaN where one reading alone tells none.
+# Velocities are of the encoders' own readings: NaN where one reading alone gives none.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 # Positions are the 1-sigma of the angles, as the image alone gives it, rad.
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)

@@ -1,4 +1,4 @@
-"""What is known of a pointing before it is made: the model and the zero that are in force, and the
+"""What is known of a pointing before it is made: the model and the zero that are active, and the
 drivers of the model's effects.
 """
 
@@ -50,12 +50,12 @@ class Gauge:
 
 
 def correlated_sigma(model, stamp, el):
-    """How far the zero may have wandered since the rows of a model, on the sky.
+    """How far the zero may have drifted since the rows of a model, on the sky.
 
     Parameters
     ----------
     model : PointingModel or None
-        What wanders stands in its provenance
+        What drifts is in its provenance
         (`calibration.analysis.diagnosis.residual_correlation`).
     stamp : int
         ns.
@@ -65,7 +65,7 @@ def correlated_sigma(model, stamp, el):
     Returns
     -------
     ndarray, shape (2,)
-        1 sigma of x and y, radians, of each axis that wanders: what it has moved since the last
+        1 sigma of x and y, radians, of each axis that drifts: what it has moved since the last
         row, 2 v (1 - exp(-t / tau)), and by then from the rows' middle, v (1 - exp(-T / 2 tau));
         0 where nothing is known to.
 
@@ -100,7 +100,7 @@ def tracked_sigma(model, stamp, az, el):
     Parameters
     ----------
     model : PointingModel or None
-        Of a calibration in mode ``track``: its provenance tells how far each term wanders.
+        Of a calibration in mode ``track``: its provenance gives how far each term drifts.
     stamp : int
         ns.
     az, el : float
@@ -184,7 +184,7 @@ def pointing_context(model, stamps, az, el, known, *, zero, here, approach, row,
     known : dict
         Further drivers by the names of `run.COLUMNS`.
     zero : array_like, shape (2,)
-        In force, rad.
+        Active, rad.
     here : array_like, shape (2,)
         Where the encoders stand, rad.
     approach : array_like, shape (2,), or None
@@ -214,13 +214,13 @@ class ActiveCalibration:
     """Model, zero and thermometer, as they came last and as they go together.
 
     A zero that says which model it goes with is taken with that model alone: whichever of the two
-    comes first waits for the other, and the pair before stays in force. A zero of another power-on
+    comes first waits for the other, and the pair before stays active. A zero of another power-on
     than the encoder is in is refused.
 
     Parameters
     ----------
     model : PointingModel, optional
-        In force at the start.
+        Active at the start.
     mount : Mount, optional
         A model of another one is refused; without it any is taken.
 
@@ -289,7 +289,7 @@ class ActiveCalibration:
         ------
         ValueError
             No encoder has it, see `calibration_messages.check_zero`; or it does not say what it is
-            of, and the one in force does.
+            of, and the active one does.
         """
         check_zero(zero)
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
@@ -321,7 +321,7 @@ class ActiveCalibration:
 
     @property
     def zero_is_unknown(self):
-        """Whether the power-on that the encoder is in has a zero that is not the one in force."""
+        """Whether the power-on that the encoder is in has a zero that is not the active one."""
         return bool(self._mismatch(self.zero)) or self.refused_stamp > self.zero_stamp
 
     @property
@@ -378,7 +378,7 @@ class ActiveCalibration:
 
     @property
     def zero_now(self):
-        """Azimuth and elevation, shape (2,), rad: the zero with what the counts have wandered."""
+        """Azimuth and elevation, shape (2,), rad: the zero with what the counts have drifted."""
         if not self.follows or self._difference is None:
             return self.zero.angles
         return self.zero.angles + self._follows.moved(*self._difference)

@@ -1,4 +1,4 @@
-"""The topics and the parameter from which a node knows what is in force."""
+"""The topics and the parameter from which a node knows what is active."""
 
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
@@ -13,7 +13,7 @@ MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON
 
 
 def active_calibration_of(node, changed=lambda topic: None, mount=None):
-    """What is in force for `node`, kept up to date.
+    """What is active for `node`, kept up to date.
 
     Parameters
     ----------

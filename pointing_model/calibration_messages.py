@@ -277,7 +277,7 @@ class StarRequest:
     Attributes
     ----------
     stamp : int
-        Of the newest row that it is said of, ns.
+        Of the newest row that it is reported of, ns.
     state, sentence : str
     request : dict or None
         As of `calibration.analysis.diagnosis.discrimination.Judgement`.

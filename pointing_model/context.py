@@ -101,7 +101,7 @@ class Context:
     German mounts: what it pulls across the first axis, 1 to -1), and the angles of the axes by
     their names (``hour_angle``, ``declination``) beside azimuth and elevation.
     The row before is the one before in time where the time of all rows is known. `from_run` adds
-    ``run_hours`` (since the first row of the same run, h): single rows do not tell it.
+    ``run_hours`` (since the first row of the same run, h): single rows do not decide it.
     """
 
     def __init__(self, az, el, columns=None, latitude=None, longitude=None, mount=ALTAZ):

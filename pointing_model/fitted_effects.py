@@ -98,7 +98,7 @@ def as_context(context, az, el, mount=ALTAZ):
     az, el : ndarray, shape (n,)
         Radians.
     mount : Mount, optional
-        Whose axes they are of, where the context does not tell.
+        Whose axes they are of, where the context does not report it.
     """
     if context is None or isinstance(context, dict):
         return Context(az, el, context, mount=mount)

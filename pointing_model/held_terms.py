@@ -28,7 +28,7 @@ class Held:
         Its terms and harmonics, with their covariance. Without one (or with one that says
         nothing) the physical terms of the mount but its zeros, each within `BROAD`.
     mount : Mount, optional
-        Where no model tells it.
+        Where no model gives it.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class PointingModel:
 
     An effect whose driver (time, temperature, approach, ...) is not given in the `context` of a
     call, or is NaN there, counts as zero: its driver is centred on the run that it was fitted
-    to. Effects of the direction alone always act. `unknown` tells which rows lack a driver.
+    to. Effects of the direction alone always act. `unknown` gives which rows lack a driver.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PointingModel:
     def __post_init__(self):
         known_terms(self.terms, self.mount)
         object.__setattr__(self, 'effects', tuple(self.effects))
-        # of a model with some of the terms of another: what is said of those
+        # of a model with some of the terms of another: what is reported of those
         object.__setattr__(self, 'undetermined', tuple(
             name for name in self.undetermined if name in self.terms))
         own = {*self.terms, *(names_of() if self.harmonics is not None else ())}

@@ -38,7 +38,7 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     **drivers : float or array_like, shape (n,)
         What effects of the model follow, by the names and units of a CSV: ``temperature_c=4.5``,
         ``time`` (UTC, seconds since 1970), ``approach_az``, ... An effect whose driver is not
-        given counts as zero; `PointingModel.unknown` tells which.
+        given counts as zero; `PointingModel.unknown` gives which.
 
     Returns
     -------

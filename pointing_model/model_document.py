@@ -288,7 +288,7 @@ KEY = 'tracked'
 
 
 def walks_of(model):
-    """How far each term of a tracked model wanders, rad in the root of an hour.
+    """How far each term of a tracked model drifts, rad in the root of an hour.
 
     Parameters
     ----------

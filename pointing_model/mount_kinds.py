@@ -43,7 +43,7 @@ class MountKind:
         Where the first axis points: ``'zenith'``; ``'celestial'``, which takes the latitude;
         ``'given'``, with the mount; or azimuth, elevation and roll of such mounts, radians.
     travel_deg : tuple of tuple of float
-        Of both axes, where nothing else is said, in the north.
+        Of both axes, where nothing else is given, in the north.
     park_deg : str
         Where mounts of servers are parked: near the pole, and not at it, where places say nothing
         of the first axis.

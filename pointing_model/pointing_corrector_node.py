@@ -108,7 +108,7 @@ class PointingCorrector(MountNode):
     def _sigma(self, stamp, sky, context):
         """1-sigma of the demand on the sky at the first point, from model and zero, rad.
 
-        Where the zero wanders, with what it may have moved since the model's rows.
+        Where the zero drifts, with what it may have moved since the model's rows.
 
         NaN where the zero is of another power-on, by how much it has moved nobody knows; and where
         the model rests on terms that the stars of its fit did not determine.
@@ -145,7 +145,7 @@ class PointingCorrector(MountNode):
         return found
 
     def details(self):
-        """What is in force."""
+        """What is active."""
         terms, (model, zero) = 'none', (self._active.model, self._active.zero)
         if model is not None:
             series = [] if model.harmonics is None else [

@@ -16,7 +16,7 @@ import numpy as np
 from .mount_kinds import KINDS
 from .mounts import ALTAZ, OF_MOUNT, sides
 
-#: A column that is zero everywhere; the fit tells it by identity and skips it.
+#: A column that is zero everywhere; the fit gives it by identity and skips it.
 ZERO = 0.0
 
 
@@ -29,7 +29,7 @@ class Trig:
         Catalogue place by the axes of the mount, radians.
     mount : Mount, optional
         Where its errors act on the sky, the angles are folded back to it, and `mount` is the same
-        with errors of its own; `side` is the sign that what grows along the angles has there (None
+        with its own errors; `side` is the sign that what grows along the angles has there (None
         of other mounts).
     """
 

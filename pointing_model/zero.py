@@ -186,7 +186,7 @@ class Zeros(dict):
 
 
 def active_zeros(model):
-    """The zeros that a model went with, as its provenance tells.
+    """The zeros that a model went with, as its provenance gives.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def is_marked(rows):
 def is_for_zero(rows):
     """Which rows are exposures for a zero: of Polaris, which needs no mark, or marked ones.
 
-    They count in the fit of terms and zeros, and are no stars to split, to leave out or to judge
+    They count in the fit of terms and zeros, and are no stars to split, to leave out or to test
     by.
 
     Parameters

@@ -1,8 +1,8 @@
-"""A zero that follows the absolute encoder, where the counts of the incremental one wander.
+"""A zero that follows the absolute encoder, where the counts of the incremental one drift.
 
-Incremental - absolute is seen at every exposure without any star. Of it three parts are told
-apart: a reference, at which the zero in force is right; low harmonics of the angle, which are the
-discs and belong to the model; the rest is what the counts have wandered, and is added to the zero.
+Incremental - absolute is seen at every exposure without any star. It has three parts:
+a reference, at which the active zero is right; low harmonics of the angle, which are the discs and
+belong to the model; the rest is what the counts have drifted, and is added to the zero.
 """
 
 from collections import deque
@@ -43,7 +43,7 @@ class AxisFollowing:
     noise : float
         1 sigma of a difference: what following costs, rad.
     step : float
-        1 sigma of what the counts wander on the way to a star, which is not known before, rad.
+        1 sigma of what the counts drift on the way to a star, which is not known before, rad.
     starts : dict of int to float
         Power-on -> when that of the absolute encoder began in which the reference was taken,
         UTC s; without those for which it did not tell.
@@ -77,7 +77,7 @@ class AxisFollowing:
         return out
 
     def moved(self, run, incremental, absolute):
-        """What the counts have wandered, rad; 0 in a power-on without a reference.
+        """What the counts have drifted, rad; 0 in a power-on without a reference.
 
         For an absolute encoder that is still in the power-on of that: see `stopped`.
 
@@ -111,9 +111,9 @@ class Following:
         return bool(self.axes)
 
     def moved(self, run, incremental, absolute):
-        """What the counts have wandered, shape (2,) or (2, n), rad; `AxisFollowing.moved`.
+        """What the counts have drifted, shape (2,) or (2, n), rad; `AxisFollowing.moved`.
 
-        Readings that are not finite have not wandered.
+        Readings that are not finite have not drifted.
         """
         out = np.zeros(np.shape(incremental))
         for i, name in enumerate(AXES):
@@ -133,7 +133,7 @@ class Following:
                          if name in self.axes else 0.0 for name in AXES])
 
     def corrected(self, rows):
-        """The rows as an encoder would have given them whose counts do not wander.
+        """The rows as an encoder would have given them whose counts do not drift.
 
         Rows that are measured (to fit by) are corrected with their own readings. For a row that
         was pointed at blind (``check``) only what the row before it had shown is taken off: more
@@ -178,7 +178,7 @@ class Following:
 
     @classmethod
     def from_model(cls, model):
-        """That a model goes with, as its provenance tells; ValueError where that is damaged."""
+        """That a model goes with, as its provenance gives; ValueError where that is damaged."""
         entries = {} if model is None else model.provenance.get(KEY) or {}
         try:
             return cls({name: AxisFollowing(
@@ -205,7 +205,7 @@ class Difference:
         The last pair, rad.
     start : float
         When the power-on began that this reading of the absolute encoder is of, UTC s; NaN where
-        it does not tell.
+        it does not report it.
     """
 
     def __init__(self):

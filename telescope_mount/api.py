@@ -284,7 +284,7 @@ def read_run(path, *, mount=None, latitude_deg=None, longitude_deg=None, height_
     azimuth_origin : {'N', 'S'}, optional
         Where azimuth 0 is in a TPOINT file.
     equinox : {'j2000', 'date'}, optional
-        Of catalogue places in right ascension; by default what the file tells, or what fits.
+        Of catalogue places in right ascension; by default what the file gives, or what fits.
 
     Returns
     -------

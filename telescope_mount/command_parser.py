@@ -58,7 +58,7 @@ def parsed(argv):
     Raises
     ------
     SystemExit
-        They are wrong, which is told; or help was asked for.
+        They are wrong, which is reported; or help was requested.
     """
     parser = make_parser()
     for stream in (sys.stdout, sys.stderr):

@@ -98,7 +98,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
     time_scale : float
         Simulated seconds a second; 0 as fast as the machine can.
     model_file : str
-        Pointing model in force at the start.
+        Active pointing model at the start.
     first_run : int
         Run number of the first power-on.
     sky : dict, optional
@@ -238,7 +238,7 @@ def server_graph(*, bag, server, mount, sky, protocol='indi', camera=None, seen=
         'mount_guard': {'mount': mount, 'goto': True, 'park_deg': KINDS[mount].park_deg,
                         # a driver stops a moment after it is told
                         'request_timeout_s': 0.35} | (
-            # none is told places beyond the zenith
+            # none is sent places beyond the zenith
             {'second_travel_deg': '-5,89'} if KINDS[mount].vertical else {}) | (
             slews or {'slew_timing': 0.0}) | _known(sky, SITE),
         'star_observer': {
@@ -277,7 +277,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
         Whether a driver publishes `inclinometer`.
     exposure : float
         Length of the camera's exposures, s, over which the mount must rest on its track; 0: it is
-        judged in their middle.
+        tested in their middle.
     state_file : str
         Where the observer keeps the night, so that it goes on after the graph was killed.
     autostart : bool
@@ -302,7 +302,7 @@ def real_graph(*, bag, plan='', mount='altaz', sky=None, model_file='', absolute
     return [NodeSpec(name, NODES[name], parameters[name]) for name in REAL]
 
 
-#: with which a measured run is judged as a night is
+#: with which a measured run is tested as a night is
 MEASURED = ('run_player', 'pointing_corrector', 'calibration', 'mcap_logger')
 
 

@@ -86,7 +86,7 @@ def come_to_rest(watcher, plan, note):
     watcher.check = lambda: None  # a node that has ended is no matter any more
     if not state():
         return  # it has never spoken, and led the mount nowhere
-    if plan == 'cancelled':  # by the guard itself: what it does now may be heard a moment later
+    if plan == 'cancelled':  # by the guard itself: what it does now may be received a moment later
         watcher.spin_until(lambda: state() in (*LOCKED, *RESTING, 'parking'), DELIVERED)
     if state() == 'parking':
         note('waiting until the mount is parked; Ctrl-C ends at once, and the mount stops')

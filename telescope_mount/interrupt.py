@@ -26,7 +26,7 @@ def _note(number, _):
 
 
 def _let_go_of_terminal():
-    """Where the terminal is closed, what is said while all ends would be an error."""
+    """Where the terminal is closed, what is reported while all ends would be an error."""
     for output in (1, 2):
         with contextlib.suppress(OSError):
             if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):

@@ -54,7 +54,7 @@ class Values(dict):
 
     def __init__(self, file, arguments, context):
         names = [name for name, _, _ in arguments]
-        # launch takes any name, and a night would run without what its user asked for. Of what
+        # launch takes any name, and a night would run without what its user requested. Of what
         # another launch file was given that includes this one nothing is known
         given = context.argv if any(word.endswith(file) for word in sys.argv) else ()
         for word in given or ():

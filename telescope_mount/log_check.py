@@ -38,7 +38,7 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     """Compute zeros, models, reports and diagnoses of a log anew, and the observations too.
 
     Encoder readings and miss distances give the observations; the observations give the rest, in
-    a calibration of their own, without a ROS graph. A number is right if it is the same to the
+    their own calibration, without a ROS graph. A number is right if it is the same to the
     bit.
 
     Parameters
@@ -185,7 +185,7 @@ def _state(log, parameters, reference, seed, rows):
 
 
 def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
-    """Feed the observations one by one, and repeat what was asked for after each."""
+    """Feed the observations one by one, and repeat what was requested after each."""
     zeros, models = {}, {}
     for _, data in rows.published['zero']:
         zeros.setdefault(from_stamp(data.header.stamp), []).append(data)
@@ -210,7 +210,7 @@ def _calibrate(rows, state, parameters, check, progress=lambda *_: None):
 
 
 class _Replay:
-    """What the calibration was asked for at one stamp, done again and compared."""
+    """What the calibration was requested at one stamp, done again and compared."""
 
     def __init__(self, state, rows, parameters, check):
         self.state, self._rows, self._check = state, rows, check
@@ -224,7 +224,7 @@ class _Replay:
             for name in ('calibration/report', 'diagnosis'))
 
     def compare_request(self):
-        """What is asked for to tell causes apart, after a row or a diagnosis."""
+        """What is requested to separate causes, after a row or a diagnosis."""
         text = self.state.requests.news()
         if not text:
             return
@@ -319,7 +319,7 @@ class _Replay:
         yield None
 
     def _diagnose(self, stamp, again=False):
-        """The model of a diagnosis, or (`again`) of the judgement by blind stars after it."""
+        """The model of a diagnosis, or (`again`) of the comparison by blind stars after it."""
         logged = self._diagnoses.popleft() if self._diagnoses else '{}'
         document = json.loads(logged)
         text = self._parameters.get('site', '')
@@ -354,7 +354,7 @@ class _Replay:
 
 
 def _document(text):
-    """What a JSON text tells; nothing, where it is no such document."""
+    """What a JSON text gives; nothing, where it is no such document."""
     try:
         found = json.loads(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The loop closed: a night, or a measured run, is fitted, diagnosed, amended and judged."""
+"""The loop closed: a night, or a measured run, is fitted, diagnosed, amended and tested."""
 
 import json
 from fnmatch import fnmatchcase
@@ -27,7 +27,7 @@ _MEASURED_PLAN = 'fit, diagnose'
 
 
 def loop_plan(stars, polaris, check):
-    """The plan of a night: measure, fit, point blind, diagnose, point blind, judge by that.
+    """The plan of a night: measure, fit, point blind, diagnose, point blind, compare.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     """
     sky, place = sky or {}, place or {}
     if file is not None:
-        # whatever cannot be read is said before a node starts
+        # whatever cannot be read is reported before a node starts
         run = _sound_run(file, place)
         progress = progress and (
             lambda text, done, _, line=progress: line(text, done, len(run)))
@@ -121,7 +121,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
 
 
 def close_all(out, *, names=ALL, seed=1, progress=None, **options):
-    """`close_the_loop` with several scenarios, each in a folder of its own.
+    """`close_the_loop` with several scenarios, each in its own folder.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def drive_error(run, model, site_deg=None, taken_back=False):
     """How far the encoders stood from their demand when blind stars were exposed.
 
     A blind star is missed by what the model lacks and by what the drive left. Only the first
-    stands in the residual of its row, since that takes the encoder as it was read.
+    is in the residual of its row, since that takes the encoder as it was read.
 
     Parameters
     ----------

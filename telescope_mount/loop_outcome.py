@@ -4,7 +4,7 @@ import numpy as np
 
 #: what is claimed of curves without a name, or of nothing
 _UNCLAIMED = ('unknown', 'none', 'wanders', 'undecided')
-#: something was claimed, and judges did not let it pass
+#: something was claimed, and failed the hold-out comparison
 _REFUSED = ('withheld', 'taken_back')
 
 
@@ -31,7 +31,7 @@ def outcome(shows_as, effects, verdict='', harmful=False, follows=()):
         else; 'followed': the same, but the zero follows what is one of the zero of its axis; 'in
         the set': every one is among those reported together; 'in part'; 'no'. Where
         the scenario shows as no effect: 'rightly none'; 'unknown', something without a name;
-        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and judges refused it.
+        'wrong', a cause was claimed; 'withheld', 'taken back', one was, and failed the comparison.
         'harmful' whatever was found. None: not said.
     false : list of str
         Effects that are none of those.
@@ -106,7 +106,7 @@ def paired(report):
     -------
     dict
         ``of`` what data: 'fresh stars', both models on those after the change; where these were
-        not judged, 'rows kept out', 'rows left out in turn' or 'rows fitted'. ``rows``, how many;
+        not tested, 'rows kept out', 'rows left out in turn' or 'rows fitted'. ``rows``, how many;
         None where it is not known. ``before`` and ``after``: ``rms_arcsec`` (radial),
         ``rms_x_arcsec``, ``rms_y_arcsec``; None of an axis that is not known.
     """

@@ -81,7 +81,7 @@ def _errors(report):
 
 
 def loop_sentences(report):
-    """What is to be said beside the tables, as a list of str."""
+    """What is to be reported beside the tables, as a list of str."""
     out = []
     for effect in report['effects']:
         others = [name for name in effect['alternatives'] if name not in effect['aliases']]

@@ -115,7 +115,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
 
 
 def _open_notes(model):
-    """What no file of another program tells: which terms nobody knows."""
+    """What no file of another program gives: which terms nobody knows."""
     notes = [wording(undetermined_terms(model.undetermined, model.terms))] \
         if model.undetermined else []
     if model.sides is not None and 0 in model.sides:
@@ -125,7 +125,7 @@ def _open_notes(model):
 
 
 def _with_zero(model, wanted):
-    """The model with a zero in its indices, and what is said of it."""
+    """The model with a zero in its indices, and what is reported of it."""
     (az, el), applied = zeros_of_rows(model, wanted)
     known = active_zeros(model)
     if not applied:
@@ -165,7 +165,7 @@ def _sky_of(path, model, options):
 
 
 def show(written, console):
-    """The terms as they stand in the file, and what is lost."""
+    """The terms as they are in the file, and what is lost."""
     exported = written.exported
     if exported is not None:
         program = exported.program

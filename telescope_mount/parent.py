@@ -52,7 +52,7 @@ def _is_orphan():
     """Whether a shell started `ros2`, that this process, and it has ended meanwhile.
 
     A shell writes the command that it starts into `_`, and the children of that have it too: that
-    of a service is no `ros2`. A daemon that `ros2` was to start leads a session of its own.
+    of a service is no `ros2`. A daemon that `ros2` was to start leads its own session.
     """
     if os.path.basename(os.environ.get('_', '')) != 'ros2' or os.getsid(0) == os.getpid():
         return False

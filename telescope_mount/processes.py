@@ -199,7 +199,7 @@ class Processes:
             self._start(name, group)
 
     def start(self, spec):
-        """Start a `graph.NodeSpec` in a process of its own."""
+        """Start a `graph.NodeSpec` in its own process."""
         self._start(spec.name, [spec])
 
     def _start(self, name, specs):

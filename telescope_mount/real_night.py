@@ -24,7 +24,7 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
                    anew=False, **graph):
     """Observe with the drivers of a real mount.
 
-    A night in `out` that was interrupted goes on where it stopped, with a log of its own.
+    A night in `out` that was interrupted goes on where it stopped, with its own log.
 
     Parameters
     ----------

@@ -42,12 +42,12 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first.
     graduation : str or dict, optional
-        Lines in a turn of the first encoder, ``grating=47200``, in place of what a log tells: see
+        Lines in a turn of the first encoder, ``grating=47200``, in place of what a log gives: see
         `pointing_model.effects.declared_graduation`.
     drivers : sequence of str, optional
         Columns of the file that may be a cause, though their names do not say so.
     mount : str or Mount, optional
-        Of a file, in place of what it tells; see `pointing_model.mounts.parse_mount`.
+        Of a file, in place of what it gives; see `pointing_model.mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
         Of the catalogue places of a file, see `read_run`.
 
@@ -93,7 +93,7 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
 
 
 def _worded(run):
-    """The run with what its own rows say of it in words, for people."""
+    """The run with what its own rows show of it in words, for people."""
     names = run.meta.get('row_names') or {}
     if run.meta.get('solves_checked'):
         run.meta['notes'] = list(map(wording, run.meta['notes']))
@@ -122,7 +122,7 @@ def load_runs(paths, seen=(), **options):
     ----------
     paths : sequence of Path
     seen : sequence of PointingRun
-        Whose observations are left out of these, as of a run that others are judged on.
+        Whose observations are left out of these, as of a run that others are tested on.
     **options
         As for `load_run`.
 
@@ -248,7 +248,7 @@ def declared_by(parameters, notes):
 
 
 def _log(path):
-    """Reader of a log; a folder of images is told as that."""
+    """Reader of a log; a folder of images is reported as that."""
     try:
         return BagReader(path)
     except (ValueError, OSError):

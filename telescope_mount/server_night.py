@@ -14,7 +14,7 @@ from telescope_mount.bridges.indi.goto_mount import BridgeError
 from .graph import server_graph
 
 PORTS = {'indi': INDI_PORT, 'alpaca': ALPACA_PORT}
-#: parameters of the site, in the order in which a telescope tells it, and their units
+#: parameters of the site, in the order in which a telescope gives it, and their units
 SITE = (('latitude_deg', DEG), ('longitude_deg', DEG), ('height_m', 1.0))
 #: how the simulators slew, for the guard: both axes at once, and at once at full speed
 SIMULATED = {'first_rate_deg_s': 6.0, 'second_rate_deg_s': 6.0, 'first_acceleration_deg_s2': 60.0,
@@ -56,7 +56,7 @@ def server_plan(stars, track='', discrimination=''):
     ----------
     stars : int
     track, discrimination : str
-        As of `night.run_night`. A model that is tracked is not judged and taken back.
+        As of `night.run_night`. A model that is tracked is not tested and taken back.
     """
     check = f'check {max(4, stars // CHECKED)}'
     steps = ['home', f'stars {stars}', 'fit', check]

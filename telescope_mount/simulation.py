@@ -49,7 +49,7 @@ def undeclared(bag):
     Returns
     -------
     dict or None
-        As `encoder_sim.scenario_file.undeclared`; None where the log does not tell.
+        As `encoder_sim.scenario_file.undeclared`; None where the log does not report it.
     """
     from msg_tools import topics
     log = BagReader(bag)

@@ -133,7 +133,7 @@ class BaseModel:
         -------
         dict
             JSON-ready, arcsec: ``terms`` (``here_arcsec`` None where it was not fitted;
-            ``in_sigma`` of both errors, where the file tells its own) and ``held``.
+            ``in_sigma`` of both errors, where the file gives its own) and ``held``.
         """
         import numpy as np
 

@@ -26,14 +26,14 @@ SENSES = {
 #: rows in a row with the same miss distance within so much are of a camera that measures nothing;
 #: a camera of 1" noise makes such a row in 3e-16 of the cases, one of 0.05" in 3e-8
 SAME_ROWS, SAME_WITHIN = 4, 0.005 * ARCSEC
-#: fewer rows are not judged, and so many at least are called wrong
+#: fewer rows are not tested, and so many at least are called wrong
 LEAST, FEWEST = 12, 2
 #: by so much a turned camera must explain the rows better, in squares of the noise, of which one
-#: row tells no more than the square of `CAP`: a star that was another one must not decide
+#: row gives no more than the square of `CAP`: a star that was another one must not decide
 GAIN, CAP = 50.0, 6.0
 #: but where a row is beyond the first without the camera turned, and within the second with it
 CLEAR, EXPLAINED = 12.0, 3.0
-#: of the noise of an axis, rad, whatever the rows say
+#: of the noise of an axis, rad, whatever the rows show
 LEAST_NOISE = 0.2 * ARCSEC
 #: rows that are looked at together, and again from the middle of them on; where the largest miss
 #: distance is so many times the usual one
@@ -96,7 +96,7 @@ def _left(rows, known):
     mount, (first, second) = rows.mount, np.where(known, places, 0.0)
     cosine = np.cos(second)
     columns = [*stacked_design(mount.names.physical, first, second, mount)]
-    for number in np.unique(rows['run'])[1:]:  # each power-on has a zero of its own
+    for number in np.unique(rows['run'])[1:]:  # each power-on has its own zero
         own, none = rows['run'] == number, np.zeros(len(rows))
         columns += [np.append(own * cosine, none), np.append(none, own)]
     columns = np.array(columns).T

@@ -1,4 +1,4 @@
-"""External check: fit on half of the stars, judge on the others (paper 000)."""
+"""External check: fit on half of the stars, test on the others (paper 000)."""
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def split_half(run, seed=0):
 
 
 def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
-    """Fit each half of a run and judge it on the other: every row is held out once.
+    """Fit each half of a run and test it on the other: every row is held out once.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     ----------
     rows : PointingRun
     reference : PointingModel or None
-        Of an earlier night: it is judged on all stars then, before and after Polaris.
+        Of an earlier night: it is tested on all stars then, before and after Polaris.
     first : Zeros
         By their exposures alone, one of each power-on; empty without any.
     measured : Zeros
@@ -199,7 +199,7 @@ def tracking_errors(model, run, zero=NO_ZERO):
     Parameters
     ----------
     model : PointingModel
-        In force when it was tracked.
+        Active when it was tracked.
     run : PointingRun
         Exposures of the satellite; the encoder's angles are those with it centred.
     zero : RunZero or Zeros

@@ -61,7 +61,7 @@ class RotationProblem:
     columns : ndarray, shape (k, 2n)
         Of the terms; those of the geometric ones are written over.
     first_order : ndarray, or GroupColumns
-        The same array, or what stands on it.
+        The same array, or what is on it.
     mount : Mount
     """
 

@@ -54,7 +54,7 @@ class FitResult:
         ``row`` and ``reason`` of the rows that could not be used.
     robust : bool
         Whether rows were downweighted (never with fewer than 1.5 values a coefficient) or, where
-        they are few, judged (`few_rows`).
+        they are few, tested (`few_rows`).
     iterations : int
     freedom : ndarray, shape (k,)
         Degrees of freedom of each standard error; infinite from given sigmas.

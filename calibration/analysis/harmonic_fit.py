@@ -1,7 +1,7 @@
 """The harmonics of paper 000 as a model that is published: which, of what degree, how good.
 
 Alone, as in the paper, or on what the physical terms leave. What cross-validation says of every
-choice stands beside the one that was asked for.
+choice is beside the one that was requested.
 """
 
 from dataclasses import dataclass
@@ -102,7 +102,7 @@ def choice_of(parameters):
 
 
 def choice_of_report(report):
-    """The `HarmonicChoice` that a report of a calibration tells, None: no report."""
+    """The `HarmonicChoice` that a report of a calibration gives, None: no report."""
     document = (report or {}).get('harmonics')
     if not document:
         return HarmonicChoice()
@@ -282,7 +282,7 @@ def fit_chosen(rows, choice, recipe, terms=None, seed=0):
     ValueError
         Too few stars for the degree, or to choose one.
     """
-    # a degree that these rows cannot have is said before the long work
+    # a degree that these rows cannot have is reported before the long work
     fitted = choice.degree and recipe.fit(rows, choice, choice.degree, terms)
     tried = cross_validated(rows, recipe, seed, choice.rcond)
     own = {one['degree']: one for one in tried['choices']

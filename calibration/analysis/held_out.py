@@ -34,7 +34,7 @@ def held_out_steps(rows, recipe_of, used, reference, first, way, notes, publishe
     way : str
         By which way they were set (`external_check.ways`); '' where none was.
     notes : list of str
-        Gets a line where stars are too few for what was asked for.
+        Gets a line where stars are too few for what was requested.
     published : (str, callable), optional
         Harmonics that are published: their label, and ``fit(rows, recipe)``.
 

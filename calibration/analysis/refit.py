@@ -1,4 +1,4 @@
-"""A model's terms and effects fitted anew to some of the rows: to judge what of them holds."""
+"""A model's terms and effects fitted anew to some of the rows: to test what of them holds."""
 
 from dataclasses import replace
 
@@ -168,7 +168,7 @@ def _gain(model, place, rows, first, end, last):
 
 
 def left_out(rows, end=1 / 8, share=1 / 8):
-    """Rows to judge a night by that has none kept for it: its end, and some of the others.
+    """Rows to test a night by that has none kept for it: its end, and some of the others.
 
     Parameters
     ----------

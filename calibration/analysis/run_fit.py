@@ -71,7 +71,7 @@ class RunFit:
 
 def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics=None,
             predict=False, source=None, **solver):
-    """Check the columns of a run, and fit what is asked for.
+    """Check the columns of a run, and fit what is requested.
 
     Parameters
     ----------

@@ -7,8 +7,8 @@ terms do not change their sign. A mount that is driven through such a program, o
 is made so, shows errors of the second kind.
 
 Both are models of the same number of coefficients, fitted to the same rows (`Mount.errors`); they
-are judged on rows left out. What holds is the mount of the run from then on (`settled`), so that
-all that is fitted, judged and published later has it.
+are tested on rows left out. What holds is the mount of the run from then on (`settled`), so that
+all that is fitted, tested and published later has it.
 """
 
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ class Origin:
     Attributes
     ----------
     holds : {'mount', 'sky', ''}
-        '' where the rows do not tell.
+        '' where the rows do not decide.
     chance : float
         Of the difference, two-sided, by Wilcoxon's signed-rank test of the radial errors of each
         row left out. It asks no distribution of them, and one wild row counts as one row.
@@ -139,7 +139,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     Returns
     -------
     Origin or None
-        None where nothing can be said: another mount than a German one, one side alone, no term
+        None where nothing can be reported: another mount than a German one, one side alone, no term
         whose sign changes with the side, or too few rows.
     """
     names = run.mount.names.physical if names is None else tuple(names)
@@ -153,7 +153,7 @@ def origin_of_errors(run, names=None, *, encoder='enc', robust=True):
     if min(beyond.sum(), (~beyond).sum()) < FEWEST or 2 * len(run) * (FOLDS - 1) < (
             2 * len(names) * FOLDS):
         return None
-    several = 'run' in run and np.ptp(run['run']) > 0.0  # each has a zero of its own
+    several = 'run' in run and np.ptp(run['run']) > 0.0  # each has its own zero
     if several:
         run = run.select(np.isin(run['run'], _long_runs(run['run'])))
         beyond = is_beyond(run['el'])
@@ -196,7 +196,7 @@ def _described(fits):
 def origin_of_night(rows):
     """As `origin_of_errors`, of the stars of the power-on that has most.
 
-    Each power-on has a zero of its own.
+    Each power-on has its own zero.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _long_runs(numbers):
 def _left_out(run, names, encoder, robust, beyond, several):
     """Errors on the sky of each row by a fit without it, (x, y), rad; parts have both sides.
 
-    Of several runs each has a zero of its own; none lies in one part alone.
+    Of several runs each has its own zero; none lies in one part alone.
     """
     number = run['run'] if several else np.zeros(len(run))
     order = np.lexsort((beyond, number))

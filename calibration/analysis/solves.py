@@ -13,12 +13,12 @@ from ..estimation.robust import sigma_of
 from .finding import Finding
 from .fit import fit_terms
 
-#: below so many rows nothing is judged: seven terms and a scatter need more
+#: below so many rows nothing is tested: seven terms and a scatter need more
 FEW = 8
 #: a row is no pointing error beyond so many times the noise, and at least so far
 _FALSE, _FALSE_LEAST = 20.0, 60.0 * ARCSEC
 _MOST = 1.0 / 3.0  # of the rows, that may be false: beyond it nobody knows which are
-_TRIES, _SCORED = 300, 500  # pairs of rows that a rotation is tried from; rows it is judged on
+_TRIES, _SCORED = 300, 500  # pairs of rows that a rotation is tried from; rows it is tested on
 _SHARE = 0.6  # of the rows that must agree with it
 _NEAR, _NEAR_LEAST = 10.0, 0.2 * DEG  # and how near, beside those
 _LOST = 3.0 * DEG
@@ -34,7 +34,7 @@ _DIGITS = 1e4  # places a degree: coordinates that all are multiples may be equa
 
 
 def check_solves(run):
-    """Leave out what is no pointing of this mount, and see that the frame is what is said.
+    """Leave out what is no pointing of this mount, and see that the frame is the declared one.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def check_solves(run):
     -------
     PointingRun
         False solves and copied solutions are in ``meta['excluded']``; their reasons, and what
-        is new in ``meta['notes']``, are Findings. Where the solutions have a sigma of their own,
+        is new in ``meta['notes']``, are Findings. Where the solutions have their own sigma,
         `sigma_x` and `sigma_y` are that and what the rows scatter beyond it.
         ``meta['solves_checked']`` says that this was done.
 
@@ -54,7 +54,7 @@ def check_solves(run):
     ------
     ValueError
         The places fit another frame far better than the one that was declared or taken, or no
-        frame was declared and the rows cannot tell it.
+        frame was declared and the rows cannot determine it.
     """
     solved = run.meta.get('solved')
     if solved is None:
@@ -319,7 +319,7 @@ def _note_tilt(run):
 # ---------------------------------------------------------------------------------------- sigma
 
 def _with_noise(run):
-    """`sigma_x`, `sigma_y` with the scatter that the solver's own sigma does not tell.
+    """`sigma_x`, `sigma_y` with the scatter that the solver's own sigma does not contain.
 
     A solver knows the noise of its star images, not of seeing and mount: of weights by that alone
     a few sharp images would take the whole fit. So each axis gets a variance beside, the most

@@ -30,7 +30,7 @@ MIN_EXPANDED, EXPANSION = 256 * 2**20, 300
 MIN_RECORDS = 300_000
 #: metadata records above this are left alone
 MAX_METADATA = 16 * 2**20
-#: bytes that a chunk with a damaged head may hold, where no index tells it
+#: bytes that a chunk with a damaged head may hold, where no index gives it
 MAX_MENDED = 2**24
 
 
@@ -57,7 +57,7 @@ class Segment(NamedTuple):
     chunk: bool  # a chunk record, else plain records
     partial: bool
     channels: frozenset
-    expanded: int  # bytes that the index tells, 0 where it is not known
+    expanded: int  # bytes that the index gives, 0 where it is not known
 
 
 class BagFile:
@@ -138,7 +138,7 @@ class BagFile:
     # --- with the index ---------------------------------------------------------------------
 
     def _read_summary(self):
-        """True if the summary at the end tells all that `_scan` would."""
+        """True if the summary at the end gives all that `_scan` would."""
         tail = self.at(max(self.size - 37, 0), 37)
         if len(tail) < 37 or tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
             return False

@@ -45,7 +45,7 @@ def _natural(path):
 
 
 class Reader:
-    """What readers of all kinds of files have in common; each tells the SUFFIX of its files."""
+    """What readers of all kinds of files have in common; each gives the SUFFIX of its files."""
 
     def __init__(self, path):
         self.path = Path(path)

@@ -10,7 +10,7 @@ EARLIEST, LATEST = 315_532_800 * 10**9, 4_102_444_800 * 10**9
 class Lost(NamedTuple):
     """A part of a file that cannot be read.
 
-    Its messages are those that the index tells of, by channel; `known` where these are all.
+    Its messages are those that the index lists, by channel; `known` where these are all.
     """
 
     offset: int

@@ -103,7 +103,7 @@ class Listed(NamedTuple):
 
 
 def listed_files(folder):
-    """The files that metadata.yaml lists, without any folder in front, and what it tells of them.
+    """The files that metadata.yaml lists, without any folder in front, and what it says of them.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def _listed(row):
 
 
 def _entry(tree, key, kind=dict):
-    """What stands under `key`, of one kind; empty where nothing of it does."""
+    """What is under `key`, of one kind; empty where nothing of it does."""
     value = tree.get(key) if isinstance(tree, dict) else None
     return value if isinstance(value, kind) else kind()
 

@@ -8,9 +8,9 @@ from rclpy.parameter import parameter_value_to_python
 
 from ..params import TRUTH_MARK
 
-#: calls of `step` after which an answer counts as lost and is asked for again, then twice as many
+#: calls of `step` after which an answer counts as lost and is requested again, then twice as many
 PATIENCE = 2
-#: calls of `step` without an answer after which a log may end without it, and none is asked for
+#: calls of `step` without an answer after which a log may end without it, and none is requested
 WAITED_FOR, GIVEN_UP = 16, 500
 
 
@@ -59,7 +59,7 @@ class ParameterCollector:
 
 
 class _NodeQuery:
-    """One node: what its parameters are called, what is said of them, what they are."""
+    """One node: what its parameters are called, what is reported of them, what they are."""
 
     def __init__(self, node, name, take):
         self._node, self._name, self._take = node, name, take

@@ -104,7 +104,7 @@ class BagReader(Reader):
                 for file in self._files for part in file.lost]
 
     def recorded(self):
-        """Messages that were recorded, as far as the log tells.
+        """Messages that were recorded, as far as the log shows.
 
         Returns
         -------
@@ -305,7 +305,7 @@ class BagReader(Reader):
 
 
 class ChunkRows:
-    """The chosen messages of a chunk, in log time order; bytes are cut out when asked for."""
+    """The chosen messages of a chunk, in log time order; bytes are cut out when requested."""
 
     __slots__ = ('times', '_begins', '_ends', '_buffer', '_chosen', 'size')
 

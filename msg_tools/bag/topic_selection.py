@@ -56,7 +56,7 @@ def check_patterns(values):
 
 
 def adapt_qos(offers):
-    """A subscription's QoS with which every one of the publishers is heard.
+    """A subscription's QoS with which every one of the publishers is received.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def adapt_qos(offers):
     Returns
     -------
     profile : QoSProfile
-        Reliable, or latched, only if all offers are; no deadline or liveliness asked for.
+        Reliable, or latched, only if all offers are; no deadline or liveliness requested.
     warnings : list of str
         What cannot be had.
     """

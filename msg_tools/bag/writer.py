@@ -334,7 +334,7 @@ class BagWriter:
         Parameters
         ----------
         wait : bool
-            False: write now, but sync in a thread of its own, and metadata.yaml now and then.
+            False: write now, but sync in its own thread, and metadata.yaml now and then.
         """
         self._check_open()
         self._guard(self._sync if wait else self._sync_soon)

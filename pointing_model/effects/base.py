@@ -85,7 +85,7 @@ class Effect:
         whatever its cause. By default that it follows its driver.
     only_shape : bool
         Whether the shape is all that speaks for the cause, and other things than effects of the
-        dictionary make it, too: even alone it is told as one possibility.
+        dictionary make it, too: even alone it is reported as one possibility.
     told : str
         The cause as people are told it beside others, the same of effects that are one cause; by
         default `cause`.

@@ -57,7 +57,7 @@ def propose(context, lacking, own):
 
 
 def _too_well_centred(context):
-    """Why a plate scale cannot be told; '' where it can.
+    """Why a plate scale cannot be determined; '' where it can.
 
     The noise of a star is in its miss distance and in its offset alike, which looks as a scale
     that is wrong by noise^2 / miss^2. Its sigma is noise / (miss sqrt(2 n)): it is `_LOOKS` of them
@@ -72,11 +72,11 @@ def _too_well_centred(context):
     good = np.isfinite(offset).all(axis=0) & np.isfinite(miss).all(axis=0)
     miss = np.array(miss)
     count = 2 * np.count_nonzero(good)
-    # some of very many rows tell their noise as well
+    # some of very many rows show their noise as well
     good = np.flatnonzero(good)[::1 + count // _ROWS]
     az, el, run = context.az[good], context.el[good], context.get('run')
     design = stacked_design(context.mount.names.physical, az, el, context.mount).T
-    if run is not None:  # each has zeros of its own
+    if run is not None:  # each has its own zeros
         members = run[good][:, None] == np.unique(run[good])[1:]
         none = np.zeros_like(members)
         design = np.hstack([design, np.vstack([members * np.cos(el)[:, None], none]),

@@ -7,7 +7,7 @@ from pointing_model.mount_kinds import KINDS, USUAL
 from .base import Effect, driver_word, effect, for_mount, form, the
 
 _TURN = 2.0 * np.pi
-_LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is told as a curve
+_LONG_WAVE = np.pi / 4.0  # rad, beyond which a wave is reported as a curve
 #: drivers that are given waves and bumps; air, stars and columns of the file get splines only
 _WAVY = (*(key for names in KINDS.values() for key in names.keys), 'time', 'order')
 _SECOND = {names.keys[1] for names in KINDS.values()}

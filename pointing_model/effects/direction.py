@@ -30,7 +30,7 @@ _SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
            'second_flexure': 'a curve of the elevation, as sin E',
            'fork_flexure': 'a curve of the hour angle, as cos h',
            'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
-#: which causes they are told as, where the other that is named has an effect of its own
+#: which causes they are reported as, where the other that is named has its own effect
 _SUMMARIES = {'second_flexure': 'second flexure of the tube (as sin E)'}
 #: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
 _ELSEWHERE = {

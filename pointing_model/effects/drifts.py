@@ -41,7 +41,7 @@ SYMBOLS = {'time': 't', 'temperature': 'T', 'order': 'n', 'run_hours': '(t - sta
 UNITS = {'time': '/h', 'run_hours': '/h', 'temperature': '/K', 'order': '/run'}
 _EACH = {'time': 'an hour', 'run_hours': 'an hour in each run', 'temperature': 'a degree',
          'order': 'over the run'}
-_LONG = 96.0 * _HOUR  # from here on a drift is told by the day
+_LONG = 96.0 * _HOUR  # from here on a drift is given by the day
 
 
 @form

@@ -20,7 +20,7 @@ def _part(of, keep):
 
 
 def parts(whole):
-    """Each coefficient of an effect as an effect of its own."""
+    """Each coefficient of an effect as its own effect."""
     if len(whole.coefficient_names) == 1:
         return [whole]
     return [effect('part', of=to_document(whole), keep=[i])

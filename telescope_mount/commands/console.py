@@ -16,7 +16,7 @@ from .. import interrupt
 PATIENCE = 1.0
 #: the same where no terminal is: until the first line, and from one to the next
 FIRST_LINE, NEXT_LINE = 2.0, 10.0
-#: of a step since its first, from where it is said how long the others will take
+#: of a step since its first, from where it is reported how long the others will take
 FEWEST_COUNTED = 2
 
 
@@ -57,7 +57,7 @@ class ProgressLine:
     Parameters
     ----------
     console : rich.console.Console, optional
-        That of the results, for a line a step where no terminal is; without it nothing is said
+        That of the results, for a line a step where no terminal is; without it nothing is reported
         there.
     unit : str
         What is counted.
@@ -318,7 +318,7 @@ def end_of_night(console, json, report, width=13):
 
 
 def write_outputs(console, args, document, what='result', model=None, page=None):
-    """Write what was asked for with --json, --save and --report, and say where.
+    """Write what was requested with --json, --save and --report, and say where.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def write_outputs(console, args, document, what='result', model=None, page=None)
         try:
             write(path)
         except OSError as error:
-            if error.filename is None:  # a full disk tells no name
+            if error.filename is None:  # a full disk gives no name
                 error.filename = str(path)
             raise
         print_files(console, {called: path})

@@ -105,7 +105,7 @@ def _run_model(args, console):
 
 
 def _whole_site(site, args):
-    """The site of a model, which no file tells: whole, or the latitude of an equatorial mount."""
+    """The site of a model, which no file gives: whole, or the latitude of an equatorial mount."""
     if site is None:
         return None
     if {'latitude', 'longitude'} <= set(site):

@@ -192,7 +192,7 @@ def mount_of(args):
 def place_of(args):
     """Origin of azimuth, site, weather, mount, equinox for reading a run, where options give them.
 
-    Of a site what is given: the rest is what the file tells, see `read_run`.
+    Of a site what is given: the rest is what the file gives, see `read_run`.
     """
     from dataclasses import replace
 
@@ -363,7 +363,7 @@ def refuse_existing(path, args):
 
 
 def is_list(args):
-    """Whether only the names of scenarios are asked for."""
+    """Whether only the names of scenarios are requested."""
     return getattr(args, 'scenario', None) == 'list'
 
 

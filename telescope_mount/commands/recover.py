@@ -80,7 +80,7 @@ def recover_log(bag, out=None):
     if bag.is_dir() and bag.resolve() in (out.resolve(), *out.resolve().parents):
         raise ValueError(f'{out} lies in the log itself; choose another folder with --out')
     reader = BagReader(bag)
-    # what the new log writes by itself, or what tells of the old files
+    # what the new log writes by itself, or what says of the old files
     own = ('rosbag2', OWN_RECORD, REPEATED_RECORD, STOPPED_RECORD)
     notes = []
     with BagWriter(out, metadata=reader.metadata.get(OWN_RECORD)) as new:

@@ -63,7 +63,7 @@ def run(args):
 
 
 def _column_doubts(path):
-    """Whether clock, site or readings of a run are wrong, and what is said of them, lines."""
+    """Whether clock, site or readings of a run are wrong, and what is reported of them, lines."""
     from calibration.analysis.diagnosis import MistakenColumns, check_columns
     from calibration.report.wording import wording
 

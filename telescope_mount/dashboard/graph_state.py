@@ -1,4 +1,4 @@
-"""The state of a graph, of the messages that were heard last: live ones or those of a log.
+"""The state of a graph, of the messages that were received last: live ones or those of a log.
 
 Needs no ROS: the messages of a log have the same fields.
 """
@@ -47,7 +47,7 @@ class StarRows:
     offset_x_arcsec, offset_y_arcsec : list of float
         Encoder - catalogue on the sky, as read.
     left_x_arcsec, left_y_arcsec : list of float
-        What zero and model in force leave of it; NaN for stars of another power-on.
+        What active zero and model leave of it; NaN for stars of another power-on.
     encoders_first_arcsec, encoders_second_arcsec : list of float
         Incremental - absolute encoder.
     """
@@ -76,7 +76,7 @@ class WatchState:
         Of the newest message, ISO 8601.
     joints : tuple of str
     reading_deg, rate_deg_s, wanted_deg : list of float or None
-        Of the incremental encoder; what is asked for at the time of the reading.
+        Of the incremental encoder; what is requested at the time of the reading.
     looks_at_deg, sent_to_deg : list of float or None
         Azimuth and elevation on the sky, by the readings.
     power_on : int or None
@@ -98,7 +98,7 @@ class WatchState:
     guard : str or None
         Its state.
     left_by : str
-        ``zero and model``, ``zero``, or '' where nothing is in force.
+        ``zero and model``, ``zero``, or '' where nothing is active.
     stars : StarRows
     nodes : dict of str to dict
         By name ``level`` (ok, warning, error, silent) and ``said``.
@@ -136,7 +136,7 @@ class WatchState:
 
 
 class LastMessages:
-    """Takes messages and tells the state.
+    """Takes messages and gives the state.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class LastMessages:
 
     @property
     def any(self):
-        """Whether anything of the graph was heard; what is in no namespace does not count."""
+        """Whether anything of the graph was received; what is in no namespace does not count."""
         return bool(self.last or self._nodes)
 
     def take(self, name, message, ns=0, arrived=None):

@@ -1,4 +1,4 @@
-"""The state that a log tells, at its end or at a time."""
+"""The state that a log gives, at its end or at a time."""
 
 from collections import deque
 
@@ -36,7 +36,7 @@ def log_messages(bag, namespace, end=None):
         raise ValueError(f'{bag.path} has no message of a graph in {namespace}: '
                          'name another with --namespace; `telescope-mount info` lists its topics')
     last = LastMessages(str(bag.path), namespace)
-    # a log has a time of its own
+    # a log has its own time
     wanted = [name for name in names if name in there and names[name] != topics.CLOCK.name]
     messages = bag.last_before(wanted, before)
     newest = {message.topic: message.log_time for message in messages}

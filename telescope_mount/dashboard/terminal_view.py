@@ -12,11 +12,11 @@ from rich.text import Text
 
 from msg_tools.terminal_signs import spelled
 
-#: columns from which the sky stands beside the numbers; of the sky; lines of it
+#: columns from which the sky is beside the numbers; of the sky; lines of it
 BESIDE, SKY_WIDE, SKY_HIGH = 76, 31, 15
 #: columns of a name before numbers, and of a number
 _NAME, _NUMBER = 12, 13
-#: stars in a row of bars; alarms that are told, and lines of each, where the window is full
+#: stars in a row of bars; alarms that are reported, and lines of each, where the window is full
 BARS, ALARMS, ALARM_LINES = 30, 5, 3
 _BARS, _PLAIN_BARS = '▁▂▃▄▅▆▇█', '_.-:=+*#'
 _BAD = 'bold red'

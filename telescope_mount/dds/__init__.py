@@ -42,7 +42,7 @@ def dds_environment(domain=None):
 
 
 def _fast_dds():
-    """Name of the Fast DDS that is asked for, or is installed and none is; else ''."""
+    """Name of the Fast DDS that is requested, or is installed and none is; else ''."""
     asked = os.environ.get(IMPLEMENTATION)
     if asked:
         return asked if asked in _FAST else ''

@@ -1,1 +1,1 @@
-"""What a mount may be told: limits, and the judgement of a commanded track before it is sent."""
+"""What a mount may be told: limits, and the check of a commanded track before it is sent."""

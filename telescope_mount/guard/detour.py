@@ -106,7 +106,7 @@ def _lead_time(check, here, vias):
     """Seconds until the axes have passed all points at the latest."""
     timing = check.limits.timing
     if not timing:
-        return 0.0  # as long as they like: each leg is judged once more when it begins
+        return 0.0  # as long as they like: each leg is checked once more when it begins
     seconds = 0.0
     for via in vias:
         cubic = resting(via)

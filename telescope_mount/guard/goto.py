@@ -1,7 +1,7 @@
-"""A supervisor of drivers that are told a place and slew to it as they like.
+"""A supervisor of drivers that are sent a place and slew to it as they like.
 
 What such a driver does on the way is its own. So it is sent the track alone, as far as it may be
-followed, and told again while all is well; that its axes keep to what was judged, all that lies
+followed, and told again while all is well; that its axes keep to what was checked, all that lies
 between where they were and the track, is seen in their readings.
 """
 
@@ -49,7 +49,7 @@ class GotoSupervisor(Supervisor):
         longest = float(np.abs(move).max())
         legs = math.ceil(longest / LONGEST)
         if legs > 1:
-            # where it comes by, that has been judged with the whole
+            # where it comes by, that has been checked with the whole
             there = here + np.clip(move, -longest / legs, longest / legs)
             self._vias = [tuple(there.tolist()), *self._vias]
             cubic = resting(there)

@@ -16,7 +16,7 @@ _TURN = 2.0 * np.pi
 
 
 def travel_of(mount):
-    """Ends of the travel of both axes where nothing else is said, deg.
+    """Ends of the travel of both axes where nothing else is given, deg.
 
     In the south an equatorial mount has the other pole up, and a German one goes through that.
 

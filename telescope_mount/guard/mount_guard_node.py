@@ -1,4 +1,4 @@
-"""The mount guard: what is asked for on `request` goes to the mount on `command`, if it may."""
+"""The mount guard: what is requested on `request` goes to the mount on `command`, if it may."""
 
 import time
 from contextlib import suppress
@@ -153,7 +153,7 @@ class MountGuard(ManagedNode):
         return max(now, self._supervisor.readings.stamp) if self._whole else now
 
     def _tick(self):
-        """Look; where this process was held up, once more what waits is heard before."""
+        """Look; where this process was held up, once more what waits is received before."""
         before, self._ticked = self._ticked, time.monotonic()
         self._late = self._ticked - before > 3.0 * LOOK and not self._late
         if not self._late:

@@ -1,7 +1,7 @@
 """Limits in the sky: what the tube keeps away from wherever it is, the Sun.
 
 One more is an entry of `SKY_LIMITS`: its parameter of the guard and its row in ``guard/status``,
-how tracks are judged and stars chosen follow from that.
+how tracks are checked and stars chosen follow from that.
 """
 
 from collections.abc import Callable

@@ -37,7 +37,7 @@ LATE = ('this machine is late: nothing was sent in time; the mount has stopped, 
 
 
 class Supervisor:
-    """What is asked for, where the axes are, and what is sent.
+    """What is requested, where the axes are, and what is sent.
 
     Parameters
     ----------
@@ -93,14 +93,14 @@ class Supervisor:
         if self.readings.here is None:
             self._check = TrackCheck(self._limits)
             if known and (self._goal is not None or self.state == 'parking'):
-                self._drop(stamp)  # another power-on: what was asked for was of this one
+                self._drop(stamp)  # another power-on: what was requested was of this one
                 self._set_state('stopped', OK if self._settings.whole else WARN,
                                 'the encoders give no number any more: home the mount')
         elif (jumped or not known) and not self._settings.turn_known:
             self._check = TrackCheck(self._limits.on_turn_of(self.readings.here[0]))
 
     def take_request(self, track, now, owner=''):
-        """A track that is asked for, or the one before once more: it is still wanted.
+        """A track that is requested, or the one before once more: it is still wanted.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Supervisor:
             self._begin(now)
 
     def _forget_future(self, now):
-        """After the clock has been set back, or began anew: whether what was asked for is over."""
+        """After the clock has been set back, or began anew: whether what was requested is over."""
         far = now + round(FAR * 1e9)
         if self._settings.whole or max(self._last, self._sent) <= far:
             return False
@@ -175,7 +175,7 @@ class Supervisor:
             self._set_state('idle', OK, 'the request was withdrawn')
 
     def _drop(self, now):
-        """Nothing is asked for any more, and nothing more is sent but a stop."""
+        """Nothing is requested any more, and nothing more is sent but a stop."""
         if self._course is not None and not self._settings.whole:
             self._brake(now)
         self._goal = self._course = None
@@ -193,7 +193,7 @@ class Supervisor:
     # --- a request ----------------------------------------------------------------------------
 
     def _begin(self, now, unread=False):
-        """Check what is asked for from where the axes are, and set out.
+        """Check what is requested from where the axes are, and set out.
 
         `unread`: from where it begins, where nothing was read yet.
         """
@@ -294,7 +294,7 @@ class Supervisor:
     # --- as time goes on ----------------------------------------------------------------------
 
     def is_request(self, track):
-        """Whether a track to send is what was asked for, unchanged."""
+        """Whether a track to send is what was requested, unchanged."""
         return (self._settings.whole and self._goal is not None
                 and track.angles is self._goal.angles)
 
@@ -313,7 +313,7 @@ class Supervisor:
         list of Track
             What to send to the mount.
         """
-        with suppress(ValueError):  # a refusal, which `state` tells
+        with suppress(ValueError):  # a refusal, which `state` gives
             self._step(now, due)
         out, self._out = self._out, []
         if out:
@@ -403,7 +403,7 @@ class Supervisor:
             raise ValueError(UNKNOWN)
         state = self._here(now)
         if max(map(abs, state.rates)) > 2.0 * STILL:
-            self._brake(now)  # it is a way of its own from there
+            self._brake(now)  # it is its own way from there
             state = AxisState(tuple(self._out[-1].angles[-1].tolist()))
         there = self._check.limits.nearest_turn(place, state.angles[0])
         circles = self._circles_at(now)

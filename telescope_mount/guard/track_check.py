@@ -1,4 +1,4 @@
-"""Judges a track before it is sent: over all of it, and the whole way of the axes onto it."""
+"""Checks a track before it is sent: over all of it, and the whole way of the axes onto it."""
 
 import math
 from operator import sub
@@ -29,7 +29,7 @@ NO_ANGLE = 100.0 * _TURN
 
 
 class TrackCheck:
-    """Judges tracks by the limits of a mount.
+    """Checks tracks by the limits of a mount.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class AllowedSky(NamedTuple):
     horizon : guard.limits.Horizon
     circles : guard.sky_limits.SkyCircles
     travel : tuple of (float, float)
-        Ends of both axes, rad; empty where an older guard does not tell.
+        Ends of both axes, rad; empty where an older guard does not report it.
     elsewhere : str
         Why that may be another sky: the guard goes by another site; '' where it does not.
     """
@@ -74,7 +74,7 @@ class AllowedSky(NamedTuple):
 
     @classmethod
     def from_rows(cls, rows, site):
-        """From the rows of a status; None where it does not tell. ValueError for bad ones."""
+        """From the rows of a status; None where it does not report it. ValueError for bad ones."""
         if not {LEAST, HORIZON} <= rows.keys():
             return None
         kept = [(limit, float(rows.get(limit.parameter, 0.0)) * DEG) for limit in SKY_LIMITS]

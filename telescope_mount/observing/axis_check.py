@@ -26,7 +26,7 @@ class FollowingCheck:
     near : float
         A smaller distance from the demand is no fault, rad.
     own_way : bool
-        The mount is told places, and slews to them as it likes: axis after axis, with rests.
+        The mount is sent places, and slews to them as it likes: axis after axis, with rests.
     since : float
         When it was commanded, s of the wall.
     """
@@ -82,7 +82,7 @@ class FollowingCheck:
             if goes.any():
                 self._then, self._since[:] = (here, way), now
             return self._stuck(now, here, demand, way)
-        # of its own: a demand that comes toward an axis that stands tells nothing
+        # of its own: a demand that comes toward an axis that stands gives nothing
         nearer = (left < self._least - NEARER) & (np.abs(wrap(here - self._then[0])) > NEARER)
         self._least = np.where(nearer, left, self._least)
         self._since[nearer] = now
@@ -106,7 +106,7 @@ class FollowingCheck:
         there, moved = np.abs(wrap(sent - demand)) < self._near, np.abs(here - before[0])
         still = np.abs(sent - before[1]) < NEARER
         off = np.abs(wrap(here - sent))
-        # a driver that is told places is sent far ahead at once
+        # a driver that is sent places is sent far ahead at once
         comes = off < np.abs(wrap(before[0] - sent)) - NEARER
         return ~there & (comes | ((off < AWAY) & (still | (moved > NEARER))))
 

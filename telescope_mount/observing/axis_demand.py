@@ -64,7 +64,7 @@ class Pointing:
     def place(self, stamps, site, air):
         """Angles (n,), (n,) at which the axes of a perfect mount look at it, rad.
 
-        On the side of the pier that is chosen when it is asked for the first time: where both
+        On the side of the pier that is chosen when it is requested the first time: where both
         reach it, that of the parity of its number, so that stars of both are on either side.
         """
         az, el = self.target.place(stamps * 1e-9, site, air)

@@ -15,7 +15,7 @@ _HOUR = 3600e9  # ns
 
 
 def distinguish_causes(night, step):
-    """Steps that take the stars that are asked for until nothing is asked any more.
+    """Steps that take the stars that are requested until nothing is asked any more.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def distinguish_causes(night, step):
 
 
 def _come_to(night, request, whole, tried):
-    """The star, with its axes where they come to it from the side that is asked for."""
+    """The star, with its axes where they come to it from the side that is requested."""
     value, mount = night.out.value, night.out.mount()
     stars, limits = night.targets.stars, night.targets.limits()
     now = max(night.exposer.now(), night.exposer.earliest)
@@ -97,5 +97,5 @@ def _go_beyond(night, there, sides):
     if mount.vertical:
         place[1] = np.clip(place[1], value('min_elevation_deg') * DEG,
                            value('max_elevation_deg') * DEG)
-    # where the guard refuses it the star is taken as it comes: its row tells how
+    # where the guard refuses it the star is taken as it comes: its row gives how
     yield from night.exposer.expose(AxesAtRest(place, mount))

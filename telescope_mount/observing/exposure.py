@@ -27,7 +27,7 @@ WORSE = 1.2
 #: how a mount is moved to see whether the camera is right, in units of what need not be centred:
 #: as far as can be from the axes and their middles, where one that is mirrored would be right
 BESIDE = np.array([np.cos(np.pi / 8.0), np.sin(np.pi / 8.0)])
-#: rows by which the camera is judged, and their columns
+#: rows by which the camera is tested, and their columns
 LAST, CAMERA_COLUMNS = 60, ('az', 'el', 'az_enc', 'el_enc', 'miss_x', 'miss_y', 'run')
 #: exposures in a row in which the axes swing that are no settling any more
 RESTLESS = 5
@@ -328,7 +328,7 @@ class Exposer:
     def _note_motion(self, track, before, exposed):
         """Whether the encoder follows what was commanded, as far as that can be told by now.
 
-        Returns how far off it is, rad; 0 where that cannot be told.
+        Returns how far off it is, rad; 0 where that cannot be determined.
         """
         instruments = self._instruments
         at = (instruments.stamp - track.start) * 1e-9

@@ -68,7 +68,7 @@ class Instruments:
     health : InstrumentHealth
         What the instruments say that cannot be.
     excused : bool
-        Whether the last `watch` came late: nothing can be judged by it.
+        Whether the last `watch` came late: nothing can be tested by it.
     look : callable
         Called at each exposure, so that `health` knows who publishes.
     """
@@ -116,7 +116,7 @@ class Instruments:
         return back
 
     def _look_for_jump(self, name, stamp, angle, frame, there):
-        """Say of a zero that jumps within a power-on; another power-on has a zero of its own."""
+        """Say of a zero that jumps within a power-on; another power-on has its own zero."""
         if frame != self._frames.get(name) or not any(map(math.isfinite, angle)):
             self._frames[name], self._zero_jumps[name] = frame, ZeroJumps(name != MOUNT)
             self.health.zero(name)
@@ -167,7 +167,7 @@ class Instruments:
         if self.power_on is not None and self.power_on.started in self._runs:
             self.run = self._runs[self.power_on.started]
         elif self.homed:
-            # whether it is the power-on of the last rows nobody can tell: a zero of its own
+            # whether it is the power-on of the last rows nobody can tell: its own zero
             self.run = self._newest = self._newest + 1
             if self.power_on is not None:
                 self._runs[self.power_on.started] = self.run
@@ -247,7 +247,7 @@ class Instruments:
     def watch(self, answer):
         """Say who has fallen silent, who has never spoken, and who is slow.
 
-        Where time is simulated instruments speak when they are asked, and nothing is said.
+        Where time is simulated instruments speak when they are asked, and nothing is reported.
 
         Parameters
         ----------

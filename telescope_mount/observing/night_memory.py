@@ -114,7 +114,7 @@ class NightMemory:
         return len(self._rows) - (int(others[-1]) + 1 if len(others) else 0)
 
     def add(self, row):
-        """Keep a row; as a run of its own, PointingRun."""
+        """Keep a row; as its own run, PointingRun."""
         self._take(row)
         return PointingRun({name: np.array([value], float) for name, value in row.items()
                             if name != 'stamp'}, self._meta)
@@ -156,12 +156,12 @@ def blind_summary(miss, lost=0, model=None):
     Parameters
     ----------
     miss : array_like, shape (n, 2)
-        Star - boresight towards +A and +E, rad, of first exposures: model and zero in force,
+        Star - boresight towards +A and +E, rad, of first exposures: active model and zero,
         nothing centred.
     lost : int
         Stars that were not in the field, and so are in no figure.
     model : PointingModel, optional
-        That was in force.
+        That was active.
 
     Returns
     -------

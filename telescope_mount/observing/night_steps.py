@@ -104,7 +104,7 @@ class NightSteps:
         self.set_state('waiting' if what else 'observing', what or self.progress.step)
 
     def set_state(self, state, text):
-        """Take the state of the plan, and what is said of it."""
+        """Take the state of the plan, and what is reported of it."""
         self.progress.state, self.text = state, text
 
     def send_checks(self):
@@ -180,7 +180,7 @@ class NightSteps:
         self.announce(self.outcome)
 
     def _do_tell_apart(self, step):
-        """What the calibration asks for, to tell causes apart."""
+        """What the calibration asks for, to separate causes."""
         self.outcome = yield from distinguish_causes(self, step)
         self.announce(self.outcome)
 

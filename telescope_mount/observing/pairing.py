@@ -205,7 +205,7 @@ class Exposures:
         self.restless = []
 
     def forget(self):
-        """The clock began anew: what was read before is of no time that will be asked for."""
+        """The clock began anew: what was read before is of no time that will be requested."""
         for readings in self._readings.values():
             readings.clear()
         self._frames.clear()

@@ -141,7 +141,7 @@ def night_plan(stars, exposures, reference=False, cycle='incremental'):
     exposures : int
         For each zero.
     reference : bool
-        Whether a model of an earlier night is in force.
+        Whether a model of an earlier night is active.
     cycle : {'incremental', 'absolute', 'both'}
         The encoders that begin another power-on in the middle of the night.
 

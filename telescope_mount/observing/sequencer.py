@@ -24,7 +24,7 @@ from .plan import POWER_CYCLES, parse_plan
 OVER = 'plan finished before this start: observe, or star_observer/anew, begins it anew'
 #: as the parameter `looks`: a thousand readings a second ask for it
 LOOKS = 0.02
-#: steps that need no exposure of their own, and make what is in force
+#: steps that need no exposure of their own, and make what is active
 MADE = ('calibrate_zero', 'fit', 'diagnose', 'judge')
 
 
@@ -183,7 +183,7 @@ class Sequencer:
         return True
 
     def pointing_changed(self):
-        """A new model or zero is in force."""
+        """A new model or zero is active."""
         self.night.exposer.forget_aim()
         self.advance()
 

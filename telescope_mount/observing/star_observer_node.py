@@ -1,6 +1,6 @@
 """The star observer: points the mount at catalogue stars and publishes the pointing offsets.
 
-Here are parameters, topics and time; what is done stands in `observing`, which knows no ROS.
+Here are parameters, topics and time; what is done is in `observing`, which knows no ROS.
 """
 
 import time
@@ -34,7 +34,7 @@ from .star_observer_params import PARAMS
 #: services that the steps of a plan call
 SERVICES = ('home', 'power_cycle', 'absolute/power_cycle', 'calibrate_zero', 'fit', 'diagnose',
             'judge')
-#: on which the instruments are heard
+#: on which the instruments are received
 INSTRUMENT_TOPICS = {MOUNT: topics.INCREMENTAL, ABSOLUTE: topics.ABSOLUTE,
                      CAMERA: topics.MISS_DISTANCE}
 #: wall seconds after which a publisher is one, whether its node has a name or not

@@ -1,7 +1,7 @@
 """The star to look at next: what it is expected to tell, for the time it takes.
 
 What a star will tell does not depend on what it shows: the covariance after it follows from where
-it stands (Fedorov 1972, Theory of optimal experiments). A star is judged by how much the mean
+it stands (Fedorov 1972, Theory of optimal experiments). A star is rated by how much the mean
 square pointing error over the places that matter falls, for each second of slew and exposure.
 """
 

@@ -68,7 +68,7 @@ class ZeroChoice:
     axes : star_choice.AxisLimits
         How far its axes turn.
     model : PointingModel or None
-        In force.
+        Active.
     run : int
         Number of the power-on.
     evening : int

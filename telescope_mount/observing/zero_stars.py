@@ -167,7 +167,7 @@ def zero_sigma(az, el, *, model=None, mount=ALTAZ, held=True, before=None):
     model : PointingModel, optional
         What is held: see `held_terms.Held`.
     mount : Mount, optional
-        Where no model tells it.
+        Where no model gives it.
     held : bool
         Whether errors of what is held count.
     before : Before, optional
@@ -196,7 +196,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
         What is held, with its covariance; without one each of the other terms within
         `held_terms.BROAD`.
     mount : Mount, optional
-        Where no model tells it.
+        Where no model gives it.
     before : Before, optional
         Exposures that count with those to come.
     keep : sequence of int
@@ -219,7 +219,7 @@ def choose_places(az, el, n, *, model=None, mount=ALTAZ, before=None, keep=(), s
         raise ValueError('no star to set a zero by')
     design = _NormalMatrices(Held(model, mount), before, change_too=not is_a_model(model))
     columns = design.columns(az, el)
-    # twice each, so that their scatter tells the noise
+    # twice each, so that their scatter gives the noise
     most = min(most, max(n // 2, 1), len(az))
     keep = list(keep)[:most]
     best = None

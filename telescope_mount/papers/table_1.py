@@ -85,7 +85,7 @@ def _case(night):
     if night is None:
         return None
     zero, before, after = (night['physical'][key] for key in ('zero', 'before', 'after'))
-    # on the sky, at the elevation that the zero's contamination by CA tells: 1 / cos E
+    # on the sky, at the elevation that the zero's contamination by CA gives: 1 / cos E
     cos_el = 1.0 / zero['contamination']['az']['CA']
     return {
         'polaris_off_arcsec': float(np.hypot(

@@ -23,7 +23,7 @@ from ...estimation.step_scan import neighbour_noise, random_walk, robust_fit, tw
 from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
 
-#: rows from which a walk is told from noise
+#: rows from which a walk is distinguished from noise
 _FEWEST = 20
 #: values that a fit must leave free
 _FREE = 8
@@ -86,7 +86,7 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
     angle : ndarray, shape (n,)
         Of the axis, rad.
     run : ndarray, shape (n,)
-        Power-on; each has a zero of its own.
+        Power-on; each has its own zero.
     alternatives : sequence of (ndarray, int)
         What explains it otherwise, together: columns, and how many numbers each costs.
     limit : float
@@ -216,7 +216,7 @@ def movements(night, model, budget, notes):
     model : PointingModel or None
     budget : Budget
     notes : list of Finding
-        Gets what could not be judged.
+        Gets what could not be tested.
     """
     plain = [event for axis in (0, 1) for event in difference_events(night, axis, budget)]
     sky = night.sky(plain, model, notes)
@@ -253,7 +253,7 @@ def _axis_drift(night, axis, events, budget, also):
         Its steps and drifts.
     budget : Budget
     also : sequence of ndarray, shape (n,)
-        Steps that the stars show at a moment of their own.
+        Steps that the stars show at their own moment.
 
     Returns
     -------
@@ -296,7 +296,7 @@ def zero_following(rows, budget=USUAL):
     -------
     Following
         Axes of which the counts of the incremental encoder drift, by the stars; nothing where the
-        stars cannot tell which encoder it is, or say that it is the other.
+        stars cannot determine which encoder it is, or say that it is the other.
     """
     if any(name not in rows for name in ('az_abs', 'el_abs', 'run', 'star', 'time')):
         return Following()

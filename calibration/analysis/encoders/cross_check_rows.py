@@ -24,7 +24,7 @@ NOTHING, BOTH = 'nothing', 'both encoders'
 #: they moved alike, as a turn of the mount about this axis would look too
 ALIKE = 'both or mount'
 
-#: stars from which the whole sky judges: five terms and the zeros of two power-ons are 9 numbers,
+#: stars from which the sky is compared: five terms and the zeros of two power-ons are 9 numbers,
 #: for which 12 stars have 24 values
 FEWEST_STARS = 12
 #: noise of a reading at least: a count of the incremental encoder (0.0686") / sqrt(12)

@@ -172,7 +172,7 @@ def power_on_zeros(night, noise, model=None):
     night : CrossCheckNight
     noise : NightNoise
     model : PointingModel, optional
-        Tells which exposures of stars are wild, and no more: without it all count.
+        Gives which exposures of stars are wild, and no more: without it all count.
     """
     out = []
     for interval in np.unique(night.interval):

@@ -1,1 +1,1 @@
-"""The terms of a mount night by night: how they wander, what moves them, what tonight's will be."""
+"""The terms of a mount night by night: how they drift, what moves them, what tonight's will be."""

@@ -20,7 +20,7 @@ from .season_filter import (
 )
 from .season_nights import Nights, days, table_rows
 
-#: stars with times of their own of a night that tells how fast terms wander
+#: stars with their own times of a night that gives how fast terms drift
 TELLING = 12
 _DAY = 86400.0
 _YEAR = 365.25
@@ -178,7 +178,7 @@ def analyse_season(season, *, declared=(), tonight=None, causes=None, alpha=ALPH
 
 
 def past_and_rates(season, mean):
-    """What nights before say of one to come, and of how terms wander within one.
+    """What nights before say of one to come, and of how terms drift within one.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def past_and_rates(season, mean):
 
 
 def _timed(run):
-    """Rows with times of their own, in order."""
+    """Rows with their own times, in order."""
     time, first = np.unique(run.get('time'), return_index=True)
     return run.select(first[np.isfinite(time)])
 

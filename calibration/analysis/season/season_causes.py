@@ -204,7 +204,7 @@ def _with(terms, causes):
 def _together(terms, found, candidates, variation, base, alpha):
     """Steps of one term that hide one another: with one taken the walk still has the others.
 
-    So they are taken one after the other, each where it gains most, and judged together: by F with
+    So they are taken one after the other, each where it gains most, and tested together: by F with
     as many coefficients, times the number of ways to choose as many. Those are kept each of which
     is beyond chance with the others there.
 

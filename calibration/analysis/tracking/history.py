@@ -1,4 +1,4 @@
-"""What earlier runs say of tonight's terms, and earlier nights of how fast they wander.
+"""What earlier runs say of tonight's terms, and earlier nights of how fast they drift.
 
 A model of `telescope-mount season` has both in its provenance (`PAST`, `RATES`).
 """
@@ -159,7 +159,7 @@ def rows_of(run, names):
 
 @dataclass(frozen=True)
 class Rates:
-    """How fast the terms of a mount wander, learned from its nights.
+    """How fast the terms of a mount drift, learned from its nights.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ def rates_of_nights(nights, *, settings=None, noise=None, as_nights=0.3, rounds=
     Parameters
     ----------
     nights : sequence of (PointingModel, PointingRun)
-        The model in force as a night began, and its stars in order, with ``time``.
+        The active model as a night began, and its stars in order, with ``time``.
     settings : TrackingSettings, optional
     noise : float, optional
         1 sigma of a star, rad, where a run has no ``sigma_x``, ``sigma_y``.

@@ -28,7 +28,7 @@ HONEST, OVER, UNDER = 'honest', 'over-confident', 'under-confident'
 
 @dataclass(frozen=True)
 class Measurement:
-    """A measurement as it stands in a log.
+    """A measurement as it is in a log.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ from ...estimation.gaussian_sum import PossibleJump
 #: rad in the root of an hour, hypotheses for the zeros of both axes and the lean of the first
 ZEROS = tuple(ARCSEC * v for v in (0.5, 0.8, 1.3, 2.2, 3.6, 5.9, 9.7, 16.0))
 TILTS = tuple(ARCSEC * v for v in (0.2, 0.8, 2.5))
-#: of all other terms; of a sensor, and of what is not the one that wanders
+#: of all other terms; of a sensor, and of what is not the one that drifts
 OTHERS, QUIET = 0.05 * ARCSEC, 0.3 * ARCSEC
 #: (1 sigma, rad; times an hour) of the jumps of an axis
 JUMPS = ((40.0 * ARCSEC, 0.02), (300.0 * ARCSEC, 0.005))
@@ -143,7 +143,7 @@ def lean_of_base(mount):
 
 
 def rate_hypotheses(names, mount, sensors, settings):
-    """How fast the state wanders, by each hypothesis.
+    """How fast the state drifts, by each hypothesis.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def rate_hypotheses(names, mount, sensors, settings):
     rates : ndarray, shape (r, n, n)
         What an hour adds to the covariance, rad^2.
     facts : list of dict
-        Of each ``zero`` and ``tilt`` (rad in the root of an hour) and ``who`` wanders.
+        Of each ``zero`` and ``tilt`` (rad in the root of an hour) and ``who`` drifts.
     """
     states = states_of(names, sensors)
     index, lean = mount.names.index, [mount.names.named(n) for n in ('AN', 'AW')]

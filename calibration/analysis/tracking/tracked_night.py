@@ -1,6 +1,6 @@
 """A night that is tracked: rows as the observer takes them, and the model after each.
 
-The model that it begins with stands in the provenance of every model that comes of it, so that
+The model that it begins with is in the provenance of every model that comes of it, so that
 who has the last one and the rows of the night has all: the same rows give the same numbers, here,
 after a restart and from the log.
 """
@@ -35,7 +35,7 @@ MOST_EVENTS, MOST_NIS = 50, 500
 _BEYOND = -2.0 * np.log(0.05)
 #: a model of a file that does not tell when it held is of another night, ns
 _A_DAY = 86_400_000_000_000
-#: of a model that tells of the nights before: just before the first star, ns
+#: of a model that says of the nights before: just before the first star, ns
 _BEFORE = 10**9
 #: readings from which the noise of absolute - incremental encoder is found
 _FEWEST = 8
@@ -59,8 +59,8 @@ class TrackedNight:
         Absolute - incremental encoder up to then, of `difference_of`, and what the base leans, of
         `lean_of`; None: it is no sensor.
     rates : list of dict, optional
-        How fast such nights wander, as of `history.Rates.document`; by default what the model
-        tells of it.
+        How fast such nights drift, as of `history.Rates.document`; by default what the model
+        says of it.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class TrackedNight:
         first = int(first * 1e9)
         held = model.provenance.get('last_stamp_ns')
         held = held if isinstance(held, int) else first
-        # one that tells of nights is of this one: how far nights differ is in it
+        # one that says of nights is of this one: how far nights differ is in it
         return cls(model, RunZero(0.0, 0.0), first - _BEFORE if PAST in model.provenance
                    else min(held, first - _A_DAY))
 
@@ -127,7 +127,7 @@ class TrackedNight:
         Raises
         ------
         ValueError
-            It did not, or what it tells of it is damaged.
+            It did not, or what it says of it is damaged.
         """
         kept = model.provenance.get(KEY)
         if not isinstance(kept, dict) or 'evening' not in kept:

@@ -34,7 +34,7 @@ from .motion_causes import (
     states_of,
 )
 
-#: from where it is said that something has happened
+#: from where it is reported that something has happened
 SURE = 0.65
 #: beyond this the model of the evening is moved to where the terms are: columns are first order
 _FAR, _ROUNDS = 30.0 * ARCSEC, 3
@@ -165,13 +165,13 @@ class Tracker:
         return self.filter.ahead(seconds / 3600.0)
 
     def rates(self):
-        """How fast zeros and lean wander by now, rad in the root of an hour, and what wanders.
+        """How fast zeros and lean drift by now, rad in the root of an hour, and what drifts.
 
         Returns
         -------
         dict
             ``zero`` and ``tilt`` (root of the mean square) and, with both encoders, ``who``:
-            how likely each is the one that wanders.
+            how likely each is the one that drifts.
         """
         weights = self.rate_weights
         out = {name: float(np.sqrt(weights @ [fact[name] ** 2 for fact in self.facts]))

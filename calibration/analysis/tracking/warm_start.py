@@ -1,7 +1,7 @@
 """A night that begins: the past, and three to five stars.
 
 A model of `telescope-mount season` has in its provenance what the terms have been from night to
-night and how fast they wander within one (`history`). With these a tracked night begins, and from
+night and how fast they drift within one (`history`). With these a tracked night begins, and from
 then on a `Tracker` follows.
 
 Four things may have happened since the last run: nothing, the zeros moved (an encoder that was

@@ -238,7 +238,7 @@ def zero_causes(season, tonight=None, alpha=ALPHA, *, leave_out=True, seed=1):
 
 
 def _axis(axis, found, line, used, names, enough, errors):
-    """What is said of one axis; see `zero_causes`."""
+    """What is reported of one axis; see `zero_causes`."""
     causes, alike, trend = (part[axis] for part in (found.causes, found.alike, found.trend))
     verdict = CAUSE if causes else INCONCLUSIVE if alike or trend else NOTHING
     known = line is not None and line.dof > 0

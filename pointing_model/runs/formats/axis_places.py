@@ -22,7 +22,7 @@ def observe_places(path, table, weather, origin, mount):
     """`az`, `el` of the rows from `ra`, `dec`, `time`, in the file's sense of azimuth.
 
     Of a mount that is no alt-azimuth one they are azimuth and elevation too, until `to_axes`.
-    Where the file has a sidereal clock (``lst_told``, radians) that tells the moment, and ``time``
+    Where the file has a sidereal clock (``lst_told``, radians) that gives the moment, and ``time``
     only the day.
 
     Raises
@@ -51,7 +51,7 @@ def observe_places(path, table, weather, origin, mount):
                                 columns['time'][known], site)
         columns['time'] = time
         _note_clock(meta, site if given_longitude else None)
-        if not given_longitude:  # the clock tells the day, and what comes after what
+        if not given_longitude:  # the clock gives the day, and what comes after what
             meta['time_is_utc'] = False
     table.exclude(np.abs(dec) > np.pi / 2, 'dec_deg is beyond 90')
     ok = (table.reasons == 0) & np.isfinite(ra) & np.isfinite(dec) & np.isfinite(time)
@@ -118,7 +118,7 @@ def mount_ascension(path, table):
 
 
 def _note_clock(meta, site):
-    """A note of how a sidereal clock became moments; `site` None: its longitude is not told."""
+    """A note of how a sidereal clock became moments; `site` None: its longitude is not given."""
     given = meta.pop('time_note', None)
     if given is None:
         return
@@ -135,7 +135,7 @@ def _whole_site(path, meta, sidereal_clock):
     Raises
     ------
     ValueError
-        It is not told.
+        It is not given.
     """
     given = known_site(meta)
     needed = ('latitude',) if sidereal_clock else ('latitude', 'longitude')

@@ -239,11 +239,11 @@ def derive_approach(table):
 
 
 def _sequence(columns):
-    """Rows in the order they were observed, and whether the time tells it."""
+    """Rows in the order they were observed, and whether the time gives it."""
     time = columns.get('time')
     if time is None or not np.isfinite(time).all() or np.ptp(time) == 0.0:
         return np.arange(len(columns['az'])), False
-    # clocks of their own may begin anew in each run
+    # their own clocks may begin anew in each run
     return np.lexsort((time, columns['run']) if 'run' in columns else (time,)), True
 
 
@@ -295,7 +295,7 @@ def _as_written(table):
         rows = rows[np.linspace(0, len(rows) - 1, _WRITTEN).astype(int)]
     columns = {**table.columns, **table.written}
     names = [name for pair in PAIRS if set(pair) <= set(columns) for name in pair]
-    if table.names is not ALTAZ.names:  # with the clock, which tells right ascensions
+    if table.names is not ALTAZ.names:  # with the clock, which gives right ascensions
         names += [name for name in ('lst_h', 'time') if name in columns]
     names += ['beyond'] if 'beyond' in columns else []
     return {'line': table.lines[rows], 'misplaced': misplaced[rows],

@@ -1,11 +1,11 @@
-"""Catalogue places of an unnamed equinox: J2000 or of date, if the rows tell.
+"""Catalogue places of an unnamed equinox: J2000 or of date, if the rows decide.
 
 A precession that is left out is a rotation about an axis that turns with the sky: to a mount it
 is a pole that lies elsewhere and walks with the sidereal time. Over a night of an hour or two that
-is a slow function of time, as wandering zeros are, and a curve of the direction where the sky is
-gone through in some order. So both equinoxes are judged with these in the model: beside the
+is a slow function of time, as drifting zeros are, and a curve of the direction where the sky is
+gone through in some order. So both equinoxes are tested with these in the model: beside the
 physical terms the other terms of the mount and what differs by the side of the pier, as one group,
-and zeros that wander as a random walk, as another, each with a size that the rows choose. What is
+and zeros that drift as a random walk, as another, each with a size that the rows choose. What is
 compared is the likelihood with all of them integrated out, so that what they can explain decides
 nothing (restricted likelihood: Patterson and Thompson, Biometrika 58, 545, 1971).
 """
@@ -17,17 +17,17 @@ from pointing_model import geometry
 from pointing_model.mounts import is_beyond
 from pointing_model.pointing_terms import stacked_design, terms_of
 
-#: the equinoxes that are tried; the first is taken where the rows do not tell
+#: the equinoxes that are tried; the first is taken where the rows do not decide
 J2000, OF_DATE = 'J2000', 'of date'
 #: log-likelihood by which one must be likelier than the other
 DECISIVE = 10.0
-_ROWS = 1000  # that are judged, evenly, of many
+_ROWS = 1000  # that are tested, evenly, of many
 _MODES = 6  # of the random walk of each axis
 _LEAST_NOISE = 0.5  # arcsec
 _OUTLIER = 6.0  # times the noise, from where a row has no weight
 _ROUNDS = 4
 _SIZES = (-8.0, 5.0)  # log of the size of a group, in units of the noise
-_FAR = 0.1  # rad, of a term, from where rows cannot tell it and it is not made exact
+_FAR = 0.1  # rad, of a term, from where rows cannot determine it and it is not made exact
 
 
 def which_fits(table, rows, icrs, apparent, mount):
@@ -65,7 +65,7 @@ def which_fits(table, rows, icrs, apparent, mount):
 
 
 def comparison(places, reading, time, mount):
-    """Which equinox the rows tell.
+    """Which equinox fits the rows.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def comparison(places, reading, time, mount):
         ``taken`` and ``other``; ``told``, whether the rows decide; ``likelier``, the equinox that
         is, and ``log_likelihood``, by how much; ``left_arcsec``, by equinox what the physical terms
         alone leave (robust, radial); ``polar_axis_arcsec``, by equinox the terms of the polar axis,
-        fitted alone (left out where no term is of it or the rows cannot tell them).
+        fitted alone (left out where no term is of it or the rows cannot determine them).
     """
     default, other = places
     places = {name: np.array(place) for name, place in places.items()}

@@ -39,7 +39,7 @@ def read(path, lines):
     right ascension and declination in the angles of its axes, beyond 90 degrees through the pole,
     and those of the image's centre by its WCS. Of an alt-azimuth mount (``# altaz``): azimuth and
     altitude of both; RTS2 counts azimuth from south through west. Angles in degrees. A comment
-    ``# frame: of date`` says so of the true places (default: told by the rows).
+    ``# frame: of date`` says so of the true places (default: given by the rows).
 
     Parameters
     ----------

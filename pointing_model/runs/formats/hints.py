@@ -20,7 +20,7 @@ _EPOCH = 1e8  # s: a number beyond is a time
 
 
 def meant(name):
-    """Axis and role that a column's name tells.
+    """Axis and role that a column's name gives.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ EQUINOXES = {'j2000': ICRS, 'date': OF_DATE}
 
 def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None, mount=None,
              equinox=None):
-    """Read a pointing run; the kind of file is told from its content.
+    """Read a pointing run; the kind of file is recognised by its content.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
         180 deg - A). By default what a comment in a TPOINT file says, else 'N'.
     site : pointing_model.sky.places.Site, or dict with some of its fields, optional
         Needed for ``ra_deg, dec_deg`` of a file that declares none. Kept as ``meta['site']`` in
-        place of what the file tells, what a dict has not as the file tells it; ``meta['notes']``
+        place of what the file gives, what a dict has not as the file gives it; ``meta['notes']``
         says so if its latitude is another than the file's.
     weather : pointing_model.sky.places.Weather, optional
         For the refraction of ``ra_deg, dec_deg`` in rows without ``temperature_c`` and
@@ -57,7 +57,7 @@ def read_run(path, *, azimuth_origin=None, site=None, weather=None, encoder=None
     encoder : {'enc', 'abs'}, optional
         'abs' takes the second encoder for the first, and the first for the second.
     mount : str or Mount, optional
-        In place of what the file tells, see `mounts.parse_mount`.
+        In place of what the file gives, see `mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
         Of ``ra_deg, dec_deg``, in place of what the file tells or what fits: J2000 (ICRS), or
         apparent places of date.
@@ -137,7 +137,7 @@ def _read_run(path, azimuth_origin, site, weather, encoder, mount, equinox):
 
 
 def _settle_mount(path, table, given):
-    """The mount, of what is given, of what the file tells, or by the names of its columns."""
+    """The mount, of what is given, of what the file gives, or by the names of its columns."""
     meta = table.meta
     declared = meta.pop('mount_declared', None)
     mount = given or declared
@@ -227,7 +227,7 @@ def _settle_origin(given, meta, altazimuth):
 
 
 def _settle_equinox(path, table, given):
-    """The equinox that was given, in place of what the file tells.
+    """The equinox that was given, in place of what the file gives.
 
     Raises
     ------

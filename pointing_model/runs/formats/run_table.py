@@ -55,7 +55,7 @@ class RunFormat(NamedTuple):
 
 @dataclass
 class Table(Exclusions):
-    """A run as it stands in the file: every row, in the file's units and azimuth.
+    """A run as it is in the file: every row, in the file's units and azimuth.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Table(Exclusions):
     lines : ndarray of int, shape (n,)
         Line of the file that each row begins on, from 1.
     meta : dict
-        ``format``, ``notes`` and what else the file tells.
+        ``format``, ``notes`` and what else the file gives.
     reasons : ndarray of object, shape (n,), optional
         Why a row is left out, 0 where it is not.
     commented : list of int
@@ -72,7 +72,7 @@ class Table(Exclusions):
     names : MountKind
         Of the axes, in the names of its columns.
     written : dict of str to ndarray, shape (n,)
-        Angles of the axes as they stand in the file where `columns` has them on their side of the
+        Angles of the axes as they are in the file where `columns` has them on their side of the
         pole; ``beyond``: whether a column of the side of the pier places the row beyond it.
     """
 

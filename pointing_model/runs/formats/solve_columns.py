@@ -17,7 +17,7 @@ SCALE, PARITY, SIGMA = 'scale_arcsec_px', 'parity', 'sigma_arcsec'
 
 
 def are_images(table):
-    """Whether the places are solutions of images: they have a sigma or a scale of their own."""
+    """Whether the places are solutions of images: they have a sigma or their own scale."""
     return bool(table.meta.get('solver_sigma') or table.meta.get('from_images'))
 
 

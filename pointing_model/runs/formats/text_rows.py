@@ -61,7 +61,7 @@ class TextRows(Exclusions):
             Name of the column.
         cells : sequence of str, shape (n,)
         bad : dict of int to str
-            Rows, and what is said of their cells.
+            Rows, and what is reported of their cells.
 
         Raises
         ------
@@ -224,7 +224,7 @@ def decimal_points(cells):
 
 
 def _no_number(cell):
-    """What is said of a cell that should be a number."""
+    """What is reported of a cell that should be a number."""
     if re.fullmatch(r'[-+]?\d+[ :hd°]\s*\d+.*', cell):
         return 'is not a number; write decimal degrees, as 45.5'
     if _COMMA.fullmatch(cell):

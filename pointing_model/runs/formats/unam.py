@@ -32,7 +32,7 @@ def read(path, lines):
 
     The catalogue is the solved place (J2000), the reading hour angle and declination of the mount;
     rotation 180 is the side through the pole. The stamp in the name has whole seconds, so the
-    moment is told by the sidereal time, which is hour angle plus right ascension of the mount.
+    moment is given by the sidereal time, which is hour angle plus right ascension of the mount.
 
     Parameters
     ----------

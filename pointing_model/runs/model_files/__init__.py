@@ -2,7 +2,7 @@
 
 A file for each program, whose `PROGRAM` is found by itself: its terms, signs and units, what it
 computes, its file. What they share (which columns a model is made of, what a program cannot hold
-and how much that is) stands in `term_columns` and `transfer`.
+and how much that is) is in `term_columns` and `transfer`.
 """
 
 from dataclasses import dataclass, field
@@ -46,7 +46,7 @@ class ImportedModel:
 
 
 def read_model(path, mount=ALTAZ):
-    """Read a model file of ours or of another program, told by its content.
+    """Read a model file of ours or of another program, recognised by its content.
 
     Parameters
     ----------

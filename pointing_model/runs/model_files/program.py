@@ -78,7 +78,7 @@ class Program:
 
 @dataclass
 class ModelFile:
-    """What stands in a file.
+    """What is in a file.
 
     Attributes
     ----------

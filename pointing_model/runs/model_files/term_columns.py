@@ -184,7 +184,7 @@ def model_columns(model):
     values : dict of tuple to float
         Column -> value, radians.
     sigma : dict of tuple to float
-        Standard errors of those that are a term of their own.
+        Standard errors of those that are their own term.
     left : list of str
         Parts that are no sum of such columns.
     """

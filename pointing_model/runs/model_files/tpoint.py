@@ -32,7 +32,7 @@ from .program import (
 )
 from .term_columns import TERM_KEYS, column, summed
 
-#: our coefficient for a unit of TPOINT's, of the terms with a name of their own
+#: our coefficient for a unit of TPOINT's, of the terms with their own name
 _NAMED = {'IA': 1, 'IE': -1, 'CA': 1, 'NPAE': 1, 'AN': 1, 'AW': 1, 'TF': 1, 'TX': 1, 'ECES': -1,
           'ACES': 1, 'ACEC': -1}
 _RESULT = {'A': ('az', 1), 'S': ('lr', 1), 'V': ('np', 1), 'E': ('el', -1), 'Z': ('el', 1)}

@@ -95,7 +95,7 @@ class Exported:
     text : str
         Of the file.
     terms : dict of str to float
-        As they stand in it, radians or plain numbers: see `listed`.
+        as they are in it, radians or plain numbers: see `listed`.
     direct, loss : ExportLoss
         With the terms taken over by name alone, and as they are in the file.
     elsewhere : ExportLoss or None
@@ -106,7 +106,7 @@ class Exported:
         Terms of the program that the model does not have, taken to hold what it has beyond.
     left : list of str
         Parts of the model that no term of the program is. What follows more than the direction
-        counts as zero in the file, and in the loss as the run tells it.
+        counts as zero in the file, and in the loss as the run gives it.
     notes : list of str
     sky : str
         On which the losses are.
@@ -213,7 +213,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     errors = {name: error for name, error in errors.items()
               if not (model.undetermined and name in nobody)}
     text = program.write(Sheet(terms, errors, **{'caption': 'telescope_mount', **(facts or {})}))
-    # what counts is what stands in the file, with its digits
+    # what counts is what is in the file, with its digits
     found = program.read('the exported file', text)
     read = _column_values(program, found.terms)
     loss, elsewhere = loss_of(target, program, read, sky), None
@@ -357,7 +357,7 @@ def _to_whole(program, values, sky):
 
 
 def imported(program, found, source=''):
-    """Our model of what stands in a file.
+    """Our model of what is in a file.
 
     Parameters
     ----------

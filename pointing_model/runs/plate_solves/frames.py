@@ -149,7 +149,7 @@ class Solved:
     weather : Weather
         Of each row.
     from_images : bool
-        Whether the rows are solutions of images (they have a sigma or a scale of their own), not
+        Whether the rows are solutions of images (they have a sigma or their own scale), not
         places of catalogue stars.
     """
 

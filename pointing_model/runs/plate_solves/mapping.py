@@ -253,7 +253,7 @@ _SIP = re.compile(r'(A|B|AP|BP)_(ORDER|DMAX|\d+_\d+)')
 #: keywords of the one description that has no letter at its end
 WCS = re.compile('|'.join([*(p.pattern for p in (_CD, _PC, _CROTA, _PV, _SIP)),
                            r'C(TYPE|RPIX|RVAL|DELT|UNIT)\d', 'LONPOLE', 'LATPOLE', 'WAT.*']))
-#: projections of IRAF: what bends them stands in WAT, which is not read
+#: projections of IRAF: what bends them is in WAT, which is not read
 _UNREAD = ('TNX', 'ZPX')
 
 

@@ -20,7 +20,7 @@ PROGRAMS = {
     'astap': (('astap_cli', 'astap'), 'astap and a star database of its own'),
 }
 _GRACE = 5.0  # s beyond its own limit, before a solver is ended
-_FREE = 6  # degrees of freedom, below which the scatter of the stars tells no sigma
+_FREE = 6  # degrees of freedom, below which the scatter of the stars gives no sigma
 _BLEND = 10.0  # times the median distance, beyond which a matched star is none
 _TAIL = 120  # characters of what a solver says last
 
@@ -79,7 +79,7 @@ class PlateSolver:
         solution : pointing_model.runs.plate_solves.fits_images.Solution
         sigma_arcsec : float
             1-sigma error of the place, an axis, from the scatter of the matched stars; NaN where
-            the solver tells none.
+            the solver gives none.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class PlateSolver:
         """What the solver says; it and all that it started are ended when its time is over."""
         with open(folder / 'said.txt', 'w+', encoding='utf-8', errors='replace') as output:
             try:
-                # a group of its own: solve-field leaves its engine behind when it is killed alone
+                # its own group: solve-field leaves its engine behind when it is killed alone
                 process = subprocess.Popen(
                     self.command(image.absolute(), folder), stdin=subprocess.DEVNULL, stdout=output,
                     stderr=subprocess.STDOUT, cwd=folder, start_new_session=True)
@@ -156,7 +156,7 @@ def _end(process):
 
 
 def find_solver(name=None, timeout=120.0, scale=None):
-    """The solver that is asked for, or the first that is installed.
+    """The solver that is requested, or the first that is installed.
 
     Parameters
     ----------

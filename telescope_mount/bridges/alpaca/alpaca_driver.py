@@ -21,11 +21,11 @@ class AlpacaDriver(GotoMount):
     mount, site, tolerance, retry
         As of `GotoMount`.
     set_site : bool
-        Whether the driver is told the site.
+        Whether the driver is sent the site.
     period : float
         Between two questions, s.
     dead_man : bool
-        Whether a process of its own stops the mount where this one dies.
+        Whether its own process stops the mount where this one dies.
     """
 
     def __init__(self, host, port, mount, site, number=0, tolerance=1.5e-5, set_site=True,

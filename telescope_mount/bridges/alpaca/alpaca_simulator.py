@@ -1,7 +1,7 @@
 """An Alpaca telescope with errors: ``python -m telescope_mount.bridges.alpaca.alpaca_simulator``.
 
 It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until Ctrl-C. Where its
-tube looks it tells by an action of its own, `TRUE_PLACE`, as no driver of a real mount can.
+tube looks it tells by its own action, `TRUE_PLACE`, as no driver of a real mount can.
 """
 
 import sys

@@ -20,7 +20,7 @@ KINDS = {0: 'altaz', 1: 'equatorial', 2: 'german'}
 OF_DATE = (0, 1)
 #: SideOfPier: pierEast looks west, as without going through the pole; -1 is unknown
 SIDES = {0: 'pierEast', 1: 'pierWest'}
-#: what is asked for at each tick
+#: what is requested at each tick
 POLLED = ('RightAscension', 'Declination', 'Slewing', 'Tracking', 'SideOfPier', 'AtPark')
 #: action of the simulator here: right ascension and declination of date at which its tube looks,
 #: and the angle of its second axis, rad
@@ -69,7 +69,7 @@ class AlpacaTelescope:
         Of the device on the server.
     """
 
-    #: the protocol tells no axis angles
+    #: the protocol gives no axis angles
     has_axes, believed, axes = False, True, None
 
     def __init__(self, host, port, number=0):
@@ -78,7 +78,7 @@ class AlpacaTelescope:
             self._device = Telescope(f'{host}:{port}', number)
         self.device = f'telescope {number} of {host} port {port}'
         self._state, self._received = {}, 0
-        self._at_once = True  # the server tells all of it in one answer
+        self._at_once = True  # the server gives all of it in one answer
 
     def ask(self, name, default=None):
         """A property; `default` where the driver does not have it."""
@@ -114,7 +114,7 @@ class AlpacaTelescope:
         Raises
         ------
         AlpacaError
-            It is no simulator that tells it.
+            It is no simulator that gives it.
         """
         before = time.time_ns()
         text = self.call('Action', TRUE_PLACE, '')
@@ -193,7 +193,7 @@ class AlpacaTelescope:
 
     @property
     def taken_up(self):
-        """When it was heard last that it follows the sky, ns; 0 where it does not."""
+        """When it was received last that it follows the sky, ns; 0 where it does not."""
         return self._received if self.tracks else 0
 
     @property

@@ -1,4 +1,4 @@
-"""One connection to an INDI server, kept up by a thread of its own.
+"""One connection to an INDI server, kept up by its own thread.
 
 indipyclient speaks the protocol and connects again after a connection was lost. Here are what a
 caller from another thread needs: the last values of each property, a wait with a limit, and errors
@@ -19,7 +19,7 @@ from .goto_mount import BridgeError
 SILENCE = 2
 #: s between looks at whether the server has closed the connection, and before one is tried again
 LOOK, AGAIN = 0.1, 0.5
-#: s to wait for a property unless said otherwise
+#: s to wait for a property unless stated otherwise
 PATIENCE = 10.0
 
 
@@ -64,7 +64,7 @@ class IndiClient:
         ``connection(up)``: as it is made or lost.
     blob : callable, optional
         ``blob(device, values, formats)``: bytes and their format by name, as images come that
-        `enable_blobs` has asked for.
+        `enable_blobs` has requested.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class IndiClient:
                             './install.sh ros,indi') from None
         logger = logging.getLogger('indipyclient')
         logger.addHandler(logging.NullHandler())
-        # what it logs is said here in other ways, and by the callers
+        # what it logs is reported here in other ways, and by the callers
         logger.propagate = False
         self.host, self.port = host, port
         self.connected = self._closed = False

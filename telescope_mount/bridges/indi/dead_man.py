@@ -1,9 +1,9 @@
-"""Stops a mount whose commander has died: a process of its own, which needs nothing but Python.
+"""Stops a mount whose commander has died: its own process, which needs nothing but Python.
 
-A driver that was told a place goes there, and tracks, whoever told it. So whoever commands has
+A driver that was sent a place goes there, and tracks, whoever told it. So whoever commands has
 this process beside it, and writes to its input: `ARMED` and `SAFE`, again and again. Where the
 input ends, or nothing comes for `SILENCE` seconds, while it is armed, it stops the mount at the
-server by a connection of its own, and again where the driver says that it has taken up its track.
+server by its own connection, and again where the driver says that it has taken up its track.
 
     python -I -S dead_man.py KIND HOST PORT DEVICE [SILENCE]
 """
@@ -37,7 +37,7 @@ _STOP = ''.join(
 
 
 class DeadMan:
-    """Starts the process, and tells it that all is well.
+    """Starts the process, and gives it that all is well.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A mount whose driver is told places, as the graph knows mounts: readings out, tracks in.
+"""A mount whose driver is sent places, as the graph knows mounts: readings out, tracks in.
 
 What is the same whatever protocol the driver speaks; see `driver` for INDI.
 """
@@ -43,7 +43,7 @@ class BridgeError(RuntimeError):
 class GotoMount:
     """Keeps a mount at a server ready, and its axes on the track that was commanded.
 
-    What blocks is done by a thread of its own; `step` is called often, by one thread. Who speaks
+    What blocks is done by its own thread; `step` is called often, by one thread. Who speaks
     a protocol gives `open`, `shut` and `find`, and a telescope with ``device``, ``has_axes``,
     ``believed``, ``axes``, ``place``, ``tracks``, ``taken_up``, ``beyond``, ``side``, ``slewing``,
     ``parked``, ``goto``, ``abort`` and ``prepare`` as `indi_telescope.IndiTelescope` has them.
@@ -151,7 +151,7 @@ class GotoMount:
     def check(self, telescope, may_move):
         """BridgeError where it is of another kind; whether it stands elsewhere than it should.
 
-        That is one as well, unless it may be told the site (`may_move`).
+        That is one as well, unless it may be sent the site (`may_move`).
         """
         if telescope.kind not in ('', self.mount.kind):
             raise BridgeError(f'{telescope.device} is a mount of the kind {telescope.kind}, and '

@@ -8,7 +8,7 @@ from .dead_man import DeadMan
 from .goto_mount import RETRY, GotoMount
 from .indi_telescope import IndiTelescope, Ticks, check_kind, find_device
 
-#: s in which a driver that was just connected, or told its site, tells its axes anew; one whose
+#: s in which a driver that was just connected, or told its site, gives its axes anew; one whose
 #: mount stands may tell nothing
 FRESH = 2.0
 
@@ -24,11 +24,11 @@ class MountDriver(GotoMount):
     device, axes : str
         As of `indi_telescope.find_device` and `indi_telescope.IndiTelescope`.
     set_site : bool
-        Whether the driver is told the site.
+        Whether the driver is sent the site.
     period_ms : int
         Of its readings, where it can be told; 0: as it is.
     dead_man : bool
-        Whether a process of its own stops the mount where this one dies.
+        Whether its own process stops the mount where this one dies.
     fresh : float
         So long, s, axes are waited for that are no relic of before.
     """

@@ -30,7 +30,7 @@ WAIT = 5.0
 
 
 class IndiMount(WorkerNode):
-    """Owns the connection; what is computed stands in `driver`."""
+    """Owns the connection; what is computed is in `driver`."""
 
     def __init__(self, name='indi_mount', params=PARAMS, hardware_id='mount of an INDI server',
                  **kwargs):
@@ -54,7 +54,7 @@ class IndiMount(WorkerNode):
 
     def deactivated(self):
         """Stop the mount."""
-        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was asked for
+        with suppress(BridgeError):  # it is not connected: whatever it does, nothing was requested
             self._driver.abort()
 
     def _on_command(self, message):

@@ -27,7 +27,7 @@ MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),
 
 
 def set_model(telescope, terms, kind='german'):
-    """Give the simulator errors of its own, which it applies on the sky before the flip.
+    """Give the simulator its own errors, which it applies on the sky before the flip.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def simulate(doc, protocol, port, serve, args=None):
         By default.
     serve : callable
         ``serve(given)``, with ``port``, ``seed`` and ``kind``, is a context that gives the server,
-        its terms (rad by their names) and what is said of their signs.
+        its terms (rad by their names) and what is reported of their signs.
     args : list of str, optional
 
     Returns

@@ -15,7 +15,7 @@ from pointing_model.sky.sky_params import KIND_OF_MOUNT, SKY_PARAMS, mount_of, s
 from .indi_sources import SERVER_PARAMS, SolvedSky, TrueSky
 from .star_field import StarField
 
-#: of what is looked at, whoever tells it
+#: of what is looked at, whoever gives it
 FIELD_PARAMS = (
     Param('field_deg', 0.33, 'radius of the field [deg]', 0.01, 5.0, fixed=True),
     Param('magnitude_limit', 8.0, 'faintest star, Hipparcos magnitude', -2.0, 12.0, fixed=True),

@@ -21,7 +21,7 @@ RETRY = 3.0
 
 
 class Source:
-    """Finds what it needs, in a thread of its own.
+    """Finds what it needs, in its own thread.
 
     Parameters
     ----------

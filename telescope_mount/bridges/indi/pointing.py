@@ -93,7 +93,7 @@ def axes_at(mount, ra, dec, time, site, beyond):
 class AxisFollower:
     """Brings the axes to where they are demanded, through a driver that only takes places.
 
-    A driver with a model of its own goes to a place of the sky, and its axes end beside the place
+    A driver with its own model goes to a place of the sky, and its axes end beside the place
     by that model; one without ends on it. Either way what counts is what the axes read: they are
     sent again, by as much farther as they fell short. Between two such steps the driver tracks.
 
@@ -110,7 +110,7 @@ class AxisFollower:
         By how much farther the axes are sent than demanded, rad.
     """
 
-    #: the correction is no larger: what was judged is where the axes are demanded, rad
+    #: the correction is no larger: what was checked is where the axes are demanded, rad
     LARGEST = 2.0 * DEG
 
     def __init__(self, mount, site, tolerance=1.0 * ARCSEC):

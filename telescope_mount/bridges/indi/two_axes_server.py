@@ -112,7 +112,7 @@ class TwoAxesServer:
             self._clients.remove(client)
         client.close()
 
-    # --- what is asked for --------------------------------------------------------------------
+    # --- what is requested --------------------------------------------------------------------
 
     def _accept(self):
         while not self._over.is_set():
