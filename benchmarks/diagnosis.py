@@ -344,7 +344,7 @@ def stream(table, args, rng):
             parts = [_chunk(i, min(20000, total - i)) for i in range(0, total, 20000)]
             write_csv(PointingRun.concatenate(parts), f'{folder}/run.csv')
             del parts
-            read = _used('from telescope_mount.runs import load_run',
+            read = _used('from telescope_mount.run_loader import load_run',
                          f'load_run({folder + "/run.csv"!r})')
             whole = _used('from telescope_mount.cli import main', f"main(['diagnose', "
                           f"'{folder}/run.csv', '--json', '{folder}/found.json'])")

@@ -29,7 +29,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.sky.places import Site, Weather, observed_to_icrs
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 SIGMAS = 5.0
 #: kind of mount, a column of the side of the pier, share of the rows through the pole (of a German

@@ -18,8 +18,8 @@ import numpy as np
 from calibration.analysis.run_fit import fit_run
 from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
+from msg_tools.whole_files import write_text
 from pointing_model.runs.run import PointingRun
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'test' / 'calibration'))

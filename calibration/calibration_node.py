@@ -13,8 +13,8 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
 from msg_tools.node_process import give_back
-from msg_tools.output import write_text
 from msg_tools.status_rows import Progress, handover_rows
+from msg_tools.whole_files import write_text
 from pointing_model.calibration_messages import expected_to_joints, text_to_pair, zero_to_joints
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel

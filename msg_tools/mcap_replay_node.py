@@ -8,8 +8,8 @@ from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
 from . import topics
-from .bag.names import prefixes_of
 from .bag.sqlite import open_bag
+from .bag.topic_names import prefixes_of
 from .bag.topic_selection import check_patterns
 from .convert import to_stamp
 from .node import MountNode, Param

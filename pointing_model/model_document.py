@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
+from msg_tools.whole_files import write_text
 
 from .fitted_effects import FittedEffect
 from .harmonics import Harmonics

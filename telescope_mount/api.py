@@ -29,14 +29,14 @@ from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
 from calibration.report.documents import diagnosis_document, fit_document
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC, DEG
+from msg_tools.whole_files import write_text
 from pointing_model import model_application as _apply
 from pointing_model.runs.copies import without_copies
 from pointing_model.runs.run import COLUMNS, PointingRun, column_name
 
 from .commands.options import place_of
-from .runs import load_run
+from .run_loader import load_run
 
 __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 

@@ -42,7 +42,7 @@ def main(argv=None):
         _silence_output()  # nobody reads on
         return 0
     except ImportError as err:
-        from .ros import missing
+        from .missing_ros import missing
         line = missing(err, command)
         if line is None:
             raise
@@ -71,7 +71,7 @@ def _run(args):
     from .commands.console import ProgressLine
     module = module_of(args.command.replace('-', '_'))
     if getattr(module, 'NEEDS_ROS', False) and not options.is_list(args):
-        from .ros import check
+        from .missing_ros import check
         check(args.command)
     options.check_files(args)
     with options.json_alone(args), ProgressLine(first=args.command):
@@ -99,7 +99,7 @@ def diagnose():
 
 
 def _one_line(err):
-    from msg_tools.output import reason
+    from msg_tools.whole_files import reason
     if isinstance(err, MemoryError):
         return f'not enough memory: {" ".join(str(err).split()) or "take fewer rows"}'
     if isinstance(err, FileNotFoundError) and err.filename:

@@ -15,8 +15,8 @@ from calibration.analysis.harmonic_fit import choice_of_report
 from calibration.night_series import state_of
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.names import prefix_of
 from msg_tools.bag.recorder import parameters_of
+from msg_tools.bag.topic_names import prefix_of
 from msg_tools.convert import from_stamp
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
@@ -24,11 +24,11 @@ from pointing_model.calibration_messages import joints_to_zero
 from pointing_model.model import PointingModel
 from pointing_model.model_document import KEY
 from pointing_model.runs.run_messages import cloud_to_run
-from telescope_mount.observing.clocks import offset_of
+from telescope_mount.observing.clock_offset import offset_of
 
 from .log_check_rows import RAW, Pairing, at_time, began_anew
 from .log_comparison import LogComparison, same_document
-from .runs import declared_by
+from .run_loader import declared_by
 
 #: states of the encoders' marks around a fit that are tried for a report without its own
 _STATES = 3

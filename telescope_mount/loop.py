@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from calibration.analysis.diagnosis.row_counts import reader_row_counts
-from msg_tools.output import tried, write_text
+from msg_tools.whole_files import tried, write_text
 from pointing_model.zero_drift import KEY as FOLLOWS
 from telescope_mount.observing.plan import parse_plan
 
@@ -64,7 +64,7 @@ def close_the_loop(out, *, scenario='', file=None, seed=1, stars=90, polaris=16,
     alpha : float
         Chance that a clean night gets any effect.
     place : dict, optional
-        For the measured run, as of `runs.load_run`: ``azimuth_origin``, ``mount``, ``site``,
+        For the measured run, as of `run_loader.load_run`: ``azimuth_origin``, ``mount``, ``site``,
         ``weather``, ``equinox``.
     seed, start_time, sky, mount, domain_number
         As of `night.run_night`.
@@ -169,7 +169,7 @@ def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
     from calibration.analysis.diagnosis import check_columns
 
-    from .runs import load_run
+    from .run_loader import load_run
     run = load_run(file, **place)
     check_columns(run)
     counts = reader_row_counts(run)

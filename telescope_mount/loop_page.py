@@ -24,8 +24,8 @@ from calibration.report.provenance import provenance_section, site_text
 from calibration.report.residual_figures import controls_alone, target
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.sqlite import open_bag
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
+from msg_tools.whole_files import write_text
 from pointing_model.effects.base import readable
 
 from .loop_tables import added, loop_sentences

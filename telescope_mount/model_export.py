@@ -8,8 +8,8 @@ import numpy as np
 from calibration.analysis.fit_result import undetermined_terms
 from calibration.report.terminal_tables import new_table
 from calibration.report.wording import wording
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
+from msg_tools.whole_files import write_text
 from pointing_model.context import Context
 from pointing_model.effects.base import driver_word, readable
 from pointing_model.model_application import zeros_of_rows
@@ -20,7 +20,7 @@ from pointing_model.runs.model_files.katpoint import description
 from pointing_model.zero import active_zeros
 
 from .commands.console import print_all, print_files, print_lines
-from .runs import load_run
+from .run_loader import load_run
 
 #: ``--to``: our own document
 MODEL = 'model'
@@ -73,7 +73,7 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
     mount : Mount, optional
         That a file of another program is of; by default an alt-azimuth one.
     **options
-        For `telescope_mount.runs.load_run`.
+        For `telescope_mount.run_loader.load_run`.
 
     Returns
     -------

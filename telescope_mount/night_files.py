@@ -4,7 +4,7 @@ import json
 from functools import partial
 from typing import NamedTuple
 
-from msg_tools.output import reason, tried, write_text
+from msg_tools.whole_files import reason, tried, write_text
 
 
 class Written(NamedTuple):

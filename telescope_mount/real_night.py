@@ -4,7 +4,7 @@ import json
 from functools import partial
 from pathlib import Path
 
-from telescope_mount.observing.clocks import sentence
+from telescope_mount.observing.clock_offset import sentence
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan, real_plan
 

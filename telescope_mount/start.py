@@ -32,7 +32,7 @@ def __getattr__(name):
         from msg_tools.node_process import node_of, run_node
         node = node_of(NODES[name])
     except ImportError as error:
-        from .ros import missing
+        from .missing_ros import missing
         line = missing(error, name)
         if line is None:
             raise

@@ -297,7 +297,7 @@ def _with_all_rows(latest, bag):
     from msg_tools.topics import OBSERVATIONS
     from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 
-    from .runs import with_rows_before
+    from .run_loader import with_rows_before
     table = latest[OBSERVATIONS.name]
     run = with_rows_before(cloud_to_run(table), Path(bag).parent)
     return {**latest, OBSERVATIONS.name: run_to_cloud(run, from_stamp(table.header.stamp))}

@@ -1,6 +1,6 @@
 """What the zeros of a season follow, for people: table, lines, CSV and plot."""
 
-from msg_tools.output import beside
+from msg_tools.whole_files import beside
 from pointing_model.runs.formats.cells import write_rows
 
 from ..analysis.zero.zero_causes import AXES, zero_causes

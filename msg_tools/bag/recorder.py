@@ -3,7 +3,7 @@
 import json
 from collections import deque
 
-from ..output import reason
+from ..whole_files import reason
 from .metadata import is_truth
 
 #: bytes that may wait for the first /clock before they are written with their sources' times

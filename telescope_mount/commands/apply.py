@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from msg_tools.output import beside
+from msg_tools.whole_files import beside
 
 from . import options
 

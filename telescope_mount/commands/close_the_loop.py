@@ -3,7 +3,7 @@
 
 from . import options
 
-#: see `telescope_mount.ros`
+#: see `telescope_mount.missing_ros`
 NEEDS_ROS = True
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from threading import RLock, Timer
 
-from msg_tools.output import tried, write_text
+from msg_tools.whole_files import tried, write_text
 
 from .. import interrupt
 

@@ -81,7 +81,7 @@ def _run(args):
     from calibration.report.wording import wording
     from msg_tools.forks import cores
 
-    from ..runs import load_runs
+    from ..run_loader import load_runs
     console = new_console()
     place = options.place_of(args) | {'graduation': args.graduation, 'drivers': args.cause}
     runs, empty = load_runs(args.runs, **place)

@@ -5,7 +5,7 @@ import re
 from itertools import islice
 from pathlib import Path
 
-from msg_tools.output import beside
+from msg_tools.whole_files import beside
 
 from . import options
 
@@ -133,7 +133,7 @@ def export_run(source, path, *, start=None, end=None, **options):
     Parameters
     ----------
     source : str or Path
-        What `telescope_mount.runs.load_run` takes.
+        What `telescope_mount.run_loader.load_run` takes.
     path : str or Path
         To write, ``.parquet`` or CSV; of CSV `load_run` gives the same run back, and a fit the
         same terms to 1e-9 arcsec.
@@ -159,7 +159,7 @@ def export_run(source, path, *, start=None, end=None, **options):
 
     from pointing_model.runs.formats import write_csv
 
-    from ..runs import load_run
+    from ..run_loader import load_run
     source, path = Path(source), Path(path)
     if path.exists() and path.samefile(source):
         raise ValueError(f'{path} would be written over the run it is made from')

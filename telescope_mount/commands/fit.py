@@ -56,7 +56,7 @@ def _run(args):
     from calibration.report.documents import fit_document
     from calibration.report.terminal_tables import fit_tables
 
-    from ..runs import load_run
+    from ..run_loader import load_run
     from .console import new_console, print_all, write_outputs
     # in logs of ours the zeros of the power-ons are known, and taken off
     run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,

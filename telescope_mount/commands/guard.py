@@ -4,7 +4,7 @@ from contextlib import closing
 
 from . import options
 
-#: see `telescope_mount.ros`
+#: see `telescope_mount.missing_ros`
 NEEDS_ROS = True
 
 #: services of the guard

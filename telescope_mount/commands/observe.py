@@ -4,7 +4,7 @@ from pathlib import Path
 
 from . import options
 
-#: see `telescope_mount.ros`
+#: see `telescope_mount.missing_ros`
 NEEDS_ROS = True
 
 

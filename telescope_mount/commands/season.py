@@ -36,7 +36,7 @@ def run(args):
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.formats import NoObservations
 
-    from ..runs import load_run
+    from ..run_loader import load_run
     from .console import ProgressLine, new_console, print_lines, write_outputs
     declared = []
     for text in args.since:

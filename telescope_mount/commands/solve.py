@@ -67,7 +67,7 @@ def _column_doubts(path):
     from calibration.analysis.diagnosis import MistakenColumns, check_columns
     from calibration.report.wording import wording
 
-    from ..runs import load_run
+    from ..run_loader import load_run
     try:
         run = load_run(path)
         return False, [wording(one) for one in check_columns(run).doubts(run.mount.names)]

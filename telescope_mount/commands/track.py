@@ -32,7 +32,7 @@ def run(args):
     from calibration.report.wording import worded
     from pointing_model.model import PointingModel
 
-    from ..runs import load_run
+    from ..run_loader import load_run
     from .console import ProgressLine, new_console, print_lines, write_outputs
     run = load_run(args.file, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)

@@ -65,7 +65,8 @@ def _print_state(args, state):
 
 
 def _graph(args):
-    from .. import domain, ros
+    from .. import domain
+    from .. import missing_ros as ros
     ros.check('watch')
     from ..graph_client import GraphClient
     number = domain.join(args.domain).number

@@ -11,7 +11,7 @@ from pointing_model.runs.run import PointingRun
 
 from .axis_check import FollowingCheck
 from .axis_demand import Conditions, Pointing, on_sky, track_to
-from .clocks import Drifting, row_of
+from .clock_offset import Drifting, row_of
 from .instrument_health import OFF_TARGET
 from .instruments import ABSOLUTE, CAMERA, MOUNT
 from .night_row import Measured, night_row
@@ -194,7 +194,7 @@ class Exposer:
             self.forget_aim()
 
     def drift(self, pointing, rate, place):
-        """Steps that make an exposure while the axes drift past a star, see `clocks`.
+        """Steps that make an exposure while the axes drift past a star, see `clock_offset`.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ class Exposer:
         Returns
         -------
         row : list or None
-            As of `clocks.row_of`; None where there was no star or the track was refused.
+            As of `clock_offset.row_of`; None where there was no star or the track was refused.
         second : list or None
             The same of the absolute encoder.
         place : ndarray, shape (2,)

@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
-from msg_tools.output import reason
 from msg_tools.status_rows import Progress
+from msg_tools.whole_files import reason
 
 FORMAT, VERSION = 'telescope_mount plan state', 1
 

@@ -17,7 +17,7 @@ from calibration.report.page_parts import (
     whole,
 )
 from calibration.report.provenance import provenance_section
-from msg_tools.output import write_text
+from msg_tools.whole_files import write_text
 
 from .encoder_test import PRINTED_STD, notes
 

@@ -3,7 +3,7 @@
 import json
 from functools import partial
 
-from msg_tools.output import beside, tried, write_text
+from msg_tools.whole_files import beside, tried, write_text
 from telescope_mount.observing.plan import parse_plan
 
 from ..graph import night_graph

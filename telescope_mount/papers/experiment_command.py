@@ -2,7 +2,7 @@
 
 from ..commands import options
 
-#: see `telescope_mount.ros`
+#: see `telescope_mount.missing_ros`
 NEEDS_ROS = True
 
 

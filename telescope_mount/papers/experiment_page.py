@@ -30,8 +30,8 @@ from calibration.report.residual_figures import (
 from calibration.report.zero_season_report import season_lines
 from calibration.report.zero_wording import COVARIATES as WORDS
 from calibration.rows import for_fitting
-from msg_tools.output import write_text
 from msg_tools.units import ARCSEC
+from msg_tools.whole_files import write_text
 from pointing_model.zero import RunZero, is_for_zero
 
 AXES = (('az', 'azimuth'), ('el', 'elevation'))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from msg_tools.output import beside
+from msg_tools.whole_files import beside
 from pointing_model.runs.formats import iso_utc
 from pointing_model.runs.formats.cells import write_rows
 from pointing_model.runs.formats.images import common_site, one_image, one_mount_of, refuse_absent

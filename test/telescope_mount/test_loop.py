@@ -22,7 +22,7 @@ from telescope_mount.loop import _site_of, close_the_loop, drive_error, loop_pla
 from telescope_mount.loop_outcome import outcome, paired, points_worse
 from telescope_mount.loop_tables import all_table, loop_sentences
 from telescope_mount.observing.plan import parse_plan
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 from telescope_mount.simulation import scenario_names, undeclared
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'

@@ -14,7 +14,7 @@ from pointing_model.runs.formats import iso_utc, write_csv
 from pointing_model.runs.plate_solves.frames import parse_frame
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import icrs_to_observed, observed_to_icrs
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 KNOWN = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 

@@ -21,7 +21,7 @@ from pointing_model.runs.plate_solves.fits_images import (
     solution_of,
 )
 from pointing_model.sky.places import Site, Weather, observed_to_icrs
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 if find_spec('astropy') is None:
     pytest.skip('needs astropy (./install.sh ros,test,images)', allow_module_level=True)

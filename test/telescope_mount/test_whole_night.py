@@ -23,7 +23,7 @@ from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
 from telescope_mount.graph import NIGHT, measured_graph, night_graph
 from telescope_mount.night_files import write_results
-from telescope_mount.runs import with_rows_before
+from telescope_mount.run_loader import with_rows_before
 from telescope_mount.whole_night import NightFailed, observe, prepare_folder
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'

@@ -13,7 +13,7 @@ NEED_ROS = ('night', 'observe', 'check-drivers', 'guard', 'lifecycle', 'watch', 
 SCRIPT = """
 import sys, io, json
 from contextlib import redirect_stderr, redirect_stdout
-from telescope_mount.ros import _ROS_PACKAGES
+from telescope_mount.missing_ros import _ROS_PACKAGES
 for name in _ROS_PACKAGES:
     sys.modules[name] = None  # as if it were not installed
 from telescope_mount.cli import main

@@ -4,8 +4,8 @@ import csv
 
 import numpy as np
 
-from msg_tools.output import beside
 from msg_tools.units import DEG
+from msg_tools.whole_files import beside
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name, known_site

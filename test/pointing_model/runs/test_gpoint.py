@@ -9,7 +9,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, parse_mount
 from pointing_model.runs.formats import NoObservations
 from pointing_model.sky.places import Site, Weather, observed_to_icrs, sidereal_time
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 SITE = Site(-35.5 * DEG, -69.45 * DEG, 1430.0)
 HEAD = '#  Observation MJD MNT-LST RA-MNT DEC-MNT AXRA AXDEC RA-TRUE DEC-TRUE\n'

@@ -11,7 +11,7 @@ from calibration.analysis.diagnosis.input_check import (
     check_columns,
 )
 from calibration.analysis.fit import fit_terms
-from calibration.analysis.solves import check_solves
+from calibration.analysis.solve_check import check_solves
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model import model_application as apply
@@ -23,7 +23,7 @@ from pointing_model.pointing_terms import design
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import Site, Weather, observed_to_icrs
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 TRUE = dict(zip(ALTAZ.names.physical, (120.0, -40.0, 15.0, -8.0, 20.0, 12.0, 25.0)))
 HEAD = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'

@@ -12,7 +12,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole
 from pointing_model.sky.places import Site, Weather, observed_to_icrs, sidereal_time
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 LATITUDE = 48.0 * DEG
 TERMS = dict(zip(('IH', 'ID', 'CH', 'NP', 'MA', 'ME', 'TF'), (60, -40, 35, -20, 45, -70, 20)))

@@ -6,13 +6,13 @@ from contextlib import suppress
 import numpy as np
 
 from calibration.analysis.diagnosis import check_columns
-from calibration.analysis.solves import check_solves
+from calibration.analysis.solve_check import check_solves
 from calibration.report.wording import wording
 from msg_tools import topics
 from msg_tools.bag import BagReader
-from msg_tools.bag.names import prefix_of
 from msg_tools.bag.recorder import parameters_of
-from msg_tools.output import log_of
+from msg_tools.bag.topic_names import prefix_of
+from msg_tools.whole_files import log_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount

@@ -15,7 +15,7 @@ from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run
 from telescope_mount.log_check import verify_log
 from telescope_mount.observing.pairing import centred
-from telescope_mount.runs import _readings, load_run, load_runs
+from telescope_mount.run_loader import _readings, load_run, load_runs
 
 HEADER = 'az_deg,el_deg,az_enc_deg,el_enc_deg\n'
 ROWS = HEADER + '10,20,10.1,20.1\n350,40,350.2,40.2\n100,60,100.3,60.3\n'
@@ -123,7 +123,7 @@ def test_an_exported_log_gives_the_same_fit(night, tmp_path):
 def test_a_log_tells_the_skyline_of_its_guard(monkeypatch, tmp_path, night):
     told = {'calibration': {'horizon': '', 'graduation': 'grating=47200'},
             'mount_guard': {'horizon': '0 10, 90 60'}}
-    monkeypatch.setattr('telescope_mount.runs.parameters_of',
+    monkeypatch.setattr('telescope_mount.run_loader.parameters_of',
                         lambda metadata, name: told[name.rpartition('/')[2]])
     run = load_run(night / 'bag')
     assert np.degrees(run.meta['skyline']) == pytest.approx(np.array([[0, 10], [90, 60]]))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from places import ROOT
 
-from msg_tools.output import beside, reason, tried, write_text
+from msg_tools.whole_files import beside, reason, tried, write_text
 
 PARTS = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
          'telescope_mount.bridges.indi', 'telescope_mount.bridges.alpaca', 'telescope_mount')
@@ -22,7 +22,7 @@ OTHERS = {
     'telescope_mount/processes.py': 'parameters of nodes, made for each night',
     'telescope_mount/cli.py': 'nobody',
     'telescope_mount/commands/options.py': 'nobody, and the standard output',
-    'telescope_mount/fork_server.py': 'output of nodes',
+    'telescope_mount/commands/console.py': 'the standard output',
     'telescope_mount/domain.py': 'a lock, which stays empty',
     'pointing_model/runs/plate_solves/solvers.py': 'for the solver, in a folder of its own',
     'telescope_mount/bridges/indi/indi_server.py': 'output of a server',
