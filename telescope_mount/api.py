@@ -370,10 +370,10 @@ def diagnose(runs, base='physical', *, alpha=0.01, holdout=(), encoder='enc', se
     if notes or copies:
         runs[0] = runs[0].select(slice(None))
         runs[0].meta = {**runs[0].meta, 'notes': [*runs[0].meta.get('notes', ()), *notes, *copies]}
-    check_columns([*runs, *held], encoder)
+    checked = [check_columns(each, encoder) for each in (runs, held)]
     (runs, held), _ = settled_together(runs, held, encoder=encoder)
     return RunDiagnosis(_diagnose(runs, base, alpha, holdout=held or None, encoder=encoder,
-                               seed=seed, progress=progress, jobs=jobs))
+                               seed=seed, progress=progress, jobs=jobs, checked=checked))
 
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero='newest', latitude_deg=None,

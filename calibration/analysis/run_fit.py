@@ -12,7 +12,7 @@ from pointing_model.zero import NO_ZERO
 
 from .diagnosis.implausible_terms import suspicious
 from .diagnosis.input_check import ColumnCheck, check_columns
-from .diagnosis.row_counts import fit_row_counts
+from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit import fit_terms
@@ -44,6 +44,8 @@ class RunFit:
         Of `RowCounts`.
     few_used : bool
         More than a third of the rows is left out.
+    excluded : list of dict
+        ``row`` in the file and ``reason`` of the rows that were left out.
     harmonics : dict or None
         As of `harmonic_fit.fit_chosen`, with ``harmonic_findings``.
     predicted : diagnosis.prediction.PredictiveModel or None
@@ -62,6 +64,7 @@ class RunFit:
     origin: Origin | None
     counts: dict
     few_used: bool
+    excluded: list
     harmonics: dict | None = None
     harmonic_findings: list = ()
     predicted: object = None
@@ -118,7 +121,7 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     halves = checked_by_halves(run, result, terms, encoder=encoder, robust=robust, **solver)
     counts = fit_row_counts(run, result)
     out = RunFit(run, encoder, result, result.model, result.model, columns, halves, origin,
-                 counts.to_dict(), counts.too_few, base=base)
+                 counts.to_dict(), counts.too_few, excluded_of_fit(run, result), base=base)
     if harmonics:
         fitted, out.harmonics, out.harmonic_findings = fit_chosen(
             run, harmonics, Recipe(NO_ZERO, False, terms, encoder, robust), result)

@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.rms import rms_arcsec
 
-from ..analysis.diagnosis.row_counts import RMS_KEYS, excluded_of_fit
+from ..analysis.diagnosis.row_counts import RMS_KEYS
 from .diagnosis_wording import limit_words
 from .noise_wording import correlation_sentence
 from .wording import wording
@@ -45,7 +45,7 @@ def fit_document(found):
         'undetermined': [one['text'] for one in result.dropped], **found.counts,
         'columns_alike': found.columns.alike, 'readings': [],
         'excluded': [{'row': int(one['row']), 'reason': one['reason']}
-                     for one in excluded_of_fit(run, result)],
+                     for one in found.excluded],
         'notes': list(map(wording, found.findings)),
         'harmonics': found.harmonics and {
             **found.harmonics, 'notes': list(map(wording, found.harmonic_findings))},

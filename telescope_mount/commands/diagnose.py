@@ -90,7 +90,8 @@ def _run(args):
     for one in runs:
         if args.horizon:
             one.meta['skyline'] = args.horizon
-    check_columns([*runs, *(held or ())], args.encoder)  # before minutes of work
+    # before minutes of work
+    checked = [check_columns(each or (), args.encoder) for each in (runs, held)]
     base = _base_file(args.base, runs[0].mount)
     if base:
         runs, held = ([base.taken_off(base.matched(run), args.encoder) for run in each]
@@ -103,7 +104,7 @@ def _run(args):
         found = diagnose(runs, '+'.join(base.terms) if base else args.base, args.alpha,
                          holdout=held, own_terms=args.own, encoder=args.encoder, seed=args.seed,
                          sessions=args.sessions, progress=progress, jobs=args.jobs or cores(),
-                         first_answer=partial(print_finding, console))
+                         first_answer=partial(print_finding, console), checked=checked)
     found.whole = not (base and base.held is not None)
     document = diagnosis_document(found)
     view = view_of(found, document)

@@ -328,7 +328,7 @@ def fit_causes(run, choice, i, causes, fit):
         ``value_arcsec``, ``sigma_arcsec``, ``unit``) and ``terms`` (name: ``value_arcsec``,
         ``sigma_arcsec``); None for a cause that is tried by its score alone.
     fit : callable
-        ``fit(chosen)``: a choice as the found one is fitted.
+        ``fit(chosen)``: as `RunProblem.fits`, as the choice found is fitted.
     """
     one, own = choice.chosen[i], choice.significances[i]
     bank, group = one.family(run.problem, choice.chosen)
@@ -345,7 +345,7 @@ def fit_causes(run, choice, i, causes, fit):
 
 
 def _fitted(run, chosen, fit):
-    model, _ = run.model(fit(chosen), chosen)
+    model, _ = run.model(fit(chosen)[0], chosen)
     one = model.effects[0]
     return {
         'coefficients': [

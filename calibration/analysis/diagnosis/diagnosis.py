@@ -1,5 +1,7 @@
 """Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
 
+from functools import partial
+
 import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
@@ -31,8 +33,8 @@ from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import add_page_figures
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
-from .row_counts import refused_if_few, row_word
-from .row_facts import repeats
+from .row_counts import diagnosis_row_counts, refused_if_few, row_word
+from .row_facts import repeats, unequal_scatter, worst_rows
 from .run_problem import RunProblem
 from .sessions import arrange, split
 from .validation import FOLDS, cross_validated, hold_out, mark_undecided, partitions_of
@@ -48,7 +50,7 @@ _MORE = 1.02  # what terms fitted beside a wander leave over those without, from
 def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None, encoder='enc',
              flips=FLIPS, folds=FOLDS, seed=0, cross_validation=True,
              most_rows=MOST_ROWS, sessions=None, partitions=None, progress=None,
-             first_answer=None, jobs=1):
+             first_answer=None, jobs=1, checked=None):
     """Find the effects that a model lacks, and prove the gain.
 
     Parameters
@@ -90,6 +92,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     jobs : int
         Folds of the cross-validation at a time, in processes that are forked: not where threads
         of a ROS node hold locks. The result is the same.
+    checked : sequence of ColumnCheck, optional
+        Of the runs, and of those held out, where their columns are checked already.
 
     Returns
     -------
@@ -102,8 +106,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     ValueError
         Too few usable rows for the base, unknown terms, or a bad option.
     """
-    checked = check_columns(runs, encoder)
-    held = check_columns(holdout or (), encoder)
+    checked, held = checked or [check_columns(each, encoder) for each in (runs, holdout or ())]
     if not 0.0 < alpha < 1.0:
         raise ValueError(f'alpha {alpha} is no probability between 0 and 1')
     hours = None
@@ -123,6 +126,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         result = with_held_terms(result, left_open)
     result = refused_if_few(result)
     add_page_figures(result)
+    result.counts = diagnosis_row_counts(result).to_dict()
+    result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
     result.columns_alike = checked.alike
     if obs.whole:
         result.notes.append(Finding('rows searched', len(obs), unit='rows',
@@ -176,7 +181,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     _refine_steps(run, choice)
     fits = _fits(run, choice, left, mixed)
     result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
-                       lambda some: _fit_of(run, some, left, mixed)[0])
+                       partial(run.fits, left=left, mixed=mixed))
     twice = repeats(problem.sequence.group, obs.lines, result.residual_after, row_word(obs.run))
     result.notes += [twice] if twice else []
     if left is not None:
@@ -238,7 +243,7 @@ def _fits(run, choice, left, mixed):
     What is not beyond chance is no reason for another fit. Without the effects noise with memory
     is mostly what they do: before them the rows are taken as `fit` takes them.
     """
-    fitted, choice.fit = _fit_of(run, choice.chosen, left, mixed)
+    fitted, choice.fit = run.fits(choice.chosen, left, mixed)
     if left is not None and not choice.chosen:
         return fitted, fitted
     return run.exact_fit([], run.problem.plain.fit([], final=True)), fitted
@@ -252,16 +257,6 @@ def _models(run, choice, fits, mixed):
     memory = choice.fit.memory
     return tuple(run.model(run.whole_fit(fit, chosen, memory if fit is fits[1] else (), mixed),
                            chosen, run.obs.whole) for fit, chosen in fitted)
-
-
-def _fit_of(run, chosen, left, mixed):
-    """The exact fit of a choice, and the weighted fit by which it is made."""
-    plain = run.problem.plain.fit(chosen, final=True)
-    if left is None:
-        return run.exact_fit(chosen, plain), plain
-    fit = run.problem.fit(chosen, final=True)
-    return (run.exact_fit(chosen, fit) if mixed else
-            run.exact_fit(chosen, plain, fit.noise)), fit
 
 
 def _without_memory(run, choice, fitted):

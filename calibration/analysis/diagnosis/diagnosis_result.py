@@ -14,8 +14,7 @@ from pointing_model.pointing_terms import stacked_design
 from pointing_model.rms import radial_arcsec, rms
 
 from .diagnosis_base import Base, Observations
-from .row_counts import RMS_KEYS, diagnosis_row_counts
-from .row_facts import unequal_scatter, worst_rows
+from .row_counts import RMS_KEYS
 
 
 @dataclass
@@ -136,6 +135,10 @@ class Diagnosis:
         Whether the rows are what the encoders read, and nothing was taken off before.
     correlations : tuple
         Names and matrix, see `page_figures.correlations`.
+    counts : dict
+        Of `RowCounts`.
+    worst_rows, unequal_scatter : dict or None
+        See `row_facts`.
     """
 
     verdict: str
@@ -167,6 +170,9 @@ class Diagnosis:
     unphysical: list = field(default_factory=list)
     whole: bool = True
     correlations: tuple = ((), None)
+    counts: dict = field(default_factory=dict)
+    worst_rows: dict | None = None
+    unequal_scatter: dict | None = None
 
     def add_correlation(self, entry):
         """Take a `residual_correlation.correlation_entry`."""
@@ -187,7 +193,7 @@ class Diagnosis:
             'observations': len(self.observations), 'runs': len(self.observations.runs),
             'base_terms': self.base.names(), 'verdict': self.verdict, 'before': self.before,
             'after': self.after, 'noise_floor_arcsec': self.noise_floor_arcsec,
-            'effects': [e.to_dict() for e in self.effects], **diagnosis_row_counts(self).to_dict(),
+            'effects': [e.to_dict() for e in self.effects], **self.counts,
             'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
@@ -196,9 +202,9 @@ class Diagnosis:
                 self.observations, self.weights) if self.whole else None,
             'as_read_terms': raw_terms(self) if self.whole else [],
             'equinox': self.observations.run.meta.get('equinox_taken'),
-            'cv_contiguous': self.cv_contiguous, 'worst_rows': worst_rows(self),
+            'cv_contiguous': self.cv_contiguous, 'worst_rows': self.worst_rows,
             'held_out': self.held_out, 'no_star': self.no_star,
-            'unequal_scatter': unequal_scatter(self),
+            'unequal_scatter': self.unequal_scatter,
             # what is left beside terms that were taken off before has any sign
             'unphysical': self.unphysical if self.whole else [],
             'approach_from': self.observations.run.meta.get('approach_from'),

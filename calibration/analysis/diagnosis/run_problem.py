@@ -148,6 +148,15 @@ class RunProblem:
         return exact_fit(self.obs, self.base, self.problem.design(chosen), self.start,
                          self.problem.b, fit.weights, fit.scale, fit.noise, true_noise)
 
+    def fits(self, chosen, left, mixed):
+        """The exact fit of a choice, and the weighted fit by which it is made."""
+        plain = self.problem.plain.fit(chosen, final=True)
+        if left is None:
+            return self.exact_fit(chosen, plain), plain
+        fit = self.problem.fit(chosen, final=True)
+        return (self.exact_fit(chosen, fit) if mixed else
+                self.exact_fit(chosen, plain, fit.noise)), fit
+
     def whole_fit(self, fitted, chosen, memory=(), mixed=True):
         """`exact_fit` of all rows of which these are a part.
 
