@@ -154,7 +154,7 @@ def asked_for(name, seed, size, args, diagnosis, least=None):
                   **({} if least is None else {'least_chance': least}))
     while True:
         taken = len(night.run()) - FIRST
-        judged = apart.judge(night.run(), args.stars)
+        judged = apart.compare(night.run(), args.stars)
         if judged.request is None or taken >= args.stars:
             return judged, taken, night
         night.asked(judged.request)
@@ -163,10 +163,10 @@ def asked_for(name, seed, size, args, diagnosis, least=None):
 def anywhere(name, seed, size, args, diagnosis):
     """Stars anywhere, as many."""
     night, apart = Night(name, seed, size), Discrimination(diagnosis, args.hours)
-    taken, judged = 0, apart.judge(night.run(), ask=False)
+    taken, judged = 0, apart.compare(night.run(), ask=False)
     while taken < args.stars and judged.state != ONE_CAUSE:
         night.anywhere()
-        taken, judged = taken + 1, apart.judge(night.run(), ask=False)
+        taken, judged = taken + 1, apart.compare(night.run(), ask=False)
     return judged, taken
 
 

@@ -71,7 +71,7 @@ class StarRequests:
             if state.rows.forgotten != self._forgotten:
                 raise ValueError('some that were diagnosed are of a power-on that is not kept any '
                                  'more (kept_power_ons); diagnose again')
-            found = worded(self._causes.judge(
+            found = worded(self._causes.compare(
                 stars_without_zeros(state.observations(until), *self._stars)).to_dict())
         except (ValueError, np.linalg.LinAlgError) as err:
             found = {'state': CANNOT, 'says': f'the stars cannot be judged: {err}',

@@ -85,15 +85,15 @@ def _chances(design, b, least_noise):
     free = np.eye(2 * n) - u @ u.T  # residual = free @ b
     own = np.arange(2 * n).reshape(2, n)
     blocks = free[own[:, None], own].transpose(2, 0, 1)  # (n, 2, 2)
-    judged = np.linalg.det(blocks) > _ALONE
-    inverse = np.linalg.inv(np.where(judged[:, None, None], blocks, np.eye(2)))
+    usable = np.linalg.det(blocks) > _ALONE
+    inverse = np.linalg.inv(np.where(usable[:, None, None], blocks, np.eye(2)))
     error_of = inverse @ free[own].transpose(1, 0, 2)  # (n, 2, 2n): error predicted = this @ b
     error = error_of @ b
     # what a fit without the row leaves of the others, and the freedom that it leaves each
     left = free @ b - np.einsum('pai,ia->ip', free[:, own], error)
     freedom = np.diag(free) - np.einsum('pai,iap->ip', free[:, own], error_of)
     freedom = freedom.reshape(n, 2, n).sum(axis=2)
-    enough = judged[:, None] & (freedom >= LEAST)
+    enough = usable[:, None] & (freedom >= LEAST)
     freedom = np.maximum(freedom, 1.0)
     noise = np.maximum(np.square(left).reshape(n, 2, n).sum(axis=2) / freedom, least_noise**2)
     parts = np.square(error_of).reshape(n, 2, 2, n).sum(axis=3) * noise[:, None]

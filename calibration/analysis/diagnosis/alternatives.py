@@ -292,22 +292,22 @@ def alternatives(problem, choice, choices):
 
 
 def _to_one(problem, choice, i, alone, lines, taken):
-    one, stand, bank = choice.chosen[i], choice.significances[i], problem.dictionary
+    one, found, bank = choice.chosen[i], choice.significances[i], problem.dictionary
     own = bank.effects[one.group]
-    taken = taken | {bank.effects[k].cause_summary for k in stand.equals}
+    taken = taken | {bank.effects[k].cause_summary for k in found.equals}
     limit, out = alone.max(initial=0.0) - SET_WIDTH, {}
     for g in np.flatnonzero(signal_shares(problem, choice, i) >= _MOST):
         e = bank.effects[g]
-        if e.kind != 'effect' or e.cause_summary in taken or not np.isfinite(stand.every[g]):
+        if e.kind != 'effect' or e.cause_summary in taken or not np.isfinite(found.every[g]):
             continue
         if not min(alone[g], alone[one.group]) > max(limit, 0.0):
             continue
         instead = sum(e.line in some and own.line not in some for some in lines)
-        behind = min(stand.delta_bic - stand.every[g], stand.behind.get(int(g), np.inf))
+        behind = min(found.delta_bic - found.every[g], found.behind.get(int(g), np.inf))
         known = out.get(e.cause_summary)
-        if known is None or stand.every[g] > stand.every[known.group]:
+        if known is None or found.every[g] > found.every[known.group]:
             out[e.cause_summary] = Alternative(int(g), {
-                **cause_entry(e, float(stand.every[g])), 'behind': float(behind),
+                **cause_entry(e, float(found.every[g])), 'behind': float(behind),
                 'alone': float(alone[g]), 'found_alone': float(alone[one.group]),
                 'instead': instead, 'folds': len(lines),
                 'open': bool(lines) and instead >= OFTEN * len(lines)})

@@ -33,7 +33,7 @@ def _of_axes(first, second):
 
 
 #: the names of the axes say of which mount an effect is
-_TOLD = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(*names.keys))
+_ROWS = dict.fromkeys(row for names in KINDS.values() for row in _of_axes(*names.keys))
 #: phases of two columns that belong together, shape (k, 2)
 _PHASES = np.array([[np.cos(a), np.sin(a)] for a in (np.arange(48) + 0.5) * np.pi / 48])
 _SURE = 1e4  # lambda^2 of what no run overlooks
@@ -69,7 +69,7 @@ def detectable(problem, chance, alpha):
     free = max(live - len(fit.basis) / 2, 4)  # each axis has noise of its own
     names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}
     out = []
-    for name, factor, unit in _TOLD:
+    for name, factor, unit in _ROWS:
         g = names.get(name)
         if g is None or scores.dof[g] < len(bank.of(g)):
             continue

@@ -23,7 +23,7 @@ from .next_observations import (
 )
 
 #: 2 ln(likelihood ratio) from which a member is out: of two 1 in 100 is wrong (Wald 1945)
-TOLD = 9.2
+SEPARATE = 9.2
 #: chance below which stars that are left are not worth their time
 LEAST_CHANCE = 0.1
 #: chance from which nobody waits longer, or something else that could be observed is named
@@ -194,7 +194,7 @@ class Pair:
                          part)
                 left -= part
             adds = max(view.separation() - before, 1e-9)
-            out += p * ndtr((lead + adds - TOLD) / (2.0 * np.sqrt(adds)))
+            out += p * ndtr((lead + adds - SEPARATE) / (2.0 * np.sqrt(adds)))
         return float(out)
 
 

@@ -1,9 +1,9 @@
 """Causes that explain a run equally well, told apart by stars that are asked for.
 
 After a diagnosis with an ambiguous verdict each star that comes is judged by the members of the
-sets alone: each is fitted with all terms to all rows, and a member is out that is `TOLD` behind the
-best. Until one is left, or no star that could be had is likely to tell more, the best next star is
-asked for. What is said follows from the diagnosis and the rows alone, not from the way there.
+sets alone: each is fitted with all terms to all rows, and a member is out that is `SEPARATE` behind
+the best. Until one is left, or no star that could be had is likely to tell more, the best next star
+is asked for. The result follows from the diagnosis and the rows alone, not from the way there.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from pointing_model.effects import smooths
 from ..finding import Finding
 from .alternatives import likelihood_ratio
 from .diagnosis_base import observations
-from .discriminating_star import ENOUGH, LEAST_CHANCE, TOLD, Pair, Points, drivers_of, needed
+from .discriminating_star import ENOUGH, LEAST_CHANCE, SEPARATE, Pair, Points, drivers_of, needed
 from .run_problem import RunProblem, effect_bank
 
 #: stars that are asked for at most
@@ -142,7 +142,7 @@ class Discrimination:
             raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
                              'tell apart')
 
-    def judge(self, runs, most=MOST_STARS, ask=True):
+    def compare(self, runs, most=MOST_STARS, ask=True):
         """How the sets stand by all rows.
 
         Parameters
@@ -181,7 +181,7 @@ class Discrimination:
         question = CauseSet(match.best.name)
         close = []
         for effect, behind in match.others:
-            if behind >= TOLD:
+            if behind >= SEPARATE:
                 question.out[effect.name] = behind
             else:
                 close.append((effect, behind))
@@ -232,7 +232,7 @@ class Discrimination:
         row['differ_sigma'] = round(float(np.sqrt(differ[0][j])), 2)
         row['why'] = Finding('star to discriminate', row['differ_sigma'], unit='sigma',
                              causes=(question.best, nearest), evidence={
-                                 'behind': float(pairs[0].behind), 'told': TOLD})
+                                 'behind': float(pairs[0].behind), 'told': SEPARATE})
         return row
 
 
@@ -290,13 +290,13 @@ class _SetMatch:
         free = 1.0 - len(self._fit.basis) / (2.0 * n)
         behind = free * ((gains + cost)[best] - gains - cost) + cost - cost[best]
         self.best = bank.effects[best]
-        stand = [(bank.effects[g], float(behind[g])) for g in (*members, *close)]
-        self._by_models(stand, beside, free)
-        self.others = sorted(((e, max(value, 0.0)) for e, value in stand),
+        ranked = [(bank.effects[g], float(behind[g])) for g in (*members, *close)]
+        self._by_models(ranked, beside, free)
+        self.others = sorted(((e, max(value, 0.0)) for e, value in ranked),
                              key=lambda one: one[1])
 
-    def _by_models(self, stand, beside, free):
-        """Judge members with others of their own beside them by whole models; the best leads."""
+    def _by_models(self, ranked, beside, free):
+        """Compare members with others of their own beside them by whole models; the best leads."""
         problem, n = self._problem, self._problem.n
 
         def model(effects):
@@ -308,20 +308,20 @@ class _SetMatch:
             return sum(e.scanned for e in effects if e.scan is not None)
 
         first, lead = [*self._others, self.best], None
-        for k, (e, value) in enumerate(stand):
+        for k, (e, value) in enumerate(ranked):
             if e.name in beside:
                 second = [*beside[e.name], e]
                 models = model(first), model(second)
                 misfit, (size, other), _ = likelihood_ratio(problem.b, *zip(*models))
                 more = other + scanned(second) - size - scanned(first)
-                stand[k] = e, min(value, float(free * misfit + more * np.log(n)))
-                if stand[k][1] < min(0.0, 0.0 if lead is None else stand[lead][1]):
+                ranked[k] = e, min(value, float(free * misfit + more * np.log(n)))
+                if ranked[k][1] < min(0.0, 0.0 if lead is None else ranked[lead][1]):
                     lead = k
         if lead is None:
             return
-        e, ahead = stand[lead]
-        stand[:] = [(other, value - ahead) for other, value in stand if other is not e]
-        stand.append((self.best, -ahead))
+        e, ahead = ranked[lead]
+        ranked[:] = [(other, value - ahead) for other, value in ranked if other is not e]
+        ranked.append((self.best, -ahead))
         self.best, self._others = e, beside[e.name]
         self._fit = model([*self._others, e])[1]
 

@@ -111,9 +111,9 @@ def _error_of_mean(squares):
     sums, counts = np.array([b.sum() for b in blocks]), np.array([len(b) for b in blocks])
     without = np.log((sums.sum() - sums) / (n - counts))
     k = len(blocks)
-    apart = (k - 1) / k * np.square(without - without.mean()).sum()
-    if apart * n > scatter * fdtri(k - 1, n, 0.95):
-        return np.sqrt(apart), k - 1
+    between = (k - 1) / k * np.square(without - without.mean()).sum()
+    if between * n > scatter * fdtri(k - 1, n, 0.95):
+        return np.sqrt(between), k - 1
     return np.sqrt(scatter / n), n - 1
 
 

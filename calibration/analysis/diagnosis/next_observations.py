@@ -37,7 +37,7 @@ SHORT = 2.0 * DEG  # a last move in which a hysteresis is not yet complete
 
 
 def propose(problem, obs, base, choice, alternatives=None):
-    """Observations that separate the best effect from the strongest rival that they can separate.
+    """Observations that separate the best effect from the strongest alternative that they can.
 
     Parameters
     ----------
@@ -60,49 +60,49 @@ def propose(problem, obs, base, choice, alternatives=None):
         names), and ``separation_before``: delta BIC between them by the rows there are;
         ``separation_after``: the same to be expected with all proposals so far.
     none : list of list of str
-        An effect and its strongest rivals, where no observation tells it from any.
+        An effect and its strongest alternatives, where no observation tells it from any.
     """
     out, none, grid = [], [], _grid(obs)
-    for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
+    for i, (one, significance) in enumerate(zip(choice.chosen, choice.significances)):
         others = [c.effect(problem) for j, c in enumerate(choice.chosen) if j != i]
         bank, group = one.family(problem, choice.chosen)
         own = bank.effects[group].cause_summary
         look_at = bank.effects[group].look_at
         # what people are told as another cause, and look for elsewhere, comes first, what takes
         # more effects last
-        rivals = [] if one.curve else sorted(
-            [*stand.equals, *(alternatives[i] if alternatives else ())],
-            key=lambda k, bank=bank, own=own, look_at=look_at, more=stand.larger: (
+        near = [] if one.curve else sorted(
+            [*significance.equals, *(alternatives[i] if alternatives else ())],
+            key=lambda k, bank=bank, own=own, look_at=look_at, more=significance.larger: (
                 bank.effects[k].cause_summary == own, bank.effects[k].look_at == look_at,
                 k in more))
-        for rival in rivals[:_MOST_EQUALS]:
-            *pair, shared = _members(problem, one.effect(problem), others, bank.effects[rival],
-                                     stand.others.get(rival))
+        for other in near[:_MOST_EQUALS]:
+            *pair, shared = _members(problem, one.effect(problem), others, bank.effects[other],
+                                     significance.others.get(other))
             proposals = _separate(problem, obs, base, choice.fit, pair, shared, grid,
-                                  abs(stand.every[group] - stand.every[rival]))
+                                  abs(significance.every[group] - significance.every[other]))
             last = proposals[-1]
             if last['separation_after'] > last['separation_before'] + _WORTH:
                 out += proposals
                 break
         else:
-            tried = [bank.effects[k] for k in rivals[:_MOST_EQUALS]]
+            tried = [bank.effects[k] for k in near[:_MOST_EQUALS]]
             if tried and tried[0].cause_summary != own:
                 none.append([one.effect(problem).name, *dict.fromkeys(
                     e.name for e in tried if e.cause_summary != own)])
     return out, none
 
 
-def _members(problem, best, others, rival, beside):
-    """What the models of an effect and of its rival have alone, each itself first, and in common.
+def _members(problem, best, others, other, beside):
+    """What the models of an effect and an alternative have alone, each itself first, and in common.
 
-    A rival may have others of its own beside it, a list of CandidateGroup, else None.
+    An alternative may have others of its own beside it, a list of CandidateGroup, else None.
     """
     if beside is None:
-        return [best], [rival], others
+        return [best], [other], others
     own = [choice.effect(problem) for choice in beside]
     both = {e.name for e in own} & {e.name for e in others}
     return ([best, *(e for e in others if e.name not in both)],
-            [rival, *(e for e in own if e.name not in both)],
+            [other, *(e for e in own if e.name not in both)],
             [e for e in others if e.name in both])
 
 
@@ -375,13 +375,13 @@ def _coefficients(rows, b):
 class Prospect:
     """One member of the pair is true; how well can the other follow it. Rows are whitened."""
 
-    def __init__(self, shared, shared_grid, truth, rival, b, noise):
+    def __init__(self, shared, shared_grid, truth, other, b, noise):
         p = _coefficients(np.vstack((shared, truth[0])), b)
         coefficients = p[len(shared):]
         self._signal = coefficients @ truth[0]
         self._signal_grid = coefficients @ truth[1]
-        self._rows = np.vstack((shared, rival[0]))
-        self._grid = np.vstack((shared_grid, rival[1]))
+        self._rows = np.vstack((shared, other[0]))
+        self._grid = np.vstack((shared_grid, other[1]))
         self._noise, self._m = noise, truth[1].shape[1] // 2
 
     def _fit(self):

@@ -117,7 +117,7 @@ def correlation_entry(found, problem, context, chosen, residual):
     """
     sequence = problem.sequence
     unit = 3600.0 if sequence.timed else 1.0
-    apart = _apart(sequence)
+    distance = _pair_distance(sequence)
     gap = sequence.gap
     usual = float(np.quantile(gap[np.isfinite(gap)], 0.9))
     axes, slow = {}, False
@@ -125,14 +125,14 @@ def correlation_entry(found, problem, context, chosen, residual):
         problem.inverse_sigma.reshape(2, -1), axis=1)
     typical = np.broadcast_to(typical, 2)
     seen = PairDifferences(context, sequence, residual,
-                           problem.plain.fit(chosen).weights > 0.0, apart)
+                           problem.plain.fit(chosen).weights > 0.0, distance)
     for name, one in found.axes.items():
         axis = ('az', 'el').index(name)
         near = one.scale**2 + one.variance * -np.expm1(-float(np.median(gap[np.isfinite(gap)]))
                                                        / one.memory)
         axes[name] = {'sigma_arcsec': float(np.sqrt(one.variance) / ARCSEC),
                       'memory': float(one.memory / unit), 'span': sequence.span / unit,
-                      'unit': 'hours' if sequence.timed else 'rows', 'apart': apart / unit,
+                      'unit': 'hours' if sequence.timed else 'rows', 'apart': distance / unit,
                       'angle': one.scaled, **seen.to_dict(axis),
                       'row_to_row_arcsec': float(np.sqrt(near) * typical[axis] / ARCSEC),
                       'trend': trend(problem, chosen, name, one)}
@@ -148,8 +148,8 @@ def correlation_entry(found, problem, context, chosen, residual):
             'within_deg': seen.within, 'pairs': seen.pairs()}
 
 
-def _apart(sequence):
-    """How far apart two rows are of which is said how they differ."""
+def _pair_distance(sequence):
+    """How far apart two rows are whose difference is given."""
     if not sequence.timed:
         return 10.0 if _PART * sequence.span >= 10.0 else 3.0
     return next((s for s in (3600.0, 600.0) if s <= _PART * sequence.span), 60.0)
@@ -281,11 +281,11 @@ class PairDifferences:
         What is left, radians.
     live : ndarray of bool, shape (n,)
         Rows with weight.
-    apart : float
+    distance : float
         In the order, in units of the sequence's position.
     """
 
-    def __init__(self, context, sequence, residual, live, apart):
+    def __init__(self, context, sequence, residual, live, distance):
         rows = sequence.order[live[sequence.order]]
         places = context.mount.direction(context.az, context.el).T[rows]
         position, run, m = sequence.position[rows], sequence.run[rows], len(rows)
@@ -297,12 +297,12 @@ class PairDifferences:
         # of two anchors each pair is there twice: that changes no mean
         first, second = _one_run(run, first[first != second], second[first != second])
         since = np.abs(position[first] - position[second])
-        self._far = [v[np.abs(since - apart) <= _ABOUT * apart] for v in (first, second)]
+        self._far = [v[np.abs(since - distance) <= _ABOUT * distance] for v in (first, second)]
         between = _between(places, *self._next)
         #: degrees on the sky
         self.within = max(float(np.median(between)) if len(between) else 0.0, _NEAR)
         self._near_next = [v[between <= self.within] for v in self._next]
-        later = (since >= apart) & (_between(places, first, second) <= self.within)
+        later = (since >= distance) & (_between(places, first, second) <= self.within)
         self._near_later = [v[later] for v in (first, second)]
 
     def pairs(self):

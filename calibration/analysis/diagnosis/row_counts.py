@@ -94,10 +94,10 @@ def diagnosis_row_counts(result):
     """
     obs = result.observations
     sources = obs.sources if len(set(obs.sources)) > 1 else None
-    told = _told(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
+    counts = _row_counts(result.residual_after, result.weights, obs.excluded, obs.lines, sources,
                  word=row_word(obs.run))
     left = len(obs.whole) - len(obs) if obs.whole else 0
-    return replace(told, read=told.read + left, not_drawn=left)
+    return replace(counts, read=counts.read + left, not_drawn=left)
 
 
 def fit_row_counts(run, result):
@@ -114,7 +114,7 @@ def fit_row_counts(run, result):
     """
     usable = np.isfinite(result.residual_x)
     left = np.stack((result.residual_x, result.residual_y))[:, usable]
-    return _told(left, result.weights[usable],
+    return _row_counts(left, result.weights[usable],
                  [*run.meta.get('excluded', ()), *result.excluded], run.lines[usable],
                  stars=run['star'][usable] if 'star' in run else None, word=row_word(run))
 
@@ -130,7 +130,7 @@ def row_word(run):
     return 'row' if run.meta.get('lines') is None else 'line'
 
 
-def _told(left, weights, excluded, lines, sources=None, stars=None, word='row'):
+def _row_counts(left, weights, excluded, lines, sources=None, stars=None, word='row'):
     lost, copies = _lost(excluded)
     away = np.flatnonzero(~(weights > 0.0))
     away = away[np.argsort(-np.hypot(*left[:, away]), kind='stable')]
@@ -187,11 +187,11 @@ def refused_if_few(result):
     Diagnosis
         Its verdict is ``refused`` then, its model that of the base.
     """
-    told = diagnosis_row_counts(result)
-    if not told.too_few:
+    counts = diagnosis_row_counts(result)
+    if not counts.too_few:
         return result
     return replace(
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, cautions=[told.refusal], wander=None, detectable=None,
+        cv_contiguous={}, cautions=[counts.refusal], wander=None, detectable=None,
         expected=None, no_star=[])

@@ -24,7 +24,7 @@ GAPS = (3.0, 6.0, 12.0)
 #: what is tried beside the zeros, together: where the camera sits, how the axis leans, how the
 #: tube and the axes stand
 _MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
-#: stretches that each session is divided in, to leave one out; a shorter session is not judged
+#: stretches that each session is divided in, to leave one out; a shorter session is not compared
 _PARTS, _LONG_ENOUGH = 3, 9
 #: rows that the question is put to, at most
 _ROWS = 10000
@@ -240,13 +240,13 @@ class _SessionTrial:
             rows = np.flatnonzero(label == session)
             place[rows[np.argsort(self._order[rows])]] = np.arange(len(rows))
             size[rows] = len(rows)
-        judged = self._live & (size >= _LONG_ENOUGH)
+        long_enough = self._live & (size >= _LONG_ENOUGH)
         total = 0.0
         for part in range(_PARTS):
             out = np.tile(place * _PARTS // size == part, 2)
             left, _ = self._fit(columns, np.where(out, 0.0, self._root))
-            total += np.square((left * self._root)[out & np.tile(judged, 2)]).sum()
-        return bic, np.sqrt(total / max(judged.sum(), 1))
+            total += np.square((left * self._root)[out & np.tile(long_enough, 2)]).sum()
+        return bic, np.sqrt(total / max(long_enough.sum(), 1))
 
     def _fit(self, columns, root):
         """What is left of all rows, shape (2n,), and how many coefficients were determined."""

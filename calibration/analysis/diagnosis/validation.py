@@ -171,7 +171,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         if progress:
             progress('cross-validation', folds_done, max(expected, folds_done))
 
-    def apart(folds):
+    def errors_of(folds):
         left, choices = nested(problem, folds, alpha, rng, remembers, whole=chance, done=count_fold,
                                chooser=chooser, jobs=jobs)
         every.extend(choices)
@@ -185,7 +185,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         each_run = len(folds) == len(np.unique(problem.sequence.run)) > 1
         expected = len(folds) * ((1 if each_run else _needed(parts, keep, least, most)) + (
             effective_runs(problem.sequence.run) < RUNS))
-        parts.append(apart(folds))
+        parts.append(errors_of(folds))
         if each_run:
             break  # each run alone: there is but one such partition
     before = _mean([one for one, _ in parts])
@@ -194,7 +194,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
     if effective_runs(problem.sequence.run) >= RUNS:
         out = _by_runs(by_count, keep, len(chosen), words)
     else:
-        stretches = apart(partitions_of(problem, count, rng)[1])
+        stretches = errors_of(partitions_of(problem, count, rng)[1])
         out = _by_rows(by_count, stretches, keep, len(chosen), words)
     out.spread.update(_repeated(problem, chosen, every))
     out.chosen = [[c.effect(problem) for c in some] for some in every]
@@ -247,9 +247,9 @@ def _by_rows(by_count, stretches, keep, chosen, words):
     before, squares = stretches
     counts = range(max(len(by_count), len(squares)))
     rows = [_first(by_count, k) for k in counts]
-    apart = [_rms(_first(squares, k), keep) for k in counts]
+    in_stretches = [_rms(_first(squares, k), keep) for k in counts]
     worse = [
-        _worse('stretches of time', [before, *apart[:k]], apart[k],
+        _worse('stretches of time', [before, *in_stretches[:k]], in_stretches[k],
                _surely(squares[0][:, keep], _first(squares, k)[:, keep]), words)
         or _worse('rows', [rows[k].before, *(one.after for one in rows[:k])], rows[k].after,
                   _surely(rows[0].left_out[:, keep]**2, rows[k].left_out[:, keep]**2), words)
@@ -258,11 +258,11 @@ def _by_rows(by_count, stretches, keep, chosen, words):
     if worse[-1]:
         kind = 'worse on rows left out'
         sound = [k for k in counts if not worse[k]] or [0]
-        best = min(sound, key=lambda k: rows[k].after['radial'] + apart[k]['radial'])
+        best = min(sound, key=lambda k: rows[k].after['radial'] + in_stretches[k]['radial'])
         if best < chosen:
             count, cut, kind = best, best, 'dropped, worse on rows left out'
         cautions = [Finding(kind, **worse[-1])]
-    after = apart[count]
+    after = in_stretches[count]
     return replace(rows[count], cut=cut, cautions=cautions, stretches={
         'before': before['radial'], 'after': after['radial'],
         **{f'{when}_{axis}': one[axis] for axis in 'xy'

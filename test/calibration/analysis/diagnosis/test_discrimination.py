@@ -8,7 +8,7 @@ from simulated import FAST, SITE, TRUTH, night
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.analysis.diagnosis.diagnosis_base import observations
-from calibration.analysis.diagnosis.discriminating_star import TOLD, Points
+from calibration.analysis.diagnosis.discriminating_star import SEPARATE, Points
 from calibration.analysis.diagnosis.discrimination import Discrimination
 from calibration.report.wording import worded, wording
 from msg_tools.units import ARCSEC, DEG, wrap
@@ -45,7 +45,7 @@ class Mount:
     def told(self, apart, most=15):
         """Ask and observe until nothing is asked: the last judgement, and how many stars."""
         n = len(self.rows)
-        while (judged := apart.judge(self.run(), most)).request:
+        while (judged := apart.compare(self.run(), most)).request:
             request = judged.request
             for one in filter(None, (request['before'], request)):
                 self.observe(one['az_deg'] + self._rng.normal(), one['el_deg'],
@@ -71,7 +71,7 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         first = diagnose(mount.run(), **FAST)
         assert first.verdict == 'ambiguous'
         apart = Discrimination(first, elevations=(20.0 * DEG, 85.0 * DEG))
-        asked = apart.judge(mount.run())
+        asked = apart.compare(mount.run())
         assert asked.state == ASKS and set(asked.request['separates']) == {cause, rival}
         assert asked.request['approach_az'] == 0 and asked.request['after_hours'] is None
         # where the two differ: beside the elevations of the first run
@@ -81,9 +81,9 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         judged, taken = mount.told(apart)
         (question,) = judged.questions
         assert (judged.state, question.best) == (ONE_CAUSE, cause) and 1 <= taken <= 15
-        assert question.out[rival] >= TOLD
+        assert question.out[rival] >= SEPARATE
         # of the rows alone, whatever was asked on the way
-        assert apart.judge(mount.run()).to_dict() == judged.to_dict()
+        assert apart.compare(mount.run()).to_dict() == judged.to_dict()
 
 
 def test_a_rival_is_judged_with_companions_of_its_own():
@@ -91,23 +91,23 @@ def test_a_rival_is_judged_with_companions_of_its_own():
     first = diagnose(mount.run(), **FAST)
     for az, el in zip(range(0, 360, 17), (20.0, 80.0) * 11):
         mount.observe(az, el)
-    (question,) = Discrimination(first).judge(mount.run(), most=0).questions
+    (question,) = Discrimination(first).compare(mount.run(), most=0).questions
     behind = question.out['line_of_sight_4']
-    assert question.best == 'azimuth_encoder_4' and behind >= TOLD
+    assert question.best == 'azimuth_encoder_4' and behind >= SEPARATE
     # what explains the rows beside it costs it two coefficients, and no more
     (found,) = [e for e in first.effects if e.other_causes]
     found.beside = {'line_of_sight_4': [effect('encoder', axis='az', order=4)]}
-    (question,) = Discrimination(first).judge(mount.run(), most=0).questions
-    assert question.stays['line_of_sight_4'] < min(TOLD, behind)
+    (question,) = Discrimination(first).compare(mount.run(), most=0).questions
+    assert question.stays['line_of_sight_4'] < min(SEPARATE, behind)
 
 
 def test_a_play_is_looked_for_from_either_side():
     mount = Mount(lambda row: np.array([1.6 * row['approach_az'], 0.0]), 1)
     first = diagnose(mount.run(), **FAST)
     assert first.verdict == 'ambiguous'
-    asked = Discrimination(first).judge(mount.run())
+    asked = Discrimination(first).compare(mount.run())
     assert asked.request['approach_az'] in (-1, 1) and asked.request['approach_el'] == 0
-    spent = Discrimination(first).judge(mount.run(), most=0)
+    spent = Discrimination(first).compare(mount.run(), most=0)
     assert spent.request is None and spent.state == CANNOT
 
 
@@ -116,7 +116,7 @@ def test_what_no_star_can_tell_is_said_with_what_could():
         c['temperature'] = 12.0 - 4.0 * np.linspace(0.0, 1.0, len(c['az']))**0.98
         return 0.0, -3.0 * ARCSEC * c['temperature']
     run = night(11, effect=drift)
-    judged = Discrimination(diagnose(run, **FAST)).judge(run)
+    judged = Discrimination(diagnose(run, **FAST)).compare(run)
     assert judged.state == CANNOT and judged.request is None
     (question,) = judged.questions
     assert {question.best, *question.stays} >= {
