@@ -132,7 +132,7 @@ class Calibration(MountNode):
         run = self._state.rows.all()
         self._publish(topics.CALIBRATION_TABLE, run_to_cloud(run, self._state.last_stamp))
         self._publish_status('gave the rows of the night to an observer that has none',
-                  **handover_rows(len(run), self._observer))
+                             **handover_rows(len(run), self._observer))
 
     def _rows(self, message):
         rows = cloud_to_run(message)
@@ -312,8 +312,9 @@ class Calibration(MountNode):
         return self._finding
 
     def _finding_status(self, done, document):
-        return self._publish_status(done, bool(self._refused), verdict=document['verdict'],
-                         effects=', '.join(document['applied']), published=document['published'])
+        return self._publish_status(
+            done, bool(self._refused), verdict=document['verdict'],
+            effects=', '.join(document['applied']), published=document['published'])
 
     def finish(self):
         """Wait for nothing."""

@@ -240,7 +240,7 @@ class CalibrationState:
 
         Returns
         -------
-        RunZero
+        PowerOnZero
             Where the power-on has no exposures for its zero, the covariance is that which the fit
             gives to the change since the first power-on; None of the first.
         """

@@ -24,7 +24,7 @@ from .analysis.zero.zero_causes import zero_causes
 from .analysis.zero.zero_season import SeasonLog, season_rows
 from .calibration_state import NO_HARMONICS, CalibrationState
 from .report.wording import worded
-from .rows import for_fitting, is_kept_out, zero_exposures_by_run
+from .rows import for_fitting, is_kept_out, zero_exposures_by_power_on
 
 #: the kinds of model, in the order of the report; the last where the model that is published, to
 #: which zeros are relative, has harmonics
@@ -201,7 +201,7 @@ class NightSeries(CalibrationState):
     def _season_of(self, number, rows, model):
         """What the zeros of the season follow, and how well tonight's was expected."""
         expected = self.expect()
-        exposures = dict(zero_exposures_by_run(rows))
+        exposures = dict(zero_exposures_by_power_on(rows))
         if number in exposures:
             with suppress(ValueError):  # too few of them
                 self.season.add_zero(number, exposures[number], model)

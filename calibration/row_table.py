@@ -5,7 +5,7 @@ import numpy as np
 from msg_tools.status_rows import Taken
 from pointing_model.runs.run import REQUIRED, PointingRun
 
-from .rows import by_run, check_mount, with_marks
+from .rows import by_power_on, check_mount, with_marks
 
 
 class RowTable:
@@ -74,7 +74,7 @@ class RowTable:
         if stamp <= self.last_stamp:
             return
         self.last_stamp = stamp
-        for number, rows in by_run(with_marks(run)).items():
+        for number, rows in by_power_on(with_marks(run)).items():
             stamps = np.full(len(rows), stamp, np.int64)
             if int(number) in self._blocks:
                 before, came = self._blocks[int(number)]
@@ -110,7 +110,7 @@ class RowTable:
             return 0
         if new is None:
             new = self.last_of(run)
-            for number in by_run(new):
+            for number in by_power_on(new):
                 self._blocks.pop(int(number), None)
         self.last_stamp = 0
         self.add(new, stamp)
@@ -143,7 +143,7 @@ class RowTable:
         """
         self._check(table)
         table = self.last_of(table)
-        here = [self._blocks[int(number)][0] for number in by_run(table)
+        here = [self._blocks[int(number)][0] for number in by_power_on(table)
                 if int(number) in self._blocks]
         known = sum(map(len, here))
         count = len(table) - known

@@ -56,7 +56,7 @@ def for_fitting(rows):
     return rows.select((rows['star'] >= 0) & ~is_kept_out(rows) & ~distrusted(rows))
 
 
-def by_run(rows):
+def by_power_on(rows):
     """Rows of each power-on, dict of float to PointingRun, in ascending order of the numbers."""
     order = np.argsort(rows['run'], kind='stable')
     numbers, first = np.unique(rows['run'][order], return_index=True)
@@ -64,9 +64,9 @@ def by_run(rows):
             for number, part in zip(numbers, np.split(order, first[1:]))}
 
 
-def zero_exposures_by_run(rows):
+def zero_exposures_by_power_on(rows):
     """Number and exposures for a zero, a PointingRun, of each power-on with some; no lies."""
-    for number, part in by_run(rows.select(is_for_zero(rows) & ~distrusted(rows))).items():
+    for number, part in by_power_on(rows.select(is_for_zero(rows) & ~distrusted(rows))).items():
         yield int(number), part
 
 
@@ -183,7 +183,7 @@ def usable(run, encoder='enc', zero=NO_ZERO):
     run : PointingRun
         ``sigma_x`` and ``sigma_y`` are taken if both are there and not all unknown.
     encoder : {'enc', 'abs'}
-    zero : RunZero or Zeros
+    zero : PowerOnZero or Zeros
         To subtract from the encoder's angles.
 
     Returns

@@ -94,7 +94,7 @@ class BarDecoder:
         Parameters
         ----------
         measured : ndarray, shape (11, n, bars)
-            Products of the stretches with the columns of the template.
+            Products of the windows with the columns of the template.
         unlike : ndarray, shape (n, bars)
             Mean square of what neither a wide nor a narrow bar explains.
         visible : ndarray of bool, shape (n, bars)
@@ -133,7 +133,7 @@ class BarDecoder:
         good = tests[0, rows] & tests[1, rows] & tests[2, rows] & visible[rows]
         good &= unlike < limit
         good &= usual[rows] > self._min_contrast
-        # near a blob, of which part is in the stretch, the ground is lower than elsewhere
+        # near a blob, of which part is in the window, the ground is lower than elsewhere
         dirty = np.flatnonzero(np.logical_or.reduce(good != visible[rows], axis=1))
         level, near = level[dirty], good[dirty]
         near &= level > 0.25 * median(level)

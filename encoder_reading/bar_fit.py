@@ -101,9 +101,9 @@ class BarLine:
         ground -= slopes[1] * expected[:, 4]
         scale = expected[:, 5] / contrast
         if self._lattice.flat:
-            stretch = self._lattice.stretch(bars.pixel)
-            ground *= stretch
-            scale *= stretch
+            magnification = self._lattice.magnification(bars.pixel)
+            ground *= magnification
+            scale *= magnification
         ground -= contrast * expected[:, 2]
         bars.ground, bars.scale = ground, scale
         bars.series = np.where(bars.narrow, bars.measured[7:11], bars.measured[3:7])
@@ -317,7 +317,7 @@ class Bars:
     narrow : ndarray of bool
         By the code.
     pixel, shift : ndarray
-        Middle of the stretch, and how far the bar is expected beyond it, pixels.
+        Middle of the window, and how far the bar is expected beyond it, pixels.
     measured : ndarray, shape (11, n, bars)
     contrast : ndarray
     contrast_curve, ground, scale : ndarray

@@ -42,7 +42,7 @@ class BarLattice:
         self._place = pixel_places(design, bars)
         self.flat = design.geometry == 'tangent'
         self.per_pixel = np.float32(1.0 / design.bar_pitch)
-        self._stretch = (np.gradient(self._place) * design.bar_pitch).astype(np.float32)
+        self._magnification = (np.gradient(self._place) * design.bar_pitch).astype(np.float32)
         reach = int(np.interp(self._last, np.arange(design.pixels), self._place) + 0.5)
         self.rank = np.arange(-reach, reach + 1, dtype=np.float32)
         self._prepare_windows()
@@ -101,7 +101,7 @@ class BarLattice:
         Returns
         -------
         pixel : ndarray of int, shape (n, bars)
-            The nearest one whose stretch is in the row.
+            The nearest one whose window is in the row.
         beyond : ndarray of float32, shape (n, bars)
             How far the bar is beyond its pixel.
         visible : ndarray of bool, shape (n, bars)
@@ -120,10 +120,10 @@ class BarLattice:
         exact -= pixel
         return inside.astype(np.intp), exact, inside == pixel
 
-    def stretch(self, pixel):
+    def magnification(self, pixel):
         """Bar periods a pixel there, relative to the middle of the row."""
-        return self._stretch[pixel]
+        return self._magnification[pixel]
 
     def pixels_of(self, pixel):
         """Pixels a bar period there."""
-        return self._pitch / self._stretch[pixel]
+        return self._pitch / self._magnification[pixel]

@@ -32,7 +32,7 @@ def fixed_point(weights):
 
 
 class BarTemplate:
-    """The stretch of the row about one bar.
+    """The window of the row about one bar.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class BarTemplate:
     Attributes
     ----------
     half : int
-        Pixels of the stretch on either side of its middle.
+        Pixels of the window on either side of its middle.
     inner : slice
         One bar period of it.
     columns : ndarray of float32, shape (14, 2 * half + 1)
-        What to multiply the stretch by: for level, share of a wide and of a narrow bar; for the
+        What to multiply the window by: for level, share of a wide and of a narrow bar; for the
         slope of a wide bar's edges and three terms of its Taylor series; the same of a narrow one;
         and for what the first three explain, in three parts at right angles to each other.
     contrast_of, level_of, response, response_slope, ground_moment, contrast_moment : ndarray
@@ -123,7 +123,7 @@ class BarTemplate:
         return rounded[:3], rounded[3:]
 
     def misfit(self, cells, parts):
-        """Mean square of what neither a wide nor a narrow bar explains of each stretch.
+        """Mean square of what neither a wide nor a narrow bar explains of each window.
 
         Parameters
         ----------

@@ -20,7 +20,7 @@ from .disc import windows_of
 from .frame_readings import REJECTED, FrameReadings, checked_frames
 
 _CHUNK = 1024  # frames worked on at once: the calls cost little then, and 12 MB are enough
-_STRETCHES = 8192  # of bars at once, which stay in the cache
+_WINDOWS = 8192  # of bars at once, which stay in the cache
 _FEWEST = 22  # bars, that tell the direction
 _LARGEST = 1e6  # grey levels in float frames
 
@@ -56,7 +56,7 @@ class TemplateReader:
 
     1. Sine and cosine of the nominal bar period under windows along the row give phase and scale
        to a tenth of a pixel, whatever the bits (`bar_lattice`).
-    2. A stretch of the row about each bar is compared with a wide and with a narrow bar: bit,
+    2. A window of the row about each bar is compared with a wide and with a narrow bar: bit,
        contrast and level (`bar_template`). A bar that resembles neither is left out.
     3. The bits in the middle are looked up on the disc; where not all of the row fits there, it
        is compared with all places of the disc at once (`bar_decoding`).
@@ -66,7 +66,7 @@ class TemplateReader:
     5. A robust straight line through the shifts gives place and scale; with the weights of step 4
        it is the least-squares fit of the whole template (`bar_fit`). Where the line has moved by
        more than the response is straight, or bars are off it, once more from there: then it is
-       also known what the displaced and missing bars change in the stretches of their neighbours.
+       also known what the displaced and missing bars change in the windows of their neighbours.
 
     A frame that runs against the disc is recognised, for from 22 bars on no window of the codes
     read backwards is one read forwards; the angle in the middle of the row is the same.
@@ -214,7 +214,7 @@ class TemplateReader:
             reason[spoilt] = NOT_FINITE
 
     def _measure(self, frames, pixel):
-        """The stretch of the row about each bar.
+        """The window of the row about each bar.
 
         Returns
         -------
@@ -225,17 +225,17 @@ class TemplateReader:
         """
         n, half = len(frames), self._template.half
         length = 2 * half + 1
-        # every stretch of the rows, which lie one behind the other, without a copy
-        stretches = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
-                               2 * frames.strides[1:])
+        # every window of the rows, which lie one behind the other, without a copy
+        windows = np.ndarray((frames.size - length + 1, length), frames.dtype, frames, 0,
+                             2 * frames.strides[1:])
         first = (pixel + (self.pixels * np.arange(n)[:, np.newaxis] - half)).ravel()
         measured = np.empty((11, first.size), dtype=np.float32)
         unlike = np.empty(first.size, dtype=np.float32)
-        buffer = np.empty((min(first.size, _STRETCHES), length), dtype=np.float32)
-        for begin in range(0, first.size, _STRETCHES):
-            part = slice(begin, begin + _STRETCHES)
+        buffer = np.empty((min(first.size, _WINDOWS), length), dtype=np.float32)
+        for begin in range(0, first.size, _WINDOWS):
+            part = slice(begin, begin + _WINDOWS)
             cells = buffer[: len(first[part])]
-            cells[:] = stretches[first[part]]
+            cells[:] = windows[first[part]]
             products = self._template.columns @ cells.T
             measured[:, part] = products[:11]
             unlike[part] = self._template.misfit(cells, products[11:])

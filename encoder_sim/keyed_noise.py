@@ -118,7 +118,7 @@ def pulses(seed, device, purpose, rate, begin, end):
     Returns
     -------
     ndarray of int
-        ns, rising; a stretch of time has the same ones, whatever it is a part of.
+        ns, rising; an interval has the same ones, whatever it is a part of.
     """
     cells = np.arange(begin // _CELL, end // _CELL + 1)
     happens = uniform(seed, device, purpose, cells) < -np.expm1(-rate * _CELL * 1e-9)

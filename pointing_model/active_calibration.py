@@ -233,7 +233,7 @@ class ActiveCalibration:
         Of the last observation that the model rests on, ns; 0 where it does not say.
     model_name, model_text : str
         `model_document.identity` of it, and its document; '' without one.
-    zero : RunZero
+    zero : PowerOnZero
     zero_stamp : int
         Of the last observation that the zero rests on, ns.
     refused, refused_stamp : int
@@ -283,7 +283,7 @@ class ActiveCalibration:
         self._next_model = self._next_zero = None
 
     def update_zero(self, stamp, zero):
-        """Take a RunZero, unless it is of another power-on than the encoder is in.
+        """Take a PowerOnZero, unless it is of another power-on than the encoder is in.
 
         Raises
         ------

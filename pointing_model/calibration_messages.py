@@ -21,7 +21,7 @@ from msg_tools.units import ARCSEC, DEG
 
 from .model import PointingModel
 from .model_document import NO_MODEL, identity
-from .zero import BY_POLARIS, BY_STARS, RunZero
+from .zero import BY_POLARIS, BY_STARS, PowerOnZero
 
 FORMAT = 'telescope_mount/in_force'
 VERSION = 1
@@ -36,7 +36,7 @@ def pair_to_text(model_text, stamp, zero):
         Of `PointingModel.to_json`; '' for none.
     stamp : int
         Of the newest observation that the zero rests on, ns.
-    zero : RunZero
+    zero : PowerOnZero
 
     Returns
     -------
@@ -64,7 +64,7 @@ def text_to_pair(text):
     model_text : str
         '' for none.
     stamp : int
-    zero : RunZero
+    zero : PowerOnZero
 
     Raises
     ------
@@ -77,7 +77,7 @@ def text_to_pair(text):
             raise ValueError(f'not {FORMAT} of version {VERSION}')
         model, entry = document['model'], document['zero']
         sigma = entry['sigma_rad']
-        zero = RunZero(
+        zero = PowerOnZero(
             float(entry['az_rad']), float(entry['el_rad']),
             None if sigma is None else np.diag(np.square(np.array(sigma, float))),
             entry['run'], entry['encoder_start'], entry['model'], entry.get('by'))
@@ -136,7 +136,7 @@ def check_zero(zero):
 
     Parameters
     ----------
-    zero : RunZero
+    zero : PowerOnZero
 
     Raises
     ------
@@ -210,7 +210,7 @@ def zero_to_joints(zero, ns, names=AXES):
 
     Parameters
     ----------
-    zero : RunZero
+    zero : PowerOnZero
     ns : int
         Stamp of the newest observation that it rests on.
     names : sequence of str
@@ -239,7 +239,7 @@ def joints_to_zero(message, run=None):
     -------
     ns : int
         Stamp.
-    zero : RunZero
+    zero : PowerOnZero
         Without a covariance where the message gives no sigma; without ``started`` and ``model``
         where it does not tell them.
 
@@ -255,13 +255,13 @@ def joints_to_zero(message, run=None):
         covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
     frame = message.header.frame_id
     if not frame.startswith(_PREFIX):
-        return ns, RunZero(*angles, covariance, run)
+        return ns, PowerOnZero(*angles, covariance, run)
     found = _FRAME.fullmatch(frame)
     if found is None:
         raise ValueError(f'zero of {frame!r}: no number of a power-on')
     started = found['started']
-    return ns, RunZero(*angles, covariance, int(found['run']),
-                       None if started is None else float(started), found['model'], found['by'])
+    return ns, PowerOnZero(*angles, covariance, int(found['run']),
+                           None if started is None else float(started), found['model'], found['by'])
 
 
 CAUSES_FORMAT = 'telescope_mount/apart'

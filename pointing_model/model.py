@@ -333,7 +333,7 @@ class PointingModel:
         run : PointingRun
         encoder : {'enc', 'abs'}
             The pair of encoder columns.
-        zero : RunZero or Zeros
+        zero : PowerOnZero or Zeros
             To subtract from the encoder's angles.
 
         Returns

@@ -119,7 +119,7 @@ def zeros_of_rows(model, wanted=NEWEST, run=None):
     -------
     zero : pair of float or of ndarray, shape (n,)
         Azimuth and elevation, radians.
-    applied : list of RunZero
+    applied : list of PowerOnZero
         Which these are.
 
     Raises

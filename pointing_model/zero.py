@@ -13,7 +13,7 @@ from .sky.star_catalogue import POLARIS_HIP
 
 
 @dataclass(frozen=True)
-class RunZero:
+class PowerOnZero:
     """Zero of both axes in one run.
 
     Parameters
@@ -76,7 +76,7 @@ class RunZero:
 
     def plus(self, az, el):
         """The zero moved by two angles, radians; its covariance is not known any more."""
-        return RunZero(self.az + az, self.el + el, run=self.run)
+        return PowerOnZero(self.az + az, self.el + el, run=self.run)
 
     def to_dict(self):
         """``run`` (where it is known), ``az_arcsec``, ``el_arcsec``; JSON-ready."""
@@ -100,17 +100,17 @@ class RunZero:
 
 
 #: angles as they were read
-NO_ZERO = RunZero(0.0, 0.0)
+NO_ZERO = PowerOnZero(0.0, 0.0)
 
 
 class Zeros(dict):
-    """Zero of each run: number -> RunZero. A run that is not in it is refused.
+    """Zero of each run: number -> PowerOnZero. A run that is not in it is refused.
 
     Who wants something else for a missing run says what: `filled` or `carried`.
 
     Parameters
     ----------
-    zeros : iterable of RunZero
+    zeros : iterable of PowerOnZero
         Each with its ``run``.
 
     Raises
@@ -154,7 +154,7 @@ class Zeros(dict):
         return az, el
 
     def filled(self, numbers, missing):
-        """With a zero for each of `numbers`: `missing` (a RunZero) for those that have none."""
+        """With a zero for each of `numbers`: `missing` (a PowerOnZero) for those that have none."""
         return Zeros([*self.values(), *(replace(missing, run=n) for n in numbers
                                         if n not in self)])
 
@@ -164,7 +164,7 @@ class Zeros(dict):
         Parameters
         ----------
         numbers : sequence of int or float
-        first : RunZero, optional
+        first : PowerOnZero, optional
             For what comes before the first that is known; by default that itself.
         """
         known = sorted(self)
@@ -172,17 +172,17 @@ class Zeros(dict):
         for number in numbers:
             before = [k for k in known if k <= number]
             zero = self[before[-1]] if before else first or self[known[0]] if known else NO_ZERO
-            out.append(RunZero(zero.az, zero.el, zero.covariance, number))
+            out.append(PowerOnZero(zero.az, zero.el, zero.covariance, number))
         return Zeros(out)
 
     def to_list(self):
-        """`RunZero.to_dict` of each; JSON-ready."""
+        """`PowerOnZero.to_dict` of each; JSON-ready."""
         return [zero.to_dict() for zero in self.values()]
 
     @classmethod
     def from_list(cls, documents):
         """Read `to_list`'s documents; ValueError if one is no zero."""
-        return cls(map(RunZero.from_dict, documents))
+        return cls(map(PowerOnZero.from_dict, documents))
 
 
 def active_zeros(model):

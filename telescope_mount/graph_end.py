@@ -47,7 +47,7 @@ class AtRest:
         """A reading: when, s, and both angles, rad."""
         angles = np.array(angles, float)
         self.unknown = not np.isfinite(angles).all()
-        # ten of a stretch tell as much as a thousand
+        # ten of an interval are as good as a thousand
         if self.unknown or (self._kept and at - self._kept[-1][0] < 0.1 * SPACING):
             return
         self._kept.append((at, angles))

@@ -33,10 +33,10 @@ def add_truth(bag, report):
     runs = [zero['run'] for zero in report['zeros']]
     if len(drifts) != len(runs):
         return
-    by_run = dict(zip(runs, drifts))
+    by_power_on = dict(zip(runs, drifts))
     for change in report['changes']:
         az, el = (after - before for before, after in zip(
-            by_run[change['from']], by_run[change['to']]))
+            by_power_on[change['from']], by_power_on[change['to']]))
         change['simulated'] = {'az_arcsec': az / ARCSEC, 'el_arcsec': el / ARCSEC}
 
 

@@ -7,7 +7,7 @@ from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero
 
-from ..rows import by_run
+from ..rows import by_power_on
 from .fit import fit_terms
 from .harmonic_fit import Recipe
 
@@ -69,7 +69,7 @@ def external_check(run, *, seed=0, encoder='enc', zero=NO_ZERO, **options):
     seed : int
         Of `split_half`.
     encoder : {'enc', 'abs'}
-    zero : RunZero or Zeros
+    zero : PowerOnZero or Zeros
         Of the encoder; it must hold for any row.
     options
         For `fit_terms`.
@@ -154,7 +154,7 @@ def power_on_check(rows, reference, first, measured, change, notes, other=None):
     if other is not None:
         kinds.append((other[0], lambda part, zero: other[1](
             part, Recipe(zero, run_zeros=False)).model))
-    out, parts = [], by_run(rows)
+    out, parts = [], by_power_on(rows)
     numbers = [n for n in np.unique(stars['run']) if int(n) in measured]
     for before, after in zip(numbers, numbers[1:]):
         out += _from_to(parts[before], parts[after], before, after, first[before],
@@ -202,7 +202,7 @@ def tracking_errors(model, run, zero=NO_ZERO):
         Active when it was tracked.
     run : PointingRun
         Exposures of the satellite; the encoder's angles are those with it centred.
-    zero : RunZero or Zeros
+    zero : PowerOnZero or Zeros
         Of the encoders.
 
     Returns

@@ -12,7 +12,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.mounts import ALTAZ
 from pointing_model.pointing_terms import PHYSICAL, Trig, known_terms, stacked_design
-from pointing_model.zero import NO_ZERO, RunZero, Zeros
+from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
 from ..estimation.gauss_newton import LinearProblem, gauss_newton
 from ..estimation.group_columns import GroupColumns
@@ -175,7 +175,7 @@ def fit_terms(run, names=None, *, held=None, robust=True, geometry=None, encoder
         rotations.
     encoder : {'enc', 'abs'}
         The encoder columns to fit.
-    zero : RunZero or Zeros
+    zero : PowerOnZero or Zeros
         To subtract from the encoder's angles.
     run_zeros : bool
         Fit with the terms how far the zero of each run (column ``run``) lies from that of the
@@ -251,7 +251,7 @@ def _fitted_zeros(zero, runs, found, first):
         change, covariance = (found.coefficients[at], found.covariance[at, at]) if place else (
             np.zeros(2), None)
         az, el = (before.angles + change).tolist()
-        out.append(RunZero(az, el, covariance, number))
+        out.append(PowerOnZero(az, el, covariance, number))
     return Zeros(out)
 
 
@@ -306,7 +306,7 @@ def fit_harmonics(run, interpretation='zenith', *, degree=DEGREE, held=None, aft
         Fit what this fit of terms to the same rows leaves, in place of `held`. What its
         coefficients have taken is no uncertainty of these: the covariance is without it, and
         what the model says of its prediction is that of both together.
-    zero : RunZero or Zeros
+    zero : PowerOnZero or Zeros
         To subtract from the encoder's angles.
     run_zeros : bool
         As of `fit_terms`.

@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.model import OPEN, PointingModel
 from pointing_model.mounts import rows_by_side
 from pointing_model.rms import rms, rms_arcsec
-from pointing_model.zero import NO_ZERO, RunZero, Zeros
+from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
 from ..estimation.few_rows import FEW, interval_factor
 from ..rows import BEYOND_COLLIMATION
@@ -62,7 +62,7 @@ class FitResult:
         Coefficients with a share in `dropped`: see `estimate.Undetermined`.
     raised : list of dict
         Sigmas that were taken larger than they are given, see `rows.Usable`.
-    zeros : RunZero or Zeros
+    zeros : PowerOnZero or Zeros
         What was taken off the encoder's angles; where the zeros of the runs were fitted with the
         rest, of each with that, and the covariance of its distance from the first.
     """
@@ -85,7 +85,7 @@ class FitResult:
     freedom: np.ndarray
     undetermined: tuple = ()
     raised: list = ()
-    zeros: RunZero | Zeros = NO_ZERO
+    zeros: PowerOnZero | Zeros = NO_ZERO
 
     @property
     def sigma(self):
@@ -266,7 +266,7 @@ def make_result(run, names, used, found, model, zeros, notes):
     found : estimate.Estimate
     model : PointingModel
         With the coefficients; its provenance is made here.
-    zeros : RunZero or Zeros
+    zeros : PowerOnZero or Zeros
     notes : dict
         For the provenance.
     """

@@ -13,7 +13,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.harmonics import DEGREE, INTERPRETATIONS, count_of
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
-from pointing_model.zero import RunZero, is_for_zero
+from pointing_model.zero import PowerOnZero, is_for_zero
 
 from .finding import Finding
 from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
@@ -115,7 +115,7 @@ class Recipe(NamedTuple):
 
     Attributes
     ----------
-    first : RunZero
+    first : PowerOnZero
         Zero of the first run; harmonics alone hold no constant zero of the azimuth.
     run_zeros : bool
         The zero of each run is fitted too, from that of the first on.
@@ -125,7 +125,7 @@ class Recipe(NamedTuple):
     robust : bool
     """
 
-    first: RunZero
+    first: PowerOnZero
     run_zeros: bool = True
     names: tuple | None = None
     encoder: str = 'enc'

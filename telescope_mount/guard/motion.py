@@ -1,6 +1,6 @@
 """How the axes go: a slew that catches up with a track, then the track, as boxes of axis angles.
 
-A row of `Boxes` holds every pair of angles that the axes may have in a stretch of time, however
+A row of `Boxes` holds every pair of angles that the axes may have in an interval of time, however
 much of their speed they use; what must hold of every pair is then asked of all of them at once.
 """
 

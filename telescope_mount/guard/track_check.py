@@ -169,7 +169,7 @@ class TrackCheck:
         return self.sky.surely_clear(*ends, circles, seconds)
 
     def _clear_in_parts(self, slew, state, circles):
-        """Whether all that may be passed at once in each stretch of a slew is far from everything.
+        """Whether all that may be passed at once in each part of a slew is far from everything.
 
         What seems near is halved: fewer and larger parts than `Slew.boxes`, in floats.
         """

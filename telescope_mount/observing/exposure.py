@@ -147,7 +147,7 @@ class Exposer:
             # only for pointing: the next star lies nearer to where this one was found
             pointing.aim = pointing.aim + np.array(
                 [wrap(enc[0] - demand[0]), enc[1] - demand[1]])
-            self._carried = pointing.aim / self._stretch(pointing)
+            self._carried = pointing.aim / self._axis_scale(pointing)
             seen += 1
             off = float(np.hypot(*miss))
             first = off if first is None else first
@@ -233,10 +233,10 @@ class Exposer:
         """`Pointing` at a target, with what was learned of the stars before."""
         pointing = Pointing(target, self._active, np.zeros(2), self._out.mount(),
                             self._out.value('meridian_limit_deg') * DEG)
-        pointing.aim = self._carried * self._stretch(pointing)
+        pointing.aim = self._carried * self._axis_scale(pointing)
         return pointing
 
-    def _stretch(self, pointing):
+    def _axis_scale(self, pointing):
         """By what an aim on the sky is that of the axes: near a pole the first turns far.
 
         Azimuths are carried as they are: a zero that is off is most of it.

@@ -75,7 +75,7 @@ def observing_order(az, el, rng, start=None, way=ALTAZ.way, slews=1.0):
     for temperature in np.geomspace(0.1, 0.001, _STEPS):
         ends = rng.integers(0, n, 2 * _TRIALS).reshape(2, _TRIALS, 1)
         i, j = np.minimum(*ends), np.maximum(*ends)
-        # a stretch of the order reversed, or its last star put first
+        # a part of the order reversed, or its last star put first
         turned = rng.random((_TRIALS, 1)) < 0.5
         changed = np.where(turned, i + j - index, before)
         changed[each, i[:, 0]] = j[:, 0]

@@ -32,7 +32,7 @@ from calibration.report.zero_wording import COVARIATES as WORDS
 from calibration.rows import for_fitting
 from msg_tools.units import ARCSEC
 from msg_tools.whole_files import write_text
-from pointing_model.zero import RunZero, is_for_zero
+from pointing_model.zero import PowerOnZero, is_for_zero
 
 AXES = (('az', 'azimuth'), ('el', 'elevation'))
 WHENS = ('before', 'after')
@@ -121,8 +121,8 @@ def residuals_of_nights(report, run):
         rows = rows.select(~is_for_zero(rows))
         if not len(rows) or not len(reference):
             continue
-        model = fit_terms(reference, zero=RunZero(*then)).model
-        parts.append((rows, *(np.array(model.residuals(rows, zero=RunZero(*one))) / ARCSEC
+        model = fit_terms(reference, zero=PowerOnZero(*then)).model
+        parts.append((rows, *(np.array(model.residuals(rows, zero=PowerOnZero(*one))) / ARCSEC
                               for one in (then, zero))))
     if not parts:
         return None

@@ -23,7 +23,7 @@ from pointing_model.model_document import identity
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
 
@@ -216,7 +216,7 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     night = PointingRun.concatenate([rows(20, seed=2), rows(6, star=POLARIS_HIP, seed=3)])
     table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.ACTIVE)
     name = identity(MOUNT.to_json())
-    zero = RunZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
+    zero = PowerOnZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
     pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, zero)))
     graph.add(Calibration)
     zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
@@ -286,7 +286,7 @@ def test_a_pair_that_does_not_go_together_is_not_taken_up(graph):
     pair = graph.publisher(topics.ACTIVE)
     graph.add(Calibration)
     graph.connect()
-    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, RunZero(0, 0, model='none'))))
+    pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, PowerOnZero(0, 0, model='none'))))
     graph.report('calibration', '1 messages refused', 'taken up', 'nothing: there from the start')
     pair.publish(String(data='{}'))
     graph.report('calibration', '2 messages refused', 'taken up', 'nothing: there from the start')

@@ -15,7 +15,7 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.star_catalogue import POLARIS_HIP
-from pointing_model.zero import RunZero, Zeros
+from pointing_model.zero import PowerOnZero, Zeros
 
 MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
 pytestmark = pytest.mark.usefixtures('nothing_expected')
@@ -164,7 +164,7 @@ def test_a_reading_is_what_the_encoder_reads():
     from calibration.rows import without_zeros
     rows = block(5, 1)
     rows.columns['miss_x'] = np.full(5, 9.0) * ARCSEC
-    out = without_zeros(rows, Zeros([RunZero(7 * ARCSEC, 0.0, run=1)]), SITE)
+    out = without_zeros(rows, Zeros([PowerOnZero(7 * ARCSEC, 0.0, run=1)]), SITE)
     np.testing.assert_allclose(
         wrap(out['az_raw'] - rows['az_enc']) * np.cos(rows['el']) / ARCSEC, -9.0, atol=1e-6)
     np.testing.assert_allclose((out['az_enc'] - rows['az_enc']) / ARCSEC, -7.0, atol=1e-6)

@@ -4,7 +4,7 @@ import pytest
 from calibration.rows import for_fitting, is_kept_out, usable, with_marks
 from msg_tools.units import ARCSEC
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero, Zeros
+from pointing_model.zero import PowerOnZero, Zeros
 
 
 def run(n=5, **columns):
@@ -14,7 +14,7 @@ def run(n=5, **columns):
 
 def test_all_that_is_finite_with_its_zero_taken_off():
     rows = run(run=np.array([1.0, 1.0, 2.0, 2.0, 2.0]))
-    zeros = Zeros([RunZero(0.01, 0.02, run=1), RunZero(0.03, 0.04, run=2)])
+    zeros = Zeros([PowerOnZero(0.01, 0.02, run=1), PowerOnZero(0.03, 0.04, run=2)])
     used = usable(rows, zero=zeros)
     np.testing.assert_array_equal(used.rows, np.arange(5))
     np.testing.assert_allclose(rows['az_enc'] - used.az_enc, [0.01, 0.01, 0.03, 0.03, 0.03])

@@ -39,6 +39,6 @@ def test_pixels_of_the_bars():
 
 def test_a_flat_row_sees_less_of_the_disc_at_its_ends():
     lattice = BarLattice(Design(geometry='tangent'), BARS, HALF)
-    assert lattice.stretch(np.array([0, 899, 1799])) == pytest.approx(
+    assert lattice.magnification(np.array([0, 899, 1799])) == pytest.approx(
         [0.988, 1.0, 0.988], abs=0.001)
     assert lattice.pixels_of(np.array([0])) == pytest.approx([48.0 / 0.988], abs=0.1)

@@ -11,7 +11,7 @@ from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
-from pointing_model.zero import NO_ZERO, RunZero
+from pointing_model.zero import NO_ZERO, PowerOnZero
 
 AZ, EL = np.array([0.5, 3.0]), np.array([0.6, 1.1])
 
@@ -24,7 +24,7 @@ def test_nothing_is_in_force_at_first():
 
 def test_model_and_zero_act_once_each():
     model = PointingModel({'IA': 120 * ARCSEC, 'CA': 50 * ARCSEC, 'TF': -30 * ARCSEC})
-    zero = RunZero(33.0 * ARCSEC, -21.0 * ARCSEC)
+    zero = PowerOnZero(33.0 * ARCSEC, -21.0 * ARCSEC)
     now = ActiveCalibration(model)
     now.update_zero(7, zero)
     wanted = np.column_stack(model.sky_to_encoder(AZ, EL)) + zero.angles
@@ -49,7 +49,7 @@ def test_a_text_that_is_no_model_changes_nothing():
 def test_a_model_and_the_zero_that_it_tells_of():
     def told(zeros):
         now = ActiveCalibration(PointingModel({}, provenance={'zeros_in_force': zeros}))
-        now.update_zero(1, RunZero(20.0 * ARCSEC, -9.0 * ARCSEC))
+        now.update_zero(1, PowerOnZero(20.0 * ARCSEC, -9.0 * ARCSEC))
         return now.zero_is_of_model()
     first = {'run': 1, 'az_arcsec': 1.0, 'el_arcsec': 2.0}
     newest = {'run': 2, 'az_arcsec': 20.0, 'el_arcsec': -9.0}
@@ -63,7 +63,7 @@ def test_a_model_and_the_zero_that_it_tells_of():
 # --- what goes together ---------------------------------------------------------------------------
 
 OLD, NEW = (PointingModel({'IA': ia * ARCSEC}) for ia in (-24.0, 320.0))
-OLD_ZERO, NEW_ZERO = (RunZero(az * ARCSEC, 0.0, run=run, started=run * 1e9, model=identity(
+OLD_ZERO, NEW_ZERO = (PowerOnZero(az * ARCSEC, 0.0, run=run, started=run * 1e9, model=identity(
     model.to_json())) for az, run, model in ((356.0, 1, OLD), (10.5, 2, NEW)))
 
 
@@ -94,7 +94,7 @@ def test_a_zero_of_another_model_waits_for_it_and_harms_nothing():
     now.update_zero(2, OLD_ZERO)
     assert demand(now) == 332.0
     # of no model: a zero by Polaris alone holds the whole of IA
-    now.update_zero(3, RunZero(1.0, 0.0, run=1, model='none'))
+    now.update_zero(3, PowerOnZero(1.0, 0.0, run=1, model='none'))
     assert demand(now) == 332.0
 
 
@@ -119,7 +119,7 @@ def test_a_zero_of_another_power_on_is_refused():
 
 def test_messages_of_older_logs_are_taken_as_ever():
     now = ActiveCalibration(OLD)
-    now.update_zero(1, RunZero(5.0 * ARCSEC, 0.0))
+    now.update_zero(1, PowerOnZero(5.0 * ARCSEC, 0.0))
     now.update_model(NEW.to_json())
     assert demand(now) == 325.0 and not now.complaints()
 
@@ -150,10 +150,11 @@ def test_a_zero_that_wanders_is_trusted_less_and_less():
 
 
 @pytest.mark.parametrize('zero, words', [
-    (RunZero(1e300, 0.0, run=1), 'zero of 1e\\+300 rad on the first axis'),
-    (RunZero(0.0, -6.3, run=1), 'zero of -6.3 rad on the second axis'),
-    (RunZero(0.0, 0.0, np.diag([1e-12, np.inf]), run=1), 'sigma of inf arcsec of the second axis'),
-    (RunZero(0.1, 0.0), 'does not say of which power-on and model')])
+    (PowerOnZero(1e300, 0.0, run=1), 'zero of 1e\\+300 rad on the first axis'),
+    (PowerOnZero(0.0, -6.3, run=1), 'zero of -6.3 rad on the second axis'),
+    (PowerOnZero(0.0, 0.0, np.diag([1e-12, np.inf]), run=1),
+     'sigma of inf arcsec of the second axis'),
+    (PowerOnZero(0.1, 0.0), 'does not say of which power-on and model')])
 def test_a_zero_of_no_encoder_is_refused_and_the_last_one_stays(zero, words):
     now = ActiveCalibration(OLD)
     now.update_zero(1, replace(OLD_ZERO, started=1e9))
@@ -164,7 +165,7 @@ def test_a_zero_of_no_encoder_is_refused_and_the_last_one_stays(zero, words):
 
 def test_a_zero_that_was_never_measured_may_be_half_a_turn():
     now = ActiveCalibration()
-    now.update_zero(1, RunZero(np.pi, -np.pi, np.diag([1e-2, 1e-2]), run=1))
+    now.update_zero(1, PowerOnZero(np.pi, -np.pi, np.diag([1e-2, 1e-2]), run=1))
     assert now.zero_stamp == 1
 
 
@@ -183,7 +184,7 @@ def test_a_model_of_no_mount_is_refused_and_the_last_one_stays(model, words):
         now.update_model(model.to_json())
     assert now.model is OLD
     with pytest.raises(ValueError, match=words):
-        text_to_pair(pair_to_text(model.to_json(), 1, RunZero(
+        text_to_pair(pair_to_text(model.to_json(), 1, PowerOnZero(
             0.0, 0.0, model=identity(model.to_json()))))
 
 

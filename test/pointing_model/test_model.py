@@ -8,7 +8,7 @@ from pointing_model.model import PointingModel
 from pointing_model.mount_kinds import CANONICAL
 from pointing_model.pointing_terms import TERMS, Trig, design
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero, Zeros
+from pointing_model.zero import PowerOnZero, Zeros
 
 
 def make(reading='zenith', seed=5, **kwargs):
@@ -93,8 +93,8 @@ def test_residuals_and_zeros():
     x, y = model.residuals(run)
     np.testing.assert_allclose(x, shift * np.cos(el), atol=1e-13)
     np.testing.assert_allclose(y, -shift, atol=1e-13)
-    zeros = Zeros([RunZero(30 * ARCSEC, -30 * ARCSEC, run=1),
-                   RunZero(-20 * ARCSEC, 20 * ARCSEC, run=2)])
+    zeros = Zeros([PowerOnZero(30 * ARCSEC, -30 * ARCSEC, run=1),
+                   PowerOnZero(-20 * ARCSEC, 20 * ARCSEC, run=2)])
     assert np.abs(model.residuals(run, zero=zeros)).max() < 1e-13
     with pytest.raises(ValueError, match='run 2'):
-        model.residuals(run, zero=Zeros([RunZero(0.0, 0.0, run=1)]))
+        model.residuals(run, zero=Zeros([PowerOnZero(0.0, 0.0, run=1)]))

@@ -16,7 +16,7 @@ from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.pointing_corrector_node import PointingCorrector
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 START = 1_768_482_000_000_000_000
 MODEL = PointingModel(
@@ -171,7 +171,7 @@ def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stay
         encoder.publish(homing_to_cloud([axis, axis], START))
 
     def set_zero(angles, **told):
-        desk.zero_pub.publish(zero_to_joints(RunZero(*angles, run=1, **told), START))
+        desk.zero_pub.publish(zero_to_joints(PowerOnZero(*angles, run=1, **told), START))
 
     tell(1e9)
     graph.report('pointing_corrector', '', 'encoder', 'power_on_1@1000000000.000')
@@ -240,11 +240,11 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
 
 def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
     from pointing_model.calibration_messages import zero_to_joints
-    from pointing_model.zero import RunZero
+    from pointing_model.zero import PowerOnZero
     from pointing_model.zero_drift import KEY, AxisFollowing, Following
     follows = Following({'el': AxisFollowing(
         np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})
-    zero = RunZero(*ZERO, np.diag(ZERO_SIGMA**2), 1)
+    zero = PowerOnZero(*ZERO, np.diag(ZERO_SIGMA**2), 1)
     model = PointingModel(MODEL.terms, MODEL.covariance, provenance={
         KEY: follows.document(), 'zeros_in_force': [zero.to_dict()]})
     desk = Desk(graph, model)

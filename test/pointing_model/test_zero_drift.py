@@ -7,7 +7,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 from pointing_model.zero_drift import KEY, AxisFollowing, Difference, Following, harmonic_columns
 
 DISCS = np.array([0.3, -0.2, 0.1, 0.05]) * ARCSEC
@@ -92,7 +92,7 @@ def in_force(zero=(5.0, 6.0)):
         KEY: ELEVATION.document(),
         'zeros_in_force': [{'run': 1, 'az_arcsec': 5.0, 'el_arcsec': 6.0}]})
     out = ActiveCalibration(model)
-    out.update_zero(1, RunZero(*np.array(zero) * ARCSEC, np.eye(2) * ARCSEC**2, 1))
+    out.update_zero(1, PowerOnZero(*np.array(zero) * ARCSEC, np.eye(2) * ARCSEC**2, 1))
     return out
 
 
@@ -142,7 +142,7 @@ def test_a_power_on_of_the_absolute_encoder_stops_it():
     assert again.axes['el'].starts == {1: 1000.5}
 
     now = ActiveCalibration(PointingModel({}, provenance={KEY: follows.document()}))
-    now.update_zero(1, RunZero(0.0, 0.0, np.eye(2) * ARCSEC**2, 1))
+    now.update_zero(1, PowerOnZero(0.0, 0.0, np.eye(2) * ARCSEC**2, 1))
     incremental, absolute, moved = readings()
     now.update_readings(1, incremental[:, 0], absolute[:, 0], 1000.5)
     assert now.complaints() == []

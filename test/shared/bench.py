@@ -12,7 +12,7 @@ from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from telescope_mount.observing.night_memory import NightMemory
 from telescope_mount.observing.sequencer import Sequencer
@@ -195,7 +195,7 @@ class Bench:
         self.plan.pointing_changed()
 
     def takes_zero(self, stamp, *angles):
-        self.in_force.update_zero(stamp, RunZero(*angles))
+        self.in_force.update_zero(stamp, PowerOnZero(*angles))
         self.plan.pointing_changed()
 
 

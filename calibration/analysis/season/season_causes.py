@@ -160,7 +160,7 @@ def choose_causes(terms, candidates, alpha=ALPHA):
     ----------
     terms : NightlyTerms
         Without columns.
-    asked : list of Cause
+    candidates : list of Cause
     alpha : float
 
     Returns
@@ -172,7 +172,7 @@ def choose_causes(terms, candidates, alpha=ALPHA):
     n, k = terms.values.shape
     found, candidates = [], list(candidates)
     variation, base = fit_variation(terms, restricted=False)
-    # a step by each of its dates, all else by itself: as many chances as were asked
+    # a step by each of its dates, all else by itself: as many chances as were tried
     while candidates and len(found) < max(_LEAST_MOST, n // _NIGHTS_A_CAUSE):
         best = None
         # what was declared stands before the steps, and one at its date says the same
@@ -213,7 +213,7 @@ def _together(terms, found, candidates, variation, base, alpha):
     terms : NightlyTerms
         With the columns of what was found.
     found : list of SeasonChoice
-    asked : list of Cause
+    candidates : list of Cause
     variation : TermVariation
     base : float
         Log likelihood.

@@ -8,7 +8,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.context import Context
 from pointing_model.model import PointingModel
 from pointing_model.rms import rms
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 from ..diagnosis import check_columns
 from ..fit import fit_terms
@@ -115,8 +115,8 @@ def track_run(run, model=None, first=None, names=None, progress=None):
     numbers = run['run'][fitted - 1] if fitted else None
     started = run['encoder_start'][fitted - 1] if fitted and 'encoder_start' in run else None
     night = TrackedNight(
-        model, RunZero(0.0, 0.0, run=None if numbers is None else float(numbers),
-                       started=started), int(np.rint(begun * 1e9)), noise,
+        model, PowerOnZero(0.0, 0.0, run=None if numbers is None else float(numbers),
+                           started=started), int(np.rint(begun * 1e9)), noise,
         held and difference_of(held), held and lean_of(held))
     night.keep()
     rows, time, evening, live, sigma = [], [], [], [], []

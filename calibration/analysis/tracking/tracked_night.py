@@ -16,7 +16,7 @@ from pointing_model.context import Context
 from pointing_model.held_terms import BROAD
 from pointing_model.model_document import KEY, from_document, identity
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 from ...distrust import distrusted
 from ...rows import is_kept_out
@@ -49,7 +49,7 @@ class TrackedNight:
     model : PointingModel
         To begin with. One that has the nights before (`history`) stands for them: the first
         stars decide what has happened since.
-    zero : RunZero
+    zero : PowerOnZero
         That goes with it; of another power-on it is widened.
     stamp : int
         When the model held, ns; rows up to then are in it.
@@ -64,7 +64,7 @@ class TrackedNight:
 
     Attributes
     ----------
-    zero : RunZero
+    zero : PowerOnZero
         Taken off all readings. It stays: the index terms follow.
     updates : list of TrackerUpdate
         Of the rows that were taken last.
@@ -117,7 +117,7 @@ class TrackedNight:
         held = model.provenance.get('last_stamp_ns')
         held = held if isinstance(held, int) else first
         # one that says of nights is of this one: how far nights differ is in it
-        return cls(model, RunZero(0.0, 0.0), first - _BEFORE if PAST in model.provenance
+        return cls(model, PowerOnZero(0.0, 0.0), first - _BEFORE if PAST in model.provenance
                    else min(held, first - _A_DAY))
 
     @classmethod
@@ -134,7 +134,7 @@ class TrackedNight:
             raise ValueError('a model that was not tracked')
         begun = kept['evening']
         try:
-            zero = RunZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
+            zero = PowerOnZero(*begun['zero_rad'], run=begun['run'], started=begun['encoder_start'])
             return cls(from_document(begun['model']), zero, begun['stamp'], begun['noise'],
                        begun['difference'], begun['lean'], begun.get('rates'))
         except (KeyError, TypeError) as err:

@@ -16,9 +16,9 @@ from msg_tools.units import ARCSEC
 from pointing_model.held_terms import is_a_model
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
-from pointing_model.zero import BY_POLARIS, RunZero, is_for_zero, is_marked
+from pointing_model.zero import BY_POLARIS, PowerOnZero, is_for_zero, is_marked
 
-from ...rows import by_run, zero_exposures_by_run
+from ...rows import by_power_on, zero_exposures_by_power_on
 from ..fit import fit_terms
 from .zero_estimate import estimate_zeros
 
@@ -29,13 +29,13 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasuredZero(RunZero):
+class MeasuredZero(PowerOnZero):
     """Change of the zero of both axes, with all that it rests on.
 
     Attributes
     ----------
     az, el, covariance, run
-        See `RunZero`; the covariance is of these exposures and of the reference.
+        See `PowerOnZero`; the covariance is of these exposures and of the reference.
     n : int
         Exposures used.
     reference : str
@@ -191,7 +191,7 @@ def night_zeros(rows, reference, needed=None):
     """
     reference = reference or PointingModel({}, mount=rows.mount)
     zeros, parts = {}, {}
-    for number, part in zero_exposures_by_run(rows):
+    for number, part in zero_exposures_by_power_on(rows):
         with nullcontext() if number == needed else suppress(ValueError):
             zeros[number] = zero_from_exposures(part, reference, run=number)
             parts[number] = part
@@ -232,7 +232,7 @@ def zero_change(rows, before, after, model):
 
     `model` gives how the offset differs between the places exposed.
     """
-    parts = by_run(rows.select(is_for_zero(rows)))
+    parts = by_power_on(rows.select(is_for_zero(rows)))
     return zero_from_exposures(parts[after], parts[before], model=model,
                                reference_name=f'power-on {before:.0f}')
 

@@ -57,7 +57,7 @@ def which_fits(table, rows, icrs, apparent, mount):
     ra, dec, time, *air = apparent
     time = np.broadcast_to(time, np.shape(ra))
     places = {J2000: icrs,
-            OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
+              OF_DATE: icrs_to_observed(*frames.to_icrs(ra, dec, frames.OF_DATE, time), time, *air)}
     found = comparison(places, reading, time, mount)
     table.meta['equinox_taken'] = found
     table.meta['notes'].append(sentence(found))

@@ -8,7 +8,7 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 MODEL = PointingModel(dict(zip(
     PHYSICAL, np.array([200, 100, 60, -90, 120, -130, 80]) * ARCSEC)))
@@ -82,7 +82,7 @@ def test_options():
     run = make_run(10)
     assert external_check(run, names=('IA', 'IE')).radial > 20
     shifted = PointingRun({**run.columns, 'az_enc': run['az_enc'] + 1e-3})
-    zero = external_check(shifted, zero=RunZero(1e-3, 0.0))
+    zero = external_check(shifted, zero=PowerOnZero(1e-3, 0.0))
     assert zero.radial == pytest.approx(external_check(run).radial, rel=1e-6)
 
 

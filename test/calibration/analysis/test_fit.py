@@ -12,7 +12,7 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL, design
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 
 @pytest.mark.parametrize('robust', [True, False])
@@ -222,7 +222,7 @@ def test_zero_is_subtracted_and_other_encoder_is_used():
     columns = dict(run.columns)
     columns['az_abs'], columns['el_abs'] = run['az_enc'] + 1e-4, run['el_enc'] - 2e-4
     run = PointingRun(columns)
-    fit = fit_terms(run, encoder='abs', zero=RunZero(1e-4, -2e-4))
+    fit = fit_terms(run, encoder='abs', zero=PowerOnZero(1e-4, -2e-4))
     np.testing.assert_allclose(fit.coefficients, TRUTH, atol=1e-6 * ARCSEC)
     fit = fit_terms(run, encoder='abs')
     assert fit.coefficients[0] - TRUTH[0] == pytest.approx(1e-4, abs=1e-11)

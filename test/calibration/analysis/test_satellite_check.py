@@ -11,7 +11,7 @@ from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.elements import GPS_26690, parse_elements
 from pointing_model.sky.satellite import satellite_place
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 GPS = parse_elements(GPS_26690)
 
@@ -47,7 +47,7 @@ def test_statistics_are_of_the_coordinate(time):
 def test_model_and_zero_are_taken_off(time):
     model = PointingModel({'IA': 3.0 * ARCSEC, 'IE': -2.0 * ARCSEC})
     run = _run(time, np.full(time.size, 10.0), np.full(time.size, 4.0))
-    out = tracking_statistics(tracking_errors(model, run, RunZero(1.0 * ARCSEC, 5.0 * ARCSEC)))
+    out = tracking_statistics(tracking_errors(model, run, PowerOnZero(1.0 * ARCSEC, 5.0 * ARCSEC)))
     assert out['az_mean_arcsec'] == pytest.approx(6.0, abs=1e-3)
     assert out['el_mean_arcsec'] == pytest.approx(1.0, abs=1e-3)
 

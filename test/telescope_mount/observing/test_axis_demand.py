@@ -5,7 +5,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.active_calibration import ActiveCalibration
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.axis_demand import KNOT, AxesAtRest, Conditions, Pointing, track_to
 
 START = 1_768_482_000_000_000_000
@@ -59,7 +59,7 @@ def test_how_the_axes_came_is_that_of_the_first_command():
 
 def test_model_zero_and_aim_are_in_the_demand_once():
     now = ActiveCalibration(PointingModel({'IA': 100 * ARCSEC, 'IE': -50 * ARCSEC}))
-    now.update_zero(1, RunZero(7 * ARCSEC, 3 * ARCSEC))
+    now.update_zero(1, PowerOnZero(7 * ARCSEC, 3 * ARCSEC))
     pointing = Pointing(Fixed(1.0, 0.8), now, np.array([20.0, 10.0]) * ARCSEC)
     got = pointing.demand(np.array([START]), conditions(0.0, 0.5))[0]
     np.testing.assert_allclose((got - [1.0, 0.8]) / ARCSEC, [127.0, -37.0], rtol=0, atol=0.02)

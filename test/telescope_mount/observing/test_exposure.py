@@ -9,7 +9,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import POLARIS_HIP, load_catalogue
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 from pointing_model.zero_drift import KEY, AxisFollowing, Following
 from telescope_mount.observing.instruments import ABSOLUTE, CAMERA, MOUNT
 
@@ -115,7 +115,7 @@ def test_a_blind_star_gets_what_the_counts_had_wandered_at_the_one_before():
     bench.in_force.update_model(PointingModel({'IA': 0.0}, provenance={
         KEY: follows.document(),
         'zeros_in_force': [{'run': 1, 'az_arcsec': 0.0, 'el_arcsec': 0.0}]}).to_json())
-    bench.in_force.update_zero(START, RunZero(0.0, 0.0, run=1))
+    bench.in_force.update_zero(START, PowerOnZero(0.0, 0.0, run=1))
 
     def wanders(number):
         bench.error = np.array([0.0, 5.0 * number + 2.0]) * ARCSEC

@@ -11,7 +11,7 @@ from msg_tools.units import ARCSEC, DEG
 from pointing_model.active_calibration import tracked_sigma
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 from telescope_mount.observing.plan import parse_plan
 from telescope_mount.observing.tracking_step import TrackedModel, choose_next, next_time
 
@@ -20,7 +20,7 @@ MOUNT = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 
 
 
 def tracked(stars=0):
-    night = TrackedNight(MOUNT, RunZero(0.0, 0.0, run=1.0), START, (ARCSEC, ARCSEC))
+    night = TrackedNight(MOUNT, PowerOnZero(0.0, 0.0, run=1.0), START, (ARCSEC, ARCSEC))
     return night, night.model(START)
 
 
@@ -76,7 +76,7 @@ def test_stars_are_taken_when_the_error_reaches_the_goal():
     bench = Bench('track 2arcsec 120')
     night, model = tracked()
     bench.in_force.update_model(model.to_json())
-    bench.in_force.update_zero(START, RunZero(0.0, 0.0, run=1.0))
+    bench.in_force.update_zero(START, PowerOnZero(0.0, 0.0, run=1.0))
     taken = 0
     while bench.plan.busy:
         bench.until(lambda taken=taken: len(bench.rows) > taken or not bench.plan.busy)

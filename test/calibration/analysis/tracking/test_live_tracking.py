@@ -15,7 +15,7 @@ from calibration.report.wording import worded
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 
 def feed(state, run):
@@ -75,7 +75,7 @@ def test_it_begins_anew_from_a_fit():
 
 
 def test_rows_to_judge_by_satellites_and_a_frozen_camera_are_left_out():
-    night = TrackedNight(MOUNT, RunZero(0.0, 0.0, run=1.0), START)
+    night = TrackedNight(MOUNT, PowerOnZero(0.0, 0.0, run=1.0), START)
     assert night.take(rows(3, check=np.ones(3))) == []
     assert night.take(rows(3, begin=3, star=np.full(3, -25544.0))) == []
     frozen = rows(8, begin=6, miss_x=np.full(8, ARCSEC), miss_y=np.full(8, ARCSEC))

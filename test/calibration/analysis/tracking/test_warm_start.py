@@ -19,7 +19,7 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
-from pointing_model.zero import RunZero
+from pointing_model.zero import PowerOnZero
 
 DAY, START = 86400.0, 1_768_482_000.0
 TERMS = dict(zip(PHYSICAL, np.array([310.0, -170, 46, -23, 37, -21, 15]) * ARCSEC))
@@ -113,7 +113,7 @@ def test_an_encoder_switched_on_among_the_first_stars_is_told_of(foretold):
 
 def test_the_track_of_a_whole_run_can_be_seen_in_hindsight(foretold):
     rows = night(10, {'IA': 50.0}, 7)
-    whole = TrackedNight(foretold, RunZero(0.0, 0.0), int(rows['time'][0] * 1e9) - 10**9)
+    whole = TrackedNight(foretold, PowerOnZero(0.0, 0.0), int(rows['time'][0] * 1e9) - 10**9)
     whole.keep()
     for i in range(len(rows)):
         whole.take(rows.select([i]))
@@ -140,4 +140,4 @@ def test_what_is_damaged_is_said(foretold, damage):
     bad = PointingModel(foretold.terms, foretold.covariance,
                         provenance=foretold.provenance | damage)
     with pytest.raises(ValueError, match='is damaged.*telescope-mount season'):
-        TrackedNight(bad, RunZero(0.0, 0.0), 0)
+        TrackedNight(bad, PowerOnZero(0.0, 0.0), 0)

@@ -5,7 +5,7 @@ from calibration.analysis.zero.power_on_zeros import night_zeros, zero_from_expo
 from calibration.calibration_state import CalibrationState
 from calibration.night_series import NightSeries
 from calibration.report.zero_wording import zero_statement
-from calibration.rows import zero_exposures_by_run
+from calibration.rows import zero_exposures_by_power_on
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ, Mount
@@ -221,7 +221,7 @@ def test_polaris_in_one_power_on_and_stars_in_the_other():
 def test_exposures_for_a_zero_are_those_of_polaris_and_those_with_a_mark():
     rows = PointingRun.concatenate(night(second_by_polaris=True))
     assert is_for_zero(rows).sum() == 32
-    assert [(number, way_of(part)) for number, part in zero_exposures_by_run(rows)] == [
+    assert [(number, way_of(part)) for number, part in zero_exposures_by_power_on(rows)] == [
         (1, 'stars (4)'), (2, 'Polaris')]
     old = PointingRun({n: v for n, v in rows.columns.items() if n != MARK})
     assert is_for_zero(old).sum() == 16
