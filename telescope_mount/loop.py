@@ -168,13 +168,14 @@ def close_all(out, *, names=ALL, seed=1, progress=None, **options):
 def _sound_run(file, place):
     """A measured run of which the columns and enough rows can be used."""
     from calibration.analysis.diagnosis import check_columns
+    from calibration.report.wording import wording
 
     from .run_loader import load_run
     run = load_run(file, **place)
     check_columns(run)
     counts = reader_row_counts(run)
     if counts.too_few:
-        raise ValueError(f'{file}: {counts.refusal}')
+        raise ValueError(f'{file}: {wording(counts.refusal)}')
     return run
 
 

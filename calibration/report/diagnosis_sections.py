@@ -168,10 +168,9 @@ def driver_figures(view, limit=8):
 def effect_figure(view, effect):
     """What is left without this effect alone, and the effect drawn in, against its driver."""
     driver = effect.driver
-    if driver is None or effect.fitted is None:
+    if driver is None:
         return ''
-    own = effect.fitted if effect.own is None else effect.own
-    data = view.residuals
+    data, own = view.residuals, effect.own
     x, used = _spread(driver), data.used & np.isfinite(own).all(axis=0)
     out = []
     for axis, title in enumerate(data.axes):

@@ -44,13 +44,12 @@ class FoundEffect:
     text : str
         All of it.
     facts : list of (str, str)
-    fitted : ndarray, shape (2, n), optional
-        What it moves in each row, arcsec on the sky.
+    fitted, own : ndarray, shape (2, n)
+        What it moves in each row, and of that what no term and no other effect takes up, see
+        `page_figures.its_own`; arcsec on the sky.
     driver : Driver, optional
     ranking : list of dict
         What else could stand in its place, best first, as in `DiagnosisView`.
-    own : ndarray, shape (2, n), optional
-        What of `fitted` no term and no other effect takes up, see `page_figures.its_own`.
     gradual, fades : bool
         It is reached little by little after a reversal; on the sky it is smaller higher up.
     """
@@ -58,12 +57,12 @@ class FoundEffect:
     title: str
     summary: Statement
     facts: list
-    fitted: np.ndarray | None = None
+    fitted: np.ndarray
+    own: np.ndarray
     driver: Driver | None = None
     ranking: list = field(default_factory=list)
     gradual: bool = False
     fades: bool = False
-    own: np.ndarray | None = None
 
     def __post_init__(self):
         self.name, self.text = self.title[:1].upper() + self.title[1:], self.summary.text
@@ -352,10 +351,9 @@ def _found(diagnosis, found):
     return FoundEffect(
         effect_title(found, context.mount.names.axes), effect_summary(diagnosis, found),
         _facts(found, context, len(diagnosis.effects) > 1),
-        found.offsets, _effect_driver(context, e),
+        found.offsets, found.own, _effect_driver(context, e),
         _in_words(found.ranking, context.mount),
-        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'),
-        found.own)
+        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'))
 
 
 def _size_of(cause, context):

@@ -54,6 +54,7 @@ def _run(args):
     from calibration.analysis.harmonic_fit import choice_of
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.documents import fit_document
+    from calibration.report.fit_page import render_fit
     from calibration.report.terminal_tables import fit_tables
 
     from ..run_loader import load_run
@@ -70,8 +71,5 @@ def _run(args):
                     source=args.file, most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
     print_all(console, fit_tables(found, document))
-    page = None
-    if args.report:
-        from calibration.report.fit_page import render_fit
-        page = render_fit(found, document)
-    write_outputs(console, args, document, model=found.model.save, page=page)
+    write_outputs(console, args, document, model=found.model.save,
+                  page=args.report and render_fit(found, document))

@@ -225,7 +225,7 @@ def test_many_rows_stay_small():
                  'before': rms, 'after': rms, 'noise_floor_arcsec': np.nan, 'effects': []},
                 Residuals(['a star'] * n, rng.uniform(0, 6.28, n), el, before, after,
                           np.ones(n, bool)), [driver],
-                [FoundEffect('x', Statement('Y.'), [], before - after, driver)], [], [],
+                [FoundEffect('x', Statement('Y.'), [], *[before - after] * 2, driver)], [], [],
                 Verdict('Z', [], [], [], [], '', ''))
     text = render(view)
     assert len(text) < 1_500_000
