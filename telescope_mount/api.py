@@ -28,7 +28,7 @@ from calibration.analysis.diagnosis import check_columns
 from calibration.analysis.diagnosis import diagnose as _diagnose
 from calibration.analysis.run_fit import fit_run
 from calibration.analysis.sky_model import settled_together
-from calibration.report.documents import diagnosis_document, fit_document
+from calibration.report.documents import fit_document, run_diagnosis_document
 from msg_tools.units import ARCSEC, DEG
 from msg_tools.whole_files import write_text
 from pointing_model import model_application as _apply
@@ -198,7 +198,7 @@ class RunDiagnosis(_Found):
     @cached_property
     def document(self):
         """What ``telescope-mount diagnose --json`` writes, dict."""
-        return diagnosis_document(self.result)
+        return run_diagnosis_document(self.result)
 
     @property
     def verdict(self):

@@ -5,6 +5,8 @@ The command ``fit`` and `telescope_mount.fit` are options and printing around it
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from pointing_model.model import PointingModel
 from pointing_model.rms import Rms
 from pointing_model.runs.run import PointingRun
@@ -12,7 +14,14 @@ from pointing_model.zero import NO_ZERO
 
 from .diagnosis.implausible_terms import suspicious
 from .diagnosis.input_check import ColumnCheck, check_columns
+from .diagnosis.residual_patterns import (
+    ResidualRows,
+    cluster_findings,
+    patterns_first,
+    visit_findings,
+)
 from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
+from .diagnosis.sessions import arrange, at_steps
 from .external_check import checked_by_halves
 from .finding import Finding
 from .fit import fit_terms
@@ -73,7 +82,7 @@ class RunFit:
 
 
 def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics=None,
-            predict=False, source=None, **solver):
+            predict=False, source=None, sessions=0.0, **solver):
     """Check the columns of a run, and fit what is requested.
 
     Parameters
@@ -90,6 +99,9 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
         Choose effects of the direction that predict stars left out.
     source : str, optional
         Of the model's provenance; by default that of the run.
+    sessions : float, optional
+        A gap longer than so many hours begins a session with zeros of its own, see
+        `diagnosis.sessions.arrange`; None: told by the data; 0: one zero for all rows.
     **solver
         As of `estimation.gauss_newton.gauss_newton`.
 
@@ -117,23 +129,42 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
     if not base:
         run = settled_run
     source = {'source': str(source or run.meta.get('source', ''))}
-    result = fit_terms(run, terms, robust=robust, encoder=encoder, provenance=source, **solver)
-    halves = checked_by_halves(run, result, terms, encoder=encoder, robust=robust, **solver)
+    if sessions != 0.0:
+        run = arrange(run, '+'.join(terms), run.mount.names.index, sessions, encoder,
+                      least_step=0.0).runs[0]
+    own = sessions != 0.0 and 'run' in run and len(np.unique(run['run'])) > 1
+    how = {'robust': robust, 'encoder': encoder, 'run_zeros': own, **solver}
+    result = fit_terms(run, terms, provenance=source, **how)
+    halves = checked_by_halves(run, result, terms, **how)
     counts = fit_row_counts(run, result)
     out = RunFit(run, encoder, result, result.model, result.model, columns, halves, origin,
                  counts.to_dict(), counts.too_few, excluded_of_fit(run, result), base=base)
     if harmonics:
         fitted, out.harmonics, out.harmonic_findings = fit_chosen(
-            run, harmonics, Recipe(NO_ZERO, False, terms, encoder, robust), result)
+            run, harmonics, Recipe(NO_ZERO, own, terms, encoder, robust), result)
         out.plain = replace(fitted.model, provenance={**fitted.model.provenance, **source})
     if predict:
         from .diagnosis.prediction import predictive_model
         out.predicted = predictive_model(run, '+'.join(terms), encoder=encoder)
         out.plain = out.predicted.model
     out.model = base.whole(out.plain) if base else out.plain
-    out.findings = [*run.meta.get('notes', ()), *columns.doubts(run.mount.names),
-                    *result.findings(run), *implausible_values(result.term_rows())]
+    out.findings = patterns_first([
+        *run.meta.get('notes', ()), *columns.doubts(run.mount.names), *result.findings(run),
+        *implausible_values(result.term_rows()), *_patterns(run, result, terms, how)])
     return out
+
+
+def _patterns(run, result, terms, how):
+    """Findings on places visited again, with what zeros after a step bring, and on outliers."""
+    rows = ResidualRows.from_fit(run, result, how['encoder'])
+    visits, alone = rows.visits(terms), not how['run_zeros']
+    out = visit_findings(rows, visits)
+    if alone and visits.at_once:
+        apart = at_steps(run, '+'.join(terms), how['encoder'])
+        after = fit_terms(apart, terms, **{**how, 'run_zeros': True})
+        out = [replace(out[0], before=result.rms_arcsec().radial,
+                       after=after.rms_arcsec().radial)]
+    return out + cluster_findings(rows)
 
 
 def one_of_runs(run, number=None, zeros_known=False):

@@ -110,8 +110,13 @@ def _entry(rms, held_out=None):
     return out
 
 
+def run_diagnosis_document(found):
+    """What ``diagnose --json`` writes: `diagnosis_document`, and its ``notes`` in words."""
+    return {**diagnosis_document(found), 'notes': list(map(wording, found.notes))}
+
+
 def diagnosis_document(found):
-    """What ``diagnose --json`` writes: `Diagnosis.to_dict`, with words where data has some.
+    """`Diagnosis.to_dict`, with words where data has some.
 
     Parameters
     ----------
@@ -136,12 +141,12 @@ def refused_document(error):
     Returns
     -------
     dict
-        The keys of `Diagnosis.to_dict`; what does not apply is None.
+        The keys of `Diagnosis.to_dict`, and ``notes``; what does not apply is None.
     """
     return {
         **refused_columns(error), 'verdict': 'refused', 'south': False, 'cv_contiguous': {},
         **{key: [] for key in ('effects', 'next_observations', 'as_read_terms', 'held_out',
-                               'no_star', 'unphysical')},
+                               'no_star', 'unphysical', 'notes')},
         **dict.fromkeys(('runs', 'base_terms', 'noise_floor_arcsec', 'detectable', 'wander',
                          'expected', 'as_read_rms_arcsec', 'equinox', 'unequal_scatter',
                          'worst_rows', 'approach_from'))}

@@ -128,7 +128,18 @@ def repeat_sentence(document):
         largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
         if largest['name'] in chosen:
             text += f', the largest {chosen[largest["name"]]} times'
-    return f'{text}.'
+    return f'{text}.' + _in_runs(document, spread)
+
+
+def _in_runs(document, spread):
+    """In how many runs, each alone, the largest effect is seen, by any of its causes."""
+    largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
+    count = (spread.get('runs_set') or {}).get(largest['name'])
+    if count is None:
+        return ''
+    what = 'it' if len(document['effects']) == 1 else 'the largest'
+    return (f' Of {spread["runs"]} runs or sessions, each taken alone, {count} show {what}, by one '
+            'or another of the causes.')
 
 
 def spread_sentence(document):
@@ -156,19 +167,29 @@ def choice_sentence(document):
     if not folds or document['verdict'] in STAYS or not document['effects']:
         return ''
     kind = document.get('mount') or USUAL
-    own, others = ([f'{plain_name(name, kind)} {_times(count, folds)}' for name, count in
-                    sorted(spread.get(key, {}).items(), key=lambda one: -one[1])]
-                   for key in ('chosen', 'others'))
+    # what repeats is an effect by any of its causes: which one a part of the rows prefers is chance
+    same, others = spread.get('chosen', {}), spread.get('others_set', spread.get('others', {}))
+    own = [f'{plain_name(name, kind)} {_times(count, folds)}'
+           + (f' ({_times(count - same[name], folds)} by an equal cause)'
+              if same.get(name, count) < count else '')
+           for name, count in _by_count({**same, **(spread.get('chosen_set') or {})})]
+    others = [f'{plain_name(name, kind)} {_times(count, folds)}'
+              for name, count in _by_count(others)]
     text = (f'With a part of the rows left out the choice was repeated {folds} times. Of what was '
             f'found it had {"; ".join(own)}')
     if len(own) > 1:
-        text += f'; all of it and nothing else {_times(spread["same_choice"], folds)}'
+        whole = spread.get('same_set', spread['same_choice'])
+        text += f'; all of it and nothing else {_times(whole, folds)}'
     if others:
         more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
         text += f'. Of other effects it had {"; ".join(others[:_MOST_OTHERS])}{more}'
     if spread.get('no_choice'):
         text += f'. It had no effect at all {_times(spread["no_choice"], folds)}'
     return f'{text}.'
+
+
+def _by_count(counts):
+    return sorted(counts.items(), key=lambda one: -one[1])
 
 
 def _times(number, of):

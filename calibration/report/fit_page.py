@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.analysis.diagnosis.residual_patterns import is_pattern
 from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
@@ -53,7 +54,8 @@ def render_fit(found, document):
         f'{clean(Path(str(source)).name)} · terms {clean(", ".join(result.names))} · mount '
         f'{clean(run.mount.kind)}</p>',
         controls(data),
-        html.verdict('', headline, [outliers, *map(wording, result.findings(run))],
+        html.verdict('', headline, [
+            outliers, *map(wording, [*filter(is_pattern, found.findings), *result.findings(run)])],
                      html.cards([(before['rms_arcsec'], 'as the encoders read'),
                                  (after['rms_arcsec'], 'after, rows fitted'),
                                  (after.get('cv_rms_arcsec'), 'after, halves not seen'),

@@ -174,7 +174,7 @@ KINDS = {
     'open direction': lambda found: f'the stars do not determine {found["direction"]}',
     'runs fitted as one': lambda found: (
         f'{found.size} runs (column run) fitted as one, with one zero: take one with --run N, or '
-        'diagnose, which fits zeros to each'),
+        'fit zeros to each with --sessions auto'),
     'not cross-validated': lambda found: (
         f'{found["model"]}: not cross-validated, the stars are too few to leave some out'),
     'better model': lambda found: (

@@ -25,6 +25,8 @@ _TAKEN = {
     'mmt': 'RAA, with the refraction in it, was taken for the catalogue and TAA for the mount',
     'unam': 'the columns were taken as this format has them',
     'images': 'the keywords were taken as the mapping names them'}
+#: times the noise between visits, from where what terms leave is more than noise
+_MORE = 1.3
 
 
 
@@ -282,8 +284,66 @@ def _together(nights, when):
     return f'{np.sqrt(rows @ squares / rows.sum()):.2f}\u2033'
 
 
+def _noise(found):
+    both = [f'{arcsec(size)} ({axis})' for size, axis in zip(found['noise_arcsec'], found['axes'])]
+    return f'the noise of one star, by its differences alone, is {" and ".join(both)}'
+
+
+def _visited_again(found):
+    more = ' and '.join(f'{arcsec(left)} ({axis})' for axis, left, noise in zip(
+        found['axes'], found['left_arcsec'], found['noise_arcsec']) if left > _MORE * noise)
+    return (f'{found["places"]} places were visited again (within {found["radius_deg"]:g}°), and '
+            f'nothing moved between visits; {_noise(found)}'
+            + (f'; the terms leave more, {more}, which is of the directions' if more else ''))
+
+
+def _moved(found):
+    size = f'{found.size:+.2f}'.replace('-', '−')
+    return (f'the zero of the {found["axis"]} moved by {size} ± {found.sigma:.2f}″ between '
+            f'{found["word"]}s {found["before"]} and {found["after"]}, by {found["both"]} places '
+            f'visited before and after (within {found["radius_deg"]:g}°)')
+
+
+def _step(found):
+    text = f'{_moved(found)}: a step, beyond what drift or correlated noise would do; '
+    text += 'a session with zeros of its own begins there; ' * (found.todo == 'own zeros')
+    text += _noise(found)
+    if found.after is not None:
+        text += (f'. With zeros of its own after it {found.before:.2f}″ of RMS become '
+                 f'{found.after:.2f}″: --sessions auto fits them')
+    return text
+
+
+def _cluster(found):
+    low, high = found['elevation_deg']
+    where = {
+        'direction': f'within {found["radius_deg"]:.1f}° of azimuth {found["azimuth_deg"]:.0f}°, '
+                     f'elevation {0.5 * (low + high):.0f}°',
+        'azimuth': f'within {found["aside_deg"]:.1f}° of azimuth {found["azimuth_deg"]:.0f}°, '
+                   f'at elevations from {low:.0f}° to {high:.0f}°',
+        'first axis': f'at {found["first_axis"]} from {found["first_deg"][0]:.1f}° to '
+                      f'{found["first_deg"][1]:.1f}°',
+        'time': f'one after the other ({found["of"]} rows)', 'star': f'of star {found["star"]}',
+        'side': 'through the pole' if found['side'] else 'on this side of the pole'}
+    look = {
+        'time': 'look at what was done then', 'star': 'look at the place of that star, and whether '
+        'it is double'}
+    rows = ', '.join(map(str, found['rows'][:_NAMED])) + (
+        f' and {len(found["rows"]) - _NAMED} more' if len(found['rows']) > _NAMED else '')
+    return (f'{len(found["rows"])} outliers lie together, {where[found["what"]]}: '
+            f'{found["word"]}s {rows} are {arcsec(abs(found.size))} too '
+            f'{"high" if found.size > 0 else "low"} in {found["axis"]} (chance '
+            f'{found["chance"]:.1g}). They are left out, but not each an accident: '
+            + look.get(found['what'], 'look at what is there (dome, cable, stop, encoder)'))
+
+
 #: kind of a `Finding` -> its sentence
 KINDS = {
+    'places visited again': _visited_again,
+    'moved between visits': lambda found: (
+        f'{_moved(found)}; a step, drift and correlated noise cannot be distinguished here'),
+    'step between visits': _step,
+    'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),
     'reading as good': _reading_as_good,
     'better reading': _better_reading,

@@ -32,9 +32,9 @@ def add(commands):
                         'model file, ours or of another program, whose terms are fitted anew')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
                         'or session fits for itself (default: of several, IA,IE and what pays)')
-    parser.add_argument('--sessions', type=options.gap_hours, metavar='HOURS',
-                        help='a gap longer than this begins a session, with terms of its own; '
-                        'none: take runs as they are (default: gaps of hours, if the rows say so)')
+    options.add(parser, 'sessions', help='a gap longer than this begins a session, with terms of '
+                'its own; none: take runs as they are; auto (default): at gaps of hours, and where '
+                'places visited again show a step, if the rows say so')
     parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
                         'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
                         'outliers by whole ones are slips (default: what a log of ours tells)')
@@ -76,7 +76,7 @@ def _run(args):
     from calibration.report.diagnosis_page import render
     from calibration.report.diagnosis_terminal import diagnosis_tables
     from calibration.report.diagnosis_view import view_of
-    from calibration.report.documents import diagnosis_document
+    from calibration.report.documents import run_diagnosis_document
     from calibration.report.fit_wording import origin_sentence
     from calibration.report.terminal_tables import base_table
     from calibration.report.wording import wording
@@ -107,7 +107,7 @@ def _run(args):
                          sessions=args.sessions, progress=progress, jobs=args.jobs or cores(),
                          first_answer=partial(print_finding, console), checked=checked)
     found.whole = not (base and base.held is not None)
-    document = diagnosis_document(found)
+    document = run_diagnosis_document(found)
     view = view_of(found, document)
     print_all(console, diagnosis_tables(view))
     if base:

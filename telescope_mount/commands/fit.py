@@ -20,6 +20,9 @@ def add(commands):
                         'predict stars left out, without a claim that they are causes')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
+    options.add(parser, 'sessions', default=0.0, help='a gap longer than this begins a session, '
+                'with zeros of its own; auto: at gaps of hours, and where places visited again '
+                'show a step, if the rows say so; none (default): one zero')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--max-iterations', type=options.whole(1, 10000), default=30, metavar='N',
@@ -49,6 +52,8 @@ def _run(args):
     if args.predict and (harmonics or args.no_robust):
         raise ValueError('--predict chooses on its own, robustly: leave out '
                          + ('--harmonics' if harmonics else '--no-robust'))
+    if args.predict and args.sessions != 0.0:
+        raise ValueError('--predict takes the run as one: leave out --sessions')
     if args.base and args.terms:
         raise ValueError('--base and --terms both say which terms to fit; leave one out')
     from calibration.analysis.harmonic_fit import choice_of
@@ -61,14 +66,16 @@ def _run(args):
     from .console import new_console, print_all, write_outputs
     # in logs of ours the zeros of the power-ons are known, and taken off
     run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
-                      args.file.is_dir() or args.file.suffix == '.mcap')
+                      args.sessions != 0.0 or args.file.is_dir()
+                      or args.file.suffix == '.mcap')
     base = None
     if args.base:
         from calibration.analysis.base_model import BaseModel
         base = BaseModel.read(args.base, run.mount)
     found = fit_run(run, args.terms, encoder=args.encoder, robust=not args.no_robust, base=base,
                     harmonics=harmonics and choice_of(harmonics), predict=args.predict,
-                    source=args.file, most_iterations=args.max_iterations)
+                    source=args.file, sessions=args.sessions,
+                    most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
     print_all(console, fit_tables(found, document))
     write_outputs(console, args, document, model=found.model.save,

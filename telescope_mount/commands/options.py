@@ -65,11 +65,11 @@ def horizon(text):
 
 @_with_reason
 def gap_hours(text):
-    """A type for ``add_argument``: hours of a gap; none: 0."""
+    """A type for ``add_argument``: hours of a gap; none: 0; auto: None."""
     try:
-        return 0.0 if text == 'none' else float(text)
+        return {'none': 0.0, 'auto': None}[text] if text in ('none', 'auto') else float(text)
     except ValueError:
-        raise ValueError(f'{text!r}: write a number of hours, or none') from None
+        raise ValueError(f'{text!r}: write a number of hours, auto or none') from None
 
 
 def names(text):
@@ -115,6 +115,7 @@ SHARED = {
              'time, a process each; the result is the same (default: one a processor)'},
     'alpha': {'type': real(1e-6, 0.5), 'default': 0.01,
               'help': 'chance that a run with nothing wrong gets any effect (default: 0.01)'},
+    'sessions': {'type': gap_hours, 'metavar': 'HOURS'},
     'namespace': {'default': NAMESPACE, 'help': f'of the graph (default: {NAMESPACE})'},
     'params': {'type': Path, 'metavar': 'FILE'},
     'domain': {'type': whole(0, 101), 'metavar': 'N', 'help': 'ROS domain (default: a free one)'},

@@ -269,6 +269,25 @@ def test_fit_takes_one_run_of_several(ended, refused, run_csv):
     assert 'no run 7 (there: 1, 2)' in refused('fit', run_csv, '--run', 7)
 
 
+def test_fit_gives_sessions_zeros_of_their_own(ended, refused, run_csv):
+    from pointing_model.runs.formats import read_run, write_csv
+    run = read_run(run_csv)
+    run.columns['run'] = np.repeat([1, 2], 30)
+    run.columns['el_enc'] = run['el_enc'] + 300.0 * ARCSEC * (run['run'] == 2)
+    run.columns['time'] = 1.7e9 + 100.0 * np.arange(60)
+    write_csv(run, run_csv)
+    code, out, err = ended('fit', run_csv, '--sessions', 'auto')
+    assert code == 0, err
+    assert 'IE[2]' in out and '+300' in out and 'fitted as one' not in out
+    del run.columns['run']
+    run.columns['time'][30:] += 5 * 3600.0
+    write_csv(run, run_csv)
+    assert 'IE[2]' in ended('fit', run_csv, '--sessions', 4)[1]
+    assert 'IE[2]' not in ended('fit', run_csv, '--sessions', 'none')[1]
+    assert 'hours, auto or none' in refused('fit', run_csv, '--sessions', 'soon')
+    assert 'leave out --sessions' in refused('fit', run_csv, '--predict', '--sessions', 3)
+
+
 def test_fit_refuses_what_it_cannot_read(refused, run_csv, tmp_path):
     text = run_csv.read_text()
     bad = tmp_path / 'bad.csv'

@@ -18,7 +18,7 @@ KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noi
         'readings', 'as_read_rms_arcsec', 'unequal_scatter', 'worst_rows', 'held_out', 'no_star',
         'unphysical', 'approach_from', 'rows_are', 'rows_taken_back', 'rows_not_drawn',
         'detection_factor', 'as_read_terms', 'south',
-        'equinox', 'cv_contiguous'}
+        'equinox', 'cv_contiguous', 'notes'}
 RMS = {'rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
        'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec'}
 EFFECT = {'name', 'tpoint', 'driver', 'axes', 'coefficients_arcsec', 'sigma_arcsec', 'p_family',

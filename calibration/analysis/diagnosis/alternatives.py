@@ -9,6 +9,7 @@ effects: that is reported, and where it is often chosen instead with a part of t
 the cause is open.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +17,14 @@ import numpy as np
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import SET_WIDTH, choose, search, settled, significance
+from calibration.estimation.select import (
+    SET_WIDTH,
+    affordable,
+    choose,
+    search,
+    settled,
+    significance,
+)
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
 
@@ -35,6 +43,8 @@ OFTEN = 0.1
 #: BIC behind from where rows left out are not asked: what they take back beside an alternative was
 #: worth little, and may have cost more than that
 _FAR = 4.0 * SET_WIDTH
+#: rows of a run that is asked alone, at least
+_ALONE = 12
 #: of the signal of an effect, that what stands in its place must take up alone
 _MOST = 0.5
 
@@ -370,20 +380,57 @@ def cause_counts(choices, effects):
     -------
     dict
         ``same_set``: how many choices are these and no other; ``chosen_set``: name of each effect
-        and how many choices have it.
+        and how many choices have it; ``others_set``: the same of effects that are none of the
+        causes.
     """
     sets = {one.fitted.effect.name: ({one.fitted.effect.name, *one.alternatives}.union(
         *(cause['effects'] for cause in one.causes)), one.fitted.effect.line) for one in effects}
 
     def of(chosen):
         """Found effects that a choice has, and whether it has these and no other."""
-        left, others = dict(sets), 0
+        left, others = dict(sets), []
         for effect in chosen:
             mine = next((name for name, (names, line) in left.items()
                          if effect.name in names or effect.line == line), None)
-            others += mine is None
+            others += [effect.name] * (mine is None)
             left.pop(mine, None)
-        return set(sets) - set(left), not left and not others
+        return set(sets) - set(left), not left and not others, set(others)
     counted = [of(chosen) for chosen in choices]
-    return {'same_set': sum(same for _, same in counted),
-            'chosen_set': {name: sum(name in found for found, _ in counted) for name in sets}}
+    return {'same_set': sum(same for _, same, _ in counted),
+            'chosen_set': {name: sum(name in found for found, _, _ in counted) for name in sets},
+            'others_set': dict(Counter(name for *_, others in counted for name in sorted(others)
+                                       ).most_common())}
+
+
+def run_counts(problem, choice):
+    """In how many runs (or sessions), each taken alone, one of the causes of each effect pays.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    choice : ModelChoice
+
+    Returns
+    -------
+    dict
+        ``runs``: how many have rows enough; ``runs_set``: of each effect the number of these in
+        which one of its causes gains by BIC, the other effects in the model. Empty where fewer than
+        two have.
+    """
+    label, counts, runs = problem.sequence.run, [0] * len(choice.chosen), 0
+    size = sum(len(one.columns(problem)) for one in choice.chosen)
+    for run in np.unique(label):
+        rows = np.flatnonzero(label == run)
+        part = problem.rows(rows).plain
+        if len(rows) < _ALONE or not affordable(part, part.fit([]), size):
+            continue
+        runs += 1
+        for i, (one, stand) in enumerate(zip(choice.chosen, choice.significances)):
+            others = choice.without(i)
+            bank, group = one.family(part, choice.chosen)
+            causes = np.unique([group, *stand.equals])
+            gains = bank.score(part.fit(others), causes).delta_bic
+            counts[i] += bool(gains[causes].max() > 0.0)
+    return {'runs': runs, 'runs_set': {
+        one.effect(problem).name: count for one, count in zip(choice.chosen, counts)}} \
+        if runs > 1 else {}

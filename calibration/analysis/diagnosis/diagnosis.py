@@ -16,6 +16,7 @@ from .alternatives import (
     choose_model,
     compare_alternatives,
     fit_causes,
+    run_counts,
 )
 from .detection_limits import detectable
 from .diagnosis_base import Base, determined_base, mount_of, observations, with_held_terms
@@ -33,6 +34,13 @@ from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import add_page_figures
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
+from .residual_patterns import (
+    MOVES,
+    ResidualRows,
+    cluster_findings,
+    patterns_first,
+    visit_findings,
+)
 from .row_counts import diagnosis_row_counts, refused_if_few, row_word
 from .row_facts import repeats, unequal_scatter, worst_rows
 from .run_problem import RunProblem
@@ -88,7 +96,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
         int, int; None where there is nothing to count).
     first_answer : callable, optional
         Called with a Finding as soon as the search is over, before alternatives and rows left out:
-        what it found, and the RMS of the rows fitted without and with it.
+        what it found, and the RMS of the rows fitted without and with it. Before the search with
+        each on what moved between visits of the same places.
     jobs : int
         Folds of the cross-validation at a time, in processes that are forked: not where threads
         of a ROS node hold locks. The result is the same.
@@ -134,11 +143,21 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
                                     evidence={'all': len(obs.whole)}))
     result.notes += [*checked.findings,
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
+    result.notes = patterns_first(result.notes)
     result.unphysical = implausible_terms(result)
     if holdout is not None:
         holdout = holdout if hours is None else split(holdout, hours)
         hold_out(holdout, result, own_terms or obs.run.mount.names.index, encoder)
     return result
+
+
+def _moves(obs, base, residual):
+    """Findings on places visited again: of steps that began sessions, and of the rows as they are.
+    """
+    rows = ResidualRows(obs.context, obs.label, obs.lines, residual, row_word(obs.run))
+    again = visit_findings(rows, rows.visits(base.terms or obs.run.mount.names.index))
+    known = [one for one in obs.notes if isinstance(one, Finding)]
+    return [one for one in (*known, *again) if one.kind in MOVES], again
 
 
 def _silent(text, done, total):
@@ -158,6 +177,9 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     progress('looking for effects', 0, None)
     run = RunProblem(obs, base, alpha)
     problem = run.problem
+    moved, again = _moves(obs, base, problem.plain.fit([]).raw.reshape(2, -1))
+    for one in moved if first_answer else ():
+        first_answer(one)
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
     choice = choose(problem, alpha, chance, partitions)
@@ -184,6 +206,8 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
                        partial(run.fits, left=left, mixed=mixed))
     twice = repeats(problem.sequence.group, obs.lines, result.residual_after, row_word(obs.run))
     result.notes += [twice] if twice else []
+    result.notes += again + cluster_findings(ResidualRows(
+        obs.context, obs.label, obs.lines, result.residual_after, row_word(obs.run)))
     if left is not None:
         result.add_correlation(correlation_entry(left, problem, obs.context, choice.chosen,
                                                  result.residual_after))
@@ -224,7 +248,7 @@ def _add_errors(result, found, run, choice, errors, rng):
         entry.update(cv_rms_arcsec=one['radial'], cv_rms_x_arcsec=one['x'],
                      cv_rms_y_arcsec=one['y'])
     if errors.spread and choice.chosen:
-        errors.spread |= cause_counts(errors.chosen, found)
+        errors.spread |= cause_counts(errors.chosen, found) | run_counts(problem, choice)
     result.after['cv_spread'] = errors.spread
     result.cv_contiguous, result.cautions = errors.stretches, errors.cautions
     result.expected = expected_error(errors.left_out, choice.fit.weights > 0.0,

@@ -1,11 +1,12 @@
 """Days in one file: which rows are a session, and what each session fits for itself.
 
 Between two nights a zero is set anew, a receiver is mounted again, the structure settles: what is
-one file need not be one mount. Rows before and after a gap of hours are sessions with zeros of
-their own unless one zero explains them as well; what else moves from session to session is chosen
-the same way, by BIC.
+one file need not be one mount. Rows before and after a gap of hours, or a step that places visited
+again show (`residual_patterns`), are sessions with zeros of their own unless one zero explains them
+as well; what else moves from session to session is chosen the same way, by BIC.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,10 +15,13 @@ import numpy as np
 from calibration.estimation.correlated_noise import EIGEN, WhiteNoise
 from calibration.estimation.group_columns import inverse_root
 from calibration.estimation.linear_model import DISTINCT, LIVE, weighted_fit
+from calibration.estimation.robust import GROSS
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
+from ..fit import fit_terms
 from .diagnosis_base import Base, linearised, mount_of, observations
+from .residual_patterns import MOST_ROWS, ResidualRows, visit_findings
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
@@ -26,8 +30,10 @@ GAPS = (3.0, 6.0, 12.0)
 _MOVING = (('CA',), ('AN', 'AW'), ('TF',), ('NPAE',))
 #: stretches that each session is divided in, to leave one out; a shorter session is not compared
 _PARTS, _LONG_ENOUGH = 3, 9
-#: rows that the question is put to, at most
-_ROWS = 10000
+#: rows that the question is put to, at most; steps in a run
+_ROWS, _STEPS = 10000, 5
+#: in the place of hours: sessions begin where places visited again disagree
+_AT_STEPS = 'steps'
 
 
 class Sessions(NamedTuple):
@@ -72,7 +78,8 @@ def split(runs, hours):
             ([runs] if isinstance(runs, PointingRun) else runs)]
 
 
-def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc'):
+def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc',
+            least_step=GROSS):
     """Number the sessions, and choose what each fits for itself.
 
     Parameters
@@ -84,9 +91,13 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
         Terms that each session fits for itself; by default chosen: the zeros, and of CA, AN with
         AW, TF and NPAE what pays by BIC.
     sessions : float, optional
-        A gap longer than so many hours ends a session. By default one of `GAPS`, or none of
-        them, whichever BIC likes best. 0: none, and the zeros alone are each run's own.
+        A gap longer than so many hours ends a session. By default one of `GAPS`, or a step that
+        places visited again show, or none of them, whichever BIC likes best. 0: none, and the zeros
+        alone are each run's own.
     encoder : {'enc', 'abs'}
+    least_step : float
+        As of `at_steps`. By default what makes outliers of all rows after it; a smaller one is left
+        to the search, which can judge and name it.
 
     Returns
     -------
@@ -104,6 +115,9 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
         return Sessions(runs, _default(runs, own_terms))
     gaps = GAPS if sessions is None else ()
     ways = [(None, runs)] + [(gap, parts) for gap in gaps for parts in [_split(runs, gap)] if parts]
+    if sessions is None:
+        parts = [at_steps(run, base, encoder, least_step) for run in runs]
+        ways += [(_AT_STEPS, parts)] * (_count(parts) > _count(runs))
     # of two gaps that make the same sessions the shorter one is said
     ways = [way for i, way in enumerate(ways)
             if not any(_count(way[1]) == _count(earlier) for _, earlier in ways[:i])]
@@ -111,18 +125,19 @@ def arrange(runs, base='physical', own_terms=None, sessions=None, encoder='enc')
         return Sessions(runs, tuple(own_terms), sessions)
     if len(ways) == 1 and _count(runs) < 2:
         return Sessions(runs, _default(runs, own_terms), sessions)
-    trial = _SessionTrial(ways[min(len(ways) - 1, 1)][1], base, encoder)
+    trial = _SessionTrial(max(ways, key=lambda way: _count(way[1]))[1], base, encoder)
     found = [(*trial.best(parts, own_terms), gap, parts) for gap, parts in ways]
     # more sessions than were given must pay, and predict stretches that are left out
     found = found[:1] + [one for one in found[1:] if one[1] < found[0][1]]
     _, _, own, gap, parts = min(found, key=lambda one: one[0])
-    if gap is None and len(ways) > 1:
-        parts = [_noted(run, 'gaps without sessions', ways[1][0]) for run in parts]
-    elif gap is not None:
+    gaps = [gap for gap, _ in ways[1:] if gap != _AT_STEPS]
+    if gap is None and gaps:
+        parts = [_noted(run, 'gaps without sessions', gaps[0]) for run in parts]
+    elif gap not in (None, _AT_STEPS):
         parts = [_noted(run, 'sessions found', gap) if 'run' in run else run for run in parts]
     if own_terms is None and set(own) - set(mount_of(runs).names.index):
         parts[0] = _with_note(parts[0], Finding('terms of sessions', causes=tuple(own)))
-    return Sessions(parts, own, gap or sessions)
+    return Sessions(parts, own, None if gap == _AT_STEPS else gap or sessions)
 
 
 def _noted(run, kind, hours):
@@ -155,6 +170,48 @@ def _split(runs, hours):
         time = np.asarray(run.get('time'), float)
         out.append(run.in_sessions(hours) if np.isfinite(time).all() else run)
     return out if _count(out) > _count(runs) else None
+
+
+def at_steps(run, base='physical', encoder='enc', least_step=0.0):
+    """A run with sessions that begin where places visited again disagree at once.
+
+    Parameters
+    ----------
+    run : PointingRun
+    base : str
+        Of its terms those are fitted that leave the residuals which are compared.
+    encoder : {'enc', 'abs'}
+    least_step : float
+        Times the noise of one visit, from where a step begins a session.
+
+    Returns
+    -------
+    PointingRun
+        With a Finding for each step; as it was where there is none.
+    """
+    terms = Base.parse(base, (), run.mount).terms or run.mount.names.physical
+    step = -(-len(run) // MOST_ROWS)
+    for _ in range(_STEPS):
+        part = run if step < 2 else run.select(slice(None, None, step))
+        try:
+            fitted = fit_terms(part, terms, encoder=encoder, run_zeros='run' in run)
+        except ValueError:  # whoever fits them says why
+            break
+        rows = ResidualRows.from_fit(part, fitted, encoder)
+        if step > 1:
+            rows = rows._replace(lines=run.lines[::step][rows.lines])
+        visits = rows.visits(terms)
+        move = visits.move
+        if move is None or not (abs(move.amount) >= least_step * visits.noise[move.axis]
+                                and visits.at_once):
+            break
+        time = np.asarray(run.get('time'), float)
+        position = time if np.isfinite(time).all() else np.arange(len(run)) / step
+        own = run.get('run', 1.0) * 2.0 + (position > move.position)
+        run = _with_note(PointingRun({
+            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta), replace(
+                visit_findings(rows, visits)[0], todo='own zeros'))
+    return run
 
 
 class _SessionTrial:

@@ -169,6 +169,10 @@ def test_whether_the_choice_repeats_is_told():
     assert choice_sentence({**told, 'after': {'cv_spread': two}}).endswith(
         'found it had y each time; x never; all of it and nothing else never.')
     assert choice_sentence({**told, 'verdict': 'none'}) == ''
+    # what repeats is the set of equal causes: another one of it is no other effect
+    spread |= {'chosen_set': {'fork_cross_term': 155}, 'others_set': {'b': 2}}
+    assert ('had saddle cross term 155 times (65 times by an equal cause). Of other effects it had '
+            'b twice. It') in choice_sentence(told)
 
 
 def test_effects_are_ranked_with_their_size():
@@ -207,6 +211,10 @@ def test_how_often_all_was_chosen_stands_beside_what_was_found():
         'the largest 148 times.')
     told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0, 'chosen_set': None}
     assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
+    told['after']['cv_spread'] |= {'runs': 5, 'runs_set': {'elevation_encoder_2': 4, 'b': 0}}
+    assert repeat_sentence(told).endswith(
+        'Of 5 runs or sessions, each taken alone, 4 show the largest, by one or another of the '
+        'causes.')
     assert repeat_sentence(document(CAUSES)) == ''
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from noisy_run import make_run
 from simulated import night
 
 from calibration.analysis.diagnosis import diagnose
@@ -45,7 +46,20 @@ def test_a_choice_repeated_counts_by_any_of_the_causes(found):
     other = SimpleNamespace(name=one.alternatives[0], line='another')
     by_another = [other if e is one.fitted.effect else e for e in chosen]
     told = cause_counts([chosen, chosen[::-1], by_another], found.effects)
-    assert told == {'same_set': 3, 'chosen_set': {e.name: 3 for e in chosen}}
+    assert told == {'same_set': 3, 'chosen_set': {e.name: 3 for e in chosen}, 'others_set': {}}
     unknown = SimpleNamespace(name='unknown', line='unknown')
     told = cause_counts([[], [*chosen, other], [unknown]], found.effects)
-    assert told == {'same_set': 0, 'chosen_set': {e.name: 1 for e in chosen}}
+    assert told == {'same_set': 0, 'chosen_set': {e.name: 1 for e in chosen},
+                    'others_set': {other.name: 1, 'unknown': 1}}
+
+
+def test_each_run_alone_is_asked_for_one_of_the_causes():
+    rng, parts = np.random.default_rng(3), []
+    for i, size in enumerate((9.0, 9.0, 9.0, 9.0, 0.0)):
+        run = make_run(rng, n=30, time=1.7e9 + 86400.0 * i + 100.0 * np.arange(30))
+        run.columns['el_enc'] += size * ARCSEC * np.cos(2.0 * run['el'] + 2.0)
+        parts.append(run)
+    found = diagnose(parts, flips=199, folds=4, partitions=1)
+    (one,) = found.effects
+    spread = found.after['cv_spread']
+    assert spread['runs'] == 5 and spread['runs_set'] == {one.fitted.effect.name: 4}

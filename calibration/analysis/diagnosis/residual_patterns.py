@@ -1,0 +1,216 @@
+"""What residuals of a smooth model show by themselves: places visited again, outliers together.
+
+Neither names a cause or needs one. Both look at residuals of the terms alone, of which little
+changes within a few degrees, and both ask for their chance by permutation.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from calibration.estimation.outlier_clusters import Window, clusters
+from calibration.estimation.revisits import Revisits
+from calibration.estimation.robust import sigma_of
+from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.context import Context
+from pointing_model.mounts import is_beyond
+from pointing_model.pointing_terms import stacked_design
+
+from ..finding import Finding
+from .diagnosis_base import sequence_of
+
+#: rad, within which visits are of one place: what terms leave changes little there
+RADIUS = 3.0 * DEG
+#: differences between visits of which the noise is said, at least: of ten it is known to a fifth;
+#: rows among which outliers are looked for
+_FEWEST, _FEW = 10, 18
+#: rows that are looked at, at most
+MOST_ROWS = 5000
+#: kinds of findings that say that something moved
+MOVES = ('step between visits', 'moved between visits')
+_TOGETHER = 'outliers together'
+#: robust sigmas from where a row is an outlier that others may lie beside
+_FAR = 4.0
+#: rad from a row, of windows about it: directions, azimuths
+_ABOUT, _ASIDE = (3.0 * DEG, 6.0 * DEG), (3.0 * DEG, 6.0 * DEG)
+#: rows one after the other, of windows in time
+_LENGTHS = (3, 4, 5, 6, 8, 12)
+#: rows that windows are put about, at most; twice as many begin one
+_CENTRES = 250
+
+
+class ResidualRows(NamedTuple):
+    """Rows with what a model leaves of them.
+
+    Attributes
+    ----------
+    context : Context
+        Of n rows.
+    label : ndarray of int, shape (n,)
+        Number of the run of each.
+    lines : ndarray, shape (n,)
+        What the rows are called by.
+    residual : ndarray, shape (2, n)
+        Radians on the sky, finite.
+    word : {'row', 'line'}
+    sigma : ndarray, shape (2, n), optional
+        Given noise.
+    """
+
+    context: Context
+    label: np.ndarray
+    lines: np.ndarray
+    residual: np.ndarray
+    word: str = 'row'
+    sigma: np.ndarray | None = None
+
+    @classmethod
+    def from_fit(cls, run, result, encoder='enc'):
+        """Of the rows that a `FitResult` has residuals of; of many, some spread evenly."""
+        rows = np.flatnonzero(np.isfinite(result.residual_x) & np.isfinite(result.residual_y))
+        rows = rows[::-(-len(rows) // MOST_ROWS) or 1]
+        used = run.select(rows)
+        label = np.unique(used['run'], return_inverse=True)[1] if 'run' in run else np.zeros(
+            len(rows), int)
+        sigma = np.array([used.get('sigma_x'), used.get('sigma_y')], float)
+        return cls(Context.from_run(used, encoder), label, run.lines[rows],
+                   np.array([result.residual_x, result.residual_y])[:, rows],
+                   'row' if run.meta.get('lines') is None else 'line',
+                   sigma if np.isfinite(sigma).all() and (sigma > 0.0).all() else None)
+
+    def visits(self, terms):
+        """The `Revisits` of the rows; `terms`: names of those that the residuals are of."""
+        context, mount, n = self.context, self.context.mount, len(self.label)
+        sequence = sequence_of(context, self.label)
+        # runs follow each other in their files, whatever their clocks say
+        timed = sequence.timed and (context.time_is_utc or not self.label.any())
+        position = sequence.position if timed else np.argsort(sequence.order) * 1.0
+        columns, index = (stacked_design(names, context.az, context.el, mount)
+                          for names in (terms, mount.names.index))
+        return Revisits(
+            context.direction(), position, self.residual, RADIUS,
+            (columns[:, :n], columns[:, n:]), np.array([index[0, :n], index[1, n:]]),
+            sequence.group, is_beyond(context.el).astype(int))
+
+
+def is_pattern(found):
+    """Whether a finding is on what moved or on outliers together: where to look first."""
+    return getattr(found, 'kind', '') in (*MOVES, _TOGETHER)
+
+
+def patterns_first(findings):
+    """Findings, those of `is_pattern` before the others."""
+    return sorted(findings, key=lambda one: not is_pattern(one))
+
+
+def visit_findings(rows, visits):
+    """What places visited again tell: their noise, and what moved between.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+    visits : Revisits
+
+    Returns
+    -------
+    list of Finding
+        One, or none where too few places were visited again.
+    """
+    names, move = rows.context.mount.names, visits.move
+    if move is None and visits.differences < _FEWEST:
+        return []
+    known = {'places': visits.places, 'radius_deg': RADIUS / DEG, 'axes': names.axes,
+             'noise_arcsec': tuple((visits.noise / ARCSEC).tolist()),
+             'left_arcsec': tuple(float(sigma_of(one)) / ARCSEC for one in rows.residual)}
+    if move is None:
+        return [Finding('places visited again', evidence=known)]
+    when = visits.position
+    before = visits.rows[int(np.flatnonzero(when < move.position)[-1])][-1]
+    after = visits.rows[int(np.flatnonzero(when > move.position)[0])][0]
+    both = len(set(visits.place[visits.again & (when < move.position)])
+               & set(visits.place[visits.again & (when > move.position)]))
+    return [Finding(MOVES[0] if visits.at_once else MOVES[1],
+                    move.amount / ARCSEC, move.sigma / ARCSEC, evidence={
+                        **known, 'axis': names.axes[move.axis], 'word': rows.word,
+                        'term': names.index[move.axis], 'both': both,
+                        'before': rows.lines[before], 'after': rows.lines[after],
+                        'chance': move.chance})]
+
+
+def cluster_findings(rows):
+    """Outliers that lie together: in one direction, hour, star or on one side of the pier.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+
+    Returns
+    -------
+    list of Finding
+    """
+    scaled = rows.residual if rows.sigma is None else rows.residual / rows.sigma
+    noise = np.array([[sigma_of(one)] for one in scaled])
+    if len(rows.label) < _FEW or not (noise > 0.0).all():
+        return []
+    scaled = scaled / noise
+    axis = np.argmax(np.abs(scaled), axis=0)
+    worst = np.take_along_axis(scaled, axis[None], axis=0)[0]
+    kind = np.where(np.abs(worst) > _FAR, np.sign(worst) * (1 + axis), 0).astype(int)
+    if np.unique(kind[kind != 0], return_counts=True)[1].max(initial=0) < 3:
+        return []
+    found = clusters(kind, list(_windows(rows)), np.random.default_rng(0))
+    return [_cluster_finding(rows, one) for one in found]
+
+
+def _windows(rows):
+    """Windows in which outliers may lie together."""
+    context, n = rows.context, len(rows.label)
+    centres = np.arange(n)[::-(-n // _CENTRES)]
+    direction = context.direction()
+    along = direction[:, centres].T @ direction
+    for size in _ABOUT:
+        yield from (Window('direction', np.flatnonzero(one)) for one in along >= np.cos(size))
+    angles = {'azimuth': context.on_horizon()[0]}
+    if not context.mount.vertical:
+        angles['first axis'] = context.az
+    for what, angle in angles.items():
+        aside = np.abs(wrap(angle[centres, None] - angle))
+        for size in _ASIDE:
+            yield from (Window(what, np.flatnonzero(one)) for one in aside <= size)
+    order = sequence_of(context, rows.label).order
+    for length in _LENGTHS:
+        yield from (Window('time', order[i:i + length])
+                    for i in range(0, n - length + 1, -(-n // (2 * _CENTRES))))
+    star = context.columns.get('star')
+    if star is not None:
+        each = np.unique(star, return_inverse=True)[1]
+        yield from (Window('star', np.flatnonzero(each == k))
+                    for k in np.flatnonzero(np.bincount(each) > 2))
+    beyond = is_beyond(context.el)
+    if beyond.any() and not beyond.all():
+        yield from (Window('side', np.flatnonzero(one)) for one in (beyond, ~beyond))
+
+
+def _cluster_finding(rows, found):
+    context, names = rows.context, rows.context.mount.names
+    mine, axis = found.rows, abs(found.kind) - 1
+    azimuth, elevation = (angle[mine] for angle in context.on_horizon())
+    direction = context.direction()[:, mine]
+    middle = direction.mean(axis=1) / np.linalg.norm(direction.mean(axis=1))
+    sizes = rows.residual[axis, mine] / ARCSEC
+    star = context.columns.get('star')
+    about = np.arctan2(np.sin(azimuth).mean(), np.cos(azimuth).mean())
+    first = context.az[mine]
+    return Finding(
+        _TOGETHER, float(np.median(sizes)), evidence={
+            'axis': names.axes[axis], 'word': rows.word, 'what': found.window.what,
+            'rows': [rows.lines[i] for i in mine], 'of': len(found.window.rows),
+            'azimuth_deg': float(np.mod(np.degrees(about), 360.0)),
+            'aside_deg': float(np.degrees(np.abs(wrap(azimuth - about)).max())),
+            'elevation_deg': tuple(np.degrees([elevation.min(), elevation.max()]).tolist()),
+            'radius_deg': float(np.degrees(np.arccos(np.clip(middle @ direction, -1, 1)).max())),
+            'first_deg': tuple(np.degrees([first.min(), first.max()]).tolist()),
+            'first_axis': names.axes[0],
+            'star': None if star is None else str(star[mine[0]]), 'chance': found.chance,
+            'side': bool(is_beyond(context.el[mine[0]]))})
+

@@ -1,0 +1,126 @@
+"""Outliers that lie together: a scan over windows, and its chance by permutation.
+
+One wild row is an accident; some of one sign in one place, hour or star have a cause. The rows of
+every window are counted by how many outliers of one kind they hold, and the rarest count (the tail
+of the hypergeometric distribution) is compared with that of the same outliers dealt out anew over
+all rows (Kulldorff 1997, Commun. Stat. Theory Methods 26, 1481, for counts of rows).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+#: outliers of one kind that may be a cluster, at least
+FEWEST = 3
+#: chance, over all windows and kinds, from which outliers lie together
+CHANCE = 0.01
+_DEALS = 999
+#: windows, at most: of more, each so-manieth; clusters in a run, at most
+_MOST, _CLUSTERS = 8000, 3
+
+
+class Window(NamedTuple):
+    """Rows among which outliers may lie together.
+
+    Attributes
+    ----------
+    what : str
+        Of what it is a window, in one word.
+    rows : ndarray of int
+    """
+
+    what: str
+    rows: np.ndarray
+
+
+class Cluster(NamedTuple):
+    """Outliers that lie together.
+
+    Attributes
+    ----------
+    kind : int
+        Of the outliers.
+    rows : ndarray of int
+        The outliers of that kind in the window.
+    window : Window
+        Where they are rarest by chance.
+    chance : float
+        Of as rare a count in any window, by outliers anywhere.
+    """
+
+    kind: int
+    rows: np.ndarray
+    window: Window
+    chance: float
+
+
+def clusters(kind, windows, rng):
+    """Outliers of one kind that lie together, the rarest first.
+
+    Parameters
+    ----------
+    kind : ndarray of int, shape (n,)
+        Of each row: 0 is no outlier.
+    windows : sequence of Window
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    list of Cluster
+    """
+    kind, out = np.array(kind, np.int8), []
+    windows = list(windows)[::-(-len(windows) // _MOST) or 1]
+    if not windows:
+        return out
+    inside = np.zeros((len(windows), len(kind)), np.float32)
+    for row, window in zip(inside, windows):
+        row[window.rows] = 1.0
+    while len(out) < _CLUSTERS:
+        found = _rarest(kind, windows, inside, rng)
+        if found is None:
+            break
+        out.append(found)
+        kind[found.rows] = 0
+    return out
+
+
+def _rarest(kind, windows, inside, rng):
+    """The `Cluster` that is rarest by chance; None where it is none."""
+    kinds = [k for k in np.unique(kind) if k and np.count_nonzero(kind == k) >= FEWEST]
+    if not kinds:
+        return None
+    size = inside.sum(axis=1).astype(int)
+    each = [(k, _log_tails(np.count_nonzero(kind == k), size, len(kind))) for k in kinds]
+    scores = [_scores(tails, (kind == k)[None], inside) for k, tails in each]
+    best = int(np.argmin([one.min() for one in scores]))
+    score, at = float(scores[best].min()), int(np.argmin(scores[best][0]))
+    if score >= np.log(CHANCE):
+        return None
+    dealt = rng.permuted(np.tile(kind, (_DEALS, 1)), axis=1)
+    least = np.min([_scores(tails, dealt == k, inside).min(axis=1) for k, tails in each], axis=0)
+    chance = (1 + np.count_nonzero(least <= score + 1e-9)) / (_DEALS + 1)
+    if chance > CHANCE:
+        return None
+    rows = windows[at].rows
+    return Cluster(int(kinds[best]), np.sort(rows[kind[rows] == kinds[best]]), windows[at], chance)
+
+
+def _log_tails(count, size, n):
+    """ln P(as many of `count` outliers among `n` rows in a window of so many), (w, count + 1)."""
+    from scipy.special import gammaln
+
+    def log_ways(k, of):
+        possible = (k >= 0) & (k <= of)
+        k = np.where(possible, k, 0)
+        return np.where(possible, gammaln(of + 1) - gammaln(k + 1) - gammaln(of - k + 1), -np.inf)
+    sizes, which = np.unique(size, return_inverse=True)
+    sizes, found = sizes[:, None], np.arange(count + 1)
+    each = log_ways(found, sizes) + log_ways(count - found, n - sizes) - log_ways(count, n)
+    tails = np.logaddexp.accumulate(each[:, ::-1], axis=1)[:, ::-1]
+    return np.where(found < FEWEST, 0.0, tails)[which]
+
+
+def _scores(tails, marked, inside):
+    """ln of the chance of each window's count, (b, w); `marked`, shape (b, n)."""
+    counts = (marked.astype(np.float32) @ inside.T).astype(int)
+    return tails[np.arange(len(tails)), counts]

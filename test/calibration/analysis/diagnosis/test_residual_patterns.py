@@ -1,0 +1,118 @@
+"""What a fit and a diagnosis tell of places visited again and of outliers that lie together."""
+
+import numpy as np
+import pytest
+from noisy_run import make_run
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.analysis.diagnosis.sessions import arrange, at_steps
+from calibration.analysis.finding import Finding
+from calibration.analysis.run_fit import fit_run
+from calibration.report.documents import fit_document
+from calibration.report.wording import wording
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.geometry import sky_to_encoder
+from pointing_model.mounts import ALTAZ, Mount, through_pole
+from pointing_model.runs.run import PointingRun
+
+GERMAN = Mount.equatorial(34.3 * DEG, 'german')
+
+
+def two_passes(seed=2, mount=ALTAZ, places=20, size=-38.0, zeros=None):
+    """A run over the same sky twice; the zero of the first axis is `size` arcsec off after it."""
+    rng = np.random.default_rng(seed)
+    az = rng.uniform(0.0, 2.0 * np.pi, places)
+    el = np.arcsin(rng.uniform(0.35, 0.97, places))
+    order = np.concatenate([rng.permutation(places) for _ in range(2)])
+    first, second = (az, el) if mount.vertical else mount.on_travel(*through_pole(
+        *mount.axes_of(az, el), np.sin(mount.axes_of(az, el)[0]) < 0.0))
+    n = 2 * places
+    first, second = first[order] + rng.normal(0.0, 1e-4, n), second[order]
+    terms = dict.fromkeys(mount.names.index, 20.0 * ARCSEC)
+    readings = np.array(sky_to_encoder(first, second, terms, mount))
+    readings += ARCSEC * rng.normal(size=(2, n)) / [np.cos(second), np.ones(n)]
+    readings[0] += ARCSEC * (size * (np.arange(n) >= places) if zeros is None else zeros(rng, n))
+    return PointingRun({'az': first, 'el': second, 'az_enc': readings[0], 'el_enc': readings[1],
+                        'time': 1.7e9 + 90.0 * np.arange(n)}, {'mount': mount})
+
+
+def kinds(findings):
+    return [one.kind for one in findings if not isinstance(one, str)]
+
+
+@pytest.mark.parametrize('mount', [ALTAZ, GERMAN], ids=['altaz', 'german'])
+def test_a_fit_tells_a_step_between_two_passes_and_fits_zeros_to_each(mount):
+    found = fit_run(two_passes(mount=mount))
+    (step,) = [one for one in found.findings if kinds([one]) == ['step between visits']]
+    assert abs(step.size + 38.0) < 4.0 * step.sigma and step['axis'] == mount.names.axes[0]
+    assert (step['before'], step['after']) == (19, 20) and step['places'] >= 18
+    assert step.before > 5.0 * step.after
+    assert 'a step' in wording(step) and '--sessions auto' in wording(step)
+    apart = fit_run(two_passes(mount=mount), sessions=None)
+    assert apart.terms.names[-2:] == tuple(f'{t}[2]' for t in mount.names.index)
+    assert apart.terms.coefficients[-2] / ARCSEC == pytest.approx(-38.0, abs=2.0)
+    assert apart.halves.radial < 0.2 * found.halves.radial
+    assert {'step between visits', 'places visited again'} <= set(kinds(apart.findings))
+    assert any('a session with zeros of its own begins there' in note
+               for note in fit_document(apart)['notes'])
+
+
+def test_a_zero_that_drifts_has_moved_and_begins_no_session():
+    run = two_passes(zeros=lambda rng, n: 15.0 * np.arange(n) / n)
+    found = fit_run(run)
+    (moved,) = [one for one in found.findings if 'between visits' in getattr(one, 'kind', '')]
+    assert moved.kind == 'moved between visits' and 'drift' in wording(moved)
+    assert 'run' not in at_steps(run) and 'run' not in arrange(run).runs[0]
+
+
+def test_where_nothing_moved_the_noise_is_told():
+    found = fit_run(two_passes(size=0.0))
+    (again,) = [one for one in found.findings if 'visited again' in getattr(one, 'kind', '')]
+    assert np.allclose(again['noise_arcsec'], 1.0, rtol=0.4)
+    assert 'nothing moved between visits' in wording(again)
+
+
+def test_a_diagnosis_begins_a_session_at_a_step_and_leaves_a_small_one_to_the_search():
+    found = diagnose(two_passes(), cross_validation=False, flips=199)
+    assert found.verdict == 'none' and len(found.observations.runs) == 2
+    assert kinds(found.notes).count('step between visits') == 1
+    small = two_passes(size=5.0, places=40)
+    assert 'run' in at_steps(small) and 'run' not in arrange(small).runs[0]
+    # hours of gaps alone are asked
+    assert 'run' not in arrange(two_passes(), sessions=0.0).runs[0]
+
+
+def test_sessions_of_hours_have_zeros_of_their_own_in_a_fit():
+    run = two_passes(size=30.0)
+    run.columns['time'][20:] += 5.0 * 3600.0
+    assert fit_run(run, sessions=3.0).terms.names[-2:] == ('IA[2]', 'IE[2]')
+    assert fit_run(run, sessions=8.0).halves.radial > 5.0
+    # a session of one row has its own zero and no row to judge it by
+    run.columns['time'][39] += 5.0 * 3600.0
+    assert fit_run(run, sessions=3.0).halves is None
+
+
+def test_outliers_one_after_the_other_are_told_as_one():
+    run, clean = (make_run(np.random.default_rng(4), n=80) for _ in range(2))
+    run.columns['el_enc'][20:24] += 60.0 * ARCSEC
+    (found,) = [one for one in fit_run(run).findings if kinds([one]) == ['outliers together']]
+    assert found['rows'] == [20, 21, 22, 23] and found['axis'] == 'elevation'
+    assert found['what'] == 'time' and found.size == pytest.approx(60.0, abs=5.0)
+    assert 'rows 20, 21, 22, 23 are' in wording(found)
+    result = diagnose(run, cross_validation=False, flips=199)
+    assert 'outliers together' in kinds(result.notes)
+    assert kinds(fit_run(clean).findings).count('outliers together') == 0
+
+
+@pytest.mark.parametrize('what, said', [
+    ('direction', 'within 2.0° of azimuth 120°, elevation 45°'),
+    ('azimuth', 'within 1.5° of azimuth 120°, at elevations from 40° to 50°'),
+    ('first axis', 'at hour angle from -10.0° to 3.0°'), ('time', 'look at what was done then'),
+    ('star', 'of star 11767'), ('side', 'through the pole')])
+def test_where_outliers_lie_is_told(what, said):
+    text = wording(Finding('outliers together', -12.0, evidence={
+        'axis': 'declination', 'word': 'line', 'what': what, 'rows': [3, 4, 9], 'of': 4,
+        'azimuth_deg': 120.0, 'aside_deg': 1.5, 'elevation_deg': (40.0, 50.0), 'radius_deg': 2.0,
+        'first_deg': (-10.0, 3.0), 'first_axis': 'hour angle', 'star': '11767', 'chance': 0.001,
+        'side': True}))
+    assert said in text and 'lines 3, 4, 9 are 12.0″ too low in declination' in text
