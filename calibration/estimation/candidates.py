@@ -163,7 +163,7 @@ class CandidateBank:
 
     def _blocks(self, groups=None):
         """Groups, all or some, so many at a time that their columns stay near the processor."""
-        groups = np.arange(len(self)) if groups is None else groups
+        groups = np.arange(len(self)) if groups is None else np.unique(groups)
         step = max(_FEW, _NEAR // max(self.columns[:1].nbytes, 1))
         return np.split(groups, range(step, len(groups), step)) if len(groups) else ()
 
