@@ -59,10 +59,6 @@ ANSWERS = 'answers_asked_again'
 #: attribute of a subscription: what is called when the messages that were ready have been taken
 AFTER = 'after_messages'
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
-#: those that are waited for each time. Of several nodes the services are the most, each with those
-#: of its parameters, and hardly ever asked: they are looked at once in so many s while messages
-#: come, and after so many ns in which none came
-_OFTEN, _SELDOM, _SHORT = _KINDS[:-1], 0.02, 5_000_000
 #: s for which what nodes of one process send each other is taken without waiting for anything else
 _AMONG = 0.005
 # topics on which this process has published since its executor looked, in that order
@@ -98,7 +94,7 @@ class NodeExecutor(Executor):
     """
 
     def __init__(self, *, context=None, gather=0.0):
-        self.gather, self._woke, self._looked, self._waited = gather, 0.0, 0.0, 0.0
+        self.gather, self._woke, self._waited = gather, 0.0, 0.0
         self._changed = True
         self._held = ExitStack()
         self._entities, self._handles, self._subscribers = {}, {}, {}
@@ -245,29 +241,19 @@ class NodeExecutor(Executor):
 
     def _wait(self, timeout_ns):
         """Wait; what is ready of each kind, and of the waitables."""
-        if self._many and time.monotonic() - self._looked < _SELDOM:
-            ready = self._wait_for(_OFTEN, (), min(timeout_ns, _SHORT) if timeout_ns >= 0
-                                   else _SHORT)
-            if any(ready.values()):
-                return ready, ()
-        ready = self._wait_for(_KINDS, self._waitables, timeout_ns)
-        self._looked = time.monotonic()
-        return ready, [w for w in self._waitables if w.is_ready(self._wait_set)]
-
-    def _wait_for(self, kinds, waitables, timeout_ns):
         wait_set = self._wait_set
         wait_set.clear_entities()
-        for kind in kinds:
+        for kind, handles in self._handles.items():
             add = getattr(wait_set, f'add_{kind}')
-            for handle in self._handles[kind]:
+            for handle in handles:
                 add(handle)
-        for waitable in waitables:
+        for waitable in self._waitables:
             waitable.add_to_wait_set(wait_set)
         with self.context.handle:
             wait_set.wait(timeout_ns)
-        return {kind: [self._entities[kind][pointer]
-                       for pointer in wait_set.get_ready_entities(kind)
-                       if pointer in self._entities[kind]] for kind in _KINDS}
+        ready = {kind: [entities[pointer] for pointer in wait_set.get_ready_entities(kind)
+                        if pointer in entities] for kind, entities in self._entities.items()}
+        return ready, [w for w in self._waitables if w.is_ready(wait_set)]
 
     def _run_ready(self, ready, waitables):
         for timer in ready['timer']:

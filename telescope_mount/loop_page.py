@@ -1,5 +1,6 @@
 """The pages of `close-the-loop`: of one night or run, and of many scenarios."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,9 @@ from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.sqlite import open_bag
 from msg_tools.units import ARCSEC
 from msg_tools.whole_files import write_text
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import arcsec
 
-from .loop_tables import added, loop_sentences
+from .loop_tables import added, effect_rows, loop_sentences
 
 _FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
@@ -51,42 +52,17 @@ def write_loop_page(folder, report, run):
         It cannot be written.
     """
     diagnosed = folder / 'diagnosis.html'
-    page = diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else ''
-    write_text(folder / 'page.html', render_loop(
-        report, run, page, folder / 'bag', [folder / name for name in _FILES]))
-
-
-def render_loop(report, run, diagnosis='', log=None, files=()):
-    """The page as text.
-
-    Parameters
-    ----------
-    report, run
-        As of `write_loop_page`.
-    diagnosis : str
-        The page of the diagnosis.
-    log : Path, optional
-        Of the night.
-    files : iterable of Path
-        From which it is made.
-
-    Returns
-    -------
-    str
-    """
+    diagnosis = diagnosed.read_text(encoding='utf-8') if diagnosed.is_file() else ''
     same = report['paired']
     before, after = (same[when]['rms_arcsec'] for when in ('before', 'after'))
     label = same['of']
     what = report['scenario'] or Path(str(report['source'])).name
-    headline = f'The same {label}: from {_arcsec(before)} to {_arcsec(after)}'
+    headline = f'The same {label}: from {arcsec(before)} to {arcsec(after)}'
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     health, params = None, {}
-    if log is not None:
-        try:
-            health = log_health(log) if report.get('undeclared') else None
-            params = parameters_of(open_bag(log).metadata, '/star_observer') or {}
-        except (OSError, ValueError):
-            pass
+    with suppress(OSError, ValueError):
+        health = log_health(folder / 'bag') if report.get('undeclared') else None
+        params = parameters_of(open_bag(folder / 'bag').metadata, '/star_observer') or {}
     names = run.mount.names.axes
     hits = _targets(report, run)
     body = [
@@ -96,25 +72,25 @@ def render_loop(report, run, diagnosis='', log=None, files=()):
         controls_alone(),
         verdict(report['verdict'].replace('_', ' '), headline,
                 [*alarms, *loop_sentences({**report, 'notes': [], 'alarms': []})],
-                cards([(_arcsec(before), f'before: {label}'), (_arcsec(after), f'after: {label}'),
-                       (_arcsec(report['noise_floor_arcsec']), 'noise floor')]),
+                cards([(before, f'before: {label}'), (after, f'after: {label}'),
+                       (report['noise_floor_arcsec'], 'noise floor')]),
                 'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
                 gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
         section('Fresh stars, pointed at blind', hits, note='What the camera saw: the mount was '
                 'sent there by the model alone. Other stars before and after.' if hits else ''),
-        section('Effects that were added', _effects(report['effects'])),
+        section('Effects that were added', table(
+            ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
+            effect_rows(report['effects']), 'numbers')
+            or '<p>None: the model stays as it was.</p>'),
         body_of(diagnosis),
         health_section(health, run, names) if health else '',
         section('Notes', listed(report['notes'])),
         provenance_section([
             ('scenario', report['scenario'] and f'{report["scenario"]} (simulated)'),
             ('run', report['source']), ('seed', str(report['seed'])), ('plan', report['plan']),
-            ('site', site_text(params))], files)]
-    return whole(f'The loop closed: {what}', body, 'A pointing model that was mended and tried')
-
-
-def _arcsec(value):
-    return None if value is None else f'{value:.2f}″'
+            ('site', site_text(params))], [folder / name for name in _FILES])]
+    write_text(folder / 'page.html', whole(
+        f'The loop closed: {what}', body, 'A pointing model that was mended and tried'))
 
 
 def _bars(report):
@@ -144,18 +120,6 @@ def _targets(report, run):
     axes = (f'{first} × cos {run.mount.names.letters[1]}', second)
     return pair(target(axes, limit, *hit, f'missed {when}', when)
                 for hit, when in zip(hits, ('before', 'after')))
-
-
-def _effects(effects):
-    rows = []
-    for effect in effects:
-        for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
-            rows.append(((readable(effect['name']), name) if i == 0 else ('', name)) + (
-                number(value, 2, True), number(effect['sigma_arcsec'][name]),
-                None if i or effect['p_family'] is None else f'{effect["p_family"]:.2g}',
-                number(effect['delta_bic'], 1) if i == 0 else ''))
-    return table(('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'), rows, 'numbers') \
-        if rows else '<p>None: the model stays as it was.</p>'
 
 
 def write_all_page(folder, report):

@@ -2,7 +2,8 @@
 
 from textwrap import shorten
 
-from calibration.report.terminal_tables import new_table
+from calibration.report.page_parts import number
+from calibration.report.terminal_tables import decimals, new_table
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 
@@ -12,12 +13,8 @@ _ALARM = 36
 _DRIVE = 0.25
 
 
-def _arcsec(value):
-    return '–' if value is None else f'{value:.2f}'
-
-
 def _rms(entry):
-    return [_arcsec(entry[f'rms_{part}arcsec']) for part in ('x_', 'y_', '')]
+    return [decimals(entry[f'rms_{part}arcsec']) for part in ('x_', 'y_', '')]
 
 
 def loop_tables(report):
@@ -35,16 +32,22 @@ def loop_tables(report):
     return [_effects(report), _errors(report)]
 
 
+def effect_rows(effects):
+    """Cells of the effects of a diagnosis, tuples of str, one for each coefficient."""
+    for effect in effects:
+        called, gain = readable(effect['name']), number(effect['delta_bic'], 1)
+        p = '–' if effect['p_family'] is None else f'{effect["p_family"]:.2g}'
+        for name, value in effect['coefficients_arcsec'].items():
+            yield (called, name, number(value, 2, True), number(effect['sigma_arcsec'][name]), p,
+                   gain)
+            called = p = gain = ''
+
+
 def _effects(report):
     table = new_table(f'Verdict: {report["verdict"]}', 'effect', 'coefficient', 'arcsec', 'sigma',
                       'p', 'ΔBIC')
-    for effect in report['effects']:
-        p = '–' if effect['p_family'] is None else f'{effect["p_family"]:.2g}'
-        gain = '–' if effect['delta_bic'] is None else f'{effect["delta_bic"]:.1f}'
-        sigma = effect['sigma_arcsec']
-        for i, (name, value) in enumerate(effect['coefficients_arcsec'].items()):
-            table.add_row(readable(effect['name']) if i == 0 else '', name, f'{value:+.2f}',
-                          f'{sigma[name]:.2f}', *((p, gain) if i == 0 else ('', '')))
+    for cells in effect_rows(report['effects']):
+        table.add_row(*cells)
     for entry in report['refused']:
         table.add_row(', '.join(map(readable, entry['effects'])), 'not published', '', '', '', '')
     for axis in report['follows']:
@@ -68,7 +71,7 @@ def _errors(report):
     for name, key, count in (('rows kept out', 'holdout_rms_arcsec', str(report['kept_out'])),
                              ('cross-validated', 'cv_rms_arcsec', '')):
         for when in ('before', 'after'):
-            table.add_row(f'{name}, {when}', '', '', _arcsec(report[when][key]), count)
+            table.add_row(f'{name}, {when}', '', '', decimals(report[when][key]), count)
     for when in ('before', 'after'):
         table.add_row(f'rows fitted, {when}', *_rms(report[when]), '')
     for when in ('before', 'after'):
@@ -76,7 +79,7 @@ def _errors(report):
         if check is not None:
             count = f'{check["stars"]}' + (f' + {check["lost"]} lost' if check['lost'] else '')
             table.add_row(f'other stars each, pointed blind, {when}', *_rms(check), count)
-    table.add_row('noise floor', '', '', _arcsec(report['noise_floor_arcsec']), '')
+    table.add_row('noise floor', '', '', decimals(report['noise_floor_arcsec']), '')
     return table
 
 
@@ -125,8 +128,8 @@ def all_table(report):
             found += f', {len(row["false"])} besides'
         table.add_row(
             row['scenario'], row['verdict'], '\n'.join(added(row)) or '–', found,
-            *(_arcsec(row['paired'][when]['rms_arcsec']) for when in ('before', 'after')),
-            _arcsec(row['noise_floor_arcsec']), *[_alarms(row)] * alarms)
+            *(decimals(row['paired'][when]['rms_arcsec']) for when in ('before', 'after')),
+            decimals(row['noise_floor_arcsec']), *[_alarms(row)] * alarms)
     return table
 
 

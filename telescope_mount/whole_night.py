@@ -61,8 +61,8 @@ def prepare_folder(folder):
 
 def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
               domain_number=None, params_file=None, progress=None, scenario='default', mount='',
-              track='', discrimination='', hold_up=None, note=None, server_options=None, **graph):
-    """Observe a night in a graph of processes.
+              track='', discrimination='', **graph):
+    """Observe a simulated night in a graph of processes.
 
     Parameters
     ----------
@@ -81,17 +81,11 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     scenario : str
         What is wrong with the simulated mount.
     mount : str
-        As of `graph.night_graph`; empty: the kind that the scenario is. ``indi:HOST:PORT`` or
-        ``alpaca:HOST:PORT``: a mount of a server takes the place of the simulated one.
+        As of `graph.night_graph`; empty: the kind that the scenario is.
     track : str
         A step of the plan after the fit, such as ``track 1.5arcsec 90``.
     discrimination : str
         As `track`, such as ``tell_apart 15``; before it is diagnosed.
-    hold_up, note : callable, optional
-        As of `observe`, of a mount of a server.
-    server_options : dict, optional
-        Of a mount of a server: ``camera``, ``drivers`` and ``exposure`` as of
-        `server_night.nodes_of`, ``anew`` as of `real_night.run_real_night`.
     **graph
         As of `graph.night_graph`: ``seed``, ``time_scale``, ...
 
@@ -107,13 +101,6 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     NightFailed
         A node ended, or the plan could not be carried out.
     """
-    if is_server(mount):
-        from .real_night import run_server_night
-        return run_server_night(
-            out, mount, stars=stars, reference=reference, domain_number=domain_number,
-            params_file=params_file, progress=progress, hold_up=hold_up, note=note or print,
-            track=track, discrimination=discrimination, **(server_options or {}),
-            **{name: graph[name] for name in ('seed', 'sky', 'calibration') if name in graph})
     plan = night_plan(stars, polaris, reference is not None, cycle)
     if discrimination:
         plan += f', diagnose, {discrimination}'
@@ -135,11 +122,6 @@ def run_night(out, *, stars=30, polaris=16, reference=None, cycle='incremental',
     write_page(folder, written)  # before there is anything of the simulator's in the report
     add_truth(folder / 'bag_truth', written.report)
     return written.report
-
-
-def is_server(mount):
-    """Whether a text for the mount means one of a server."""
-    return mount.partition(':')[0] in ('indi', 'alpaca')
 
 
 def observe(folder, specs, plan, write, progress=None, domain_number=None, params_file=None, *,

@@ -50,14 +50,16 @@ def add(commands):
 
 def run(args):
     """Observe, print, write."""
-    from ..whole_night import is_server, run_night
+    from ..real_night import run_server_night
+    from ..server_night import PORTS
+    from ..whole_night import run_night
     from .console import ProgressLine, end_of_night, new_console, print_calibration
     if options.is_list(args):
         return options.list_scenarios(args)
     if args.reference is not None and args.power_cycle != 'incremental':
         raise ValueError(f'--power-cycle {args.power_cycle}: with --reference a night is one '
                          'power-on; leave one of them out')
-    by_server = is_server(args.mount or '')
+    by_server = (args.mount or '').partition(':')[0] in PORTS
     for name, value, usual in (
             ('scenario', args.scenario, 'default'), ('absolute', args.absolute, 'angles'),
             ('time-scale', args.time_scale, 0.0), ('power-cycle', args.power_cycle,
@@ -77,16 +79,20 @@ def run(args):
     def hold_up(text):
         console.print(f'held up: {text}' if text else 'goes on')
 
+    common = {
+        'seed': args.seed, 'stars': args.stars, 'reference': args.reference,
+        'domain_number': args.domain, 'params_file': args.params, 'sky': options.sky_of(args),
+        'calibration': calibration, 'track': track, 'discrimination': discrimination}
     with ProgressLine(console) as progress:
-        report = run_night(
-            args.out, seed=args.seed, stars=args.stars, polaris=args.polaris,
-            scenario=args.scenario, start_time=args.date, reference=args.reference,
-            mount=args.mount or '', cycle=args.power_cycle, domain_number=args.domain,
-            time_scale=args.time_scale,
-            params_file=args.params, sky=options.sky_of(args), absolute=args.absolute,
-            calibration=calibration, progress=progress, hold_up=hold_up, track=track,
-            discrimination=discrimination, note=console.print, server_options={
-                'camera': args.camera, 'drivers': args.driver, 'anew': args.anew,
-                'exposure': args.exposure} if by_server else None)
+        if by_server:
+            report = run_server_night(
+                args.out, args.mount, camera=args.camera, drivers=args.driver, anew=args.anew,
+                exposure=args.exposure, progress=progress, hold_up=hold_up,
+                note=console.print, **common)
+        else:
+            report = run_night(
+                args.out, polaris=args.polaris, scenario=args.scenario, start_time=args.date,
+                mount=args.mount or '', cycle=args.power_cycle, time_scale=args.time_scale,
+                absolute=args.absolute, progress=progress, **common)
     print_calibration(console, report)
     return end_of_night(console, args.json, report)

@@ -17,7 +17,7 @@ from calibration.report.page_parts import (
     whole,
 )
 from calibration.report.provenance import provenance_section
-from msg_tools.whole_files import write_text
+from pointing_model.effects.base import arcsec
 
 from .encoder_test import PRINTED_STD, notes
 
@@ -28,32 +28,21 @@ _MARKS = {'before': 'dots', 'fit': 'crosses', 'after': 'squares', 'third': 'tria
 _GROSS = 600.0
 
 
-def write_encoder_page(path, report, files=()):
-    """Write the page.
+def render_encoder_test(report, files=()):
+    """The page as text.
 
     Parameters
     ----------
-    path : str or Path
     report : dict
         Of `encoder_test.run`.
     files : iterable of Path
         Written beside it.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
     """
-    write_text(path, render_encoder_test(report, files))
-
-
-def render_encoder_test(report, files=()):
-    """The page as text; parameters as of `write_encoder_page`."""
     conditions, methods = report['conditions'], report['methods']
     loud = report['noise_of_the_paper']
     own, paper = (methods[name]['std_arcsec'] for name in ('template', 'paper'))
     curves, table_2 = report['curves'], report['table_2']
-    headline = (f'{_seconds(own)} by the template, {_seconds(paper)} by the method of the paper, '
+    headline = (f'{arcsec(own)} by the template, {arcsec(paper)} by the method of the paper, '
                 f'which printed {PRINTED_STD["paper"]:.2f}″')
     reading = np.arange(1.0, 24.0)
     body = [
@@ -62,7 +51,7 @@ def render_encoder_test(report, files=()):
         f'{conditions["bar_pitch_px"]:g} px a bar · noise {conditions["noise_grey_levels"]:g} grey '
         'levels unless said · a simulated bench</p>',
         verdict('', headline, notes(report), cards(
-            [(_seconds(methods[name]['std_arcsec']), f'{name}: standard deviation')
+            [(methods[name]['std_arcsec'], f'{name}: standard deviation')
              for name in STYLES]), '', gains([(name.replace('_', ' '), [
                  (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
                  (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
@@ -87,10 +76,6 @@ def render_encoder_test(report, files=()):
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
                              f'most, blur {conditions["blur_px"]:g} px')], files)]
     return whole('23-face test of the absolute encoder', body, 'Test of an absolute encoder')
-
-
-def _seconds(value):
-    return '–' if value is None else f'{value:.2f}″'
 
 
 def _curves(title, x, curves, names=tuple(STYLES), label='reading', marks=True):

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.report.terminal_tables import new_table
+from calibration.report.terminal_tables import decimals, new_table
 from encoder_reading.evaluation import (
     TABLE_2_MEASURED,
     TABLE_2_STANDARD,
@@ -249,9 +249,9 @@ def tables(report):
     for name, row in report['methods'].items():
         hurt = report['damaged']['methods'][name]
         methods.add_row(
-            name.replace('_', ' '), _cell(row['std_arcsec']), _cell(PRINTED_STD.get(name)),
-            _cell(row['max_arcsec']), str(row['rejected']), str(row['gross']),
-            _cell(hurt['rms_arcsec']), _cell(loud['methods'][name]['std_arcsec']))
+            name.replace('_', ' '), decimals(row['std_arcsec']), decimals(PRINTED_STD.get(name)),
+            decimals(row['max_arcsec']), str(row['rejected']), str(row['gross']),
+            decimals(hurt['rms_arcsec']), decimals(loud['methods'][name]['std_arcsec']))
     out.append(methods)
 
     printed = report['table_2']
@@ -267,9 +267,9 @@ def tables(report):
         pair = [row for row in report['needed'] if row['disturbance'] == name]
         need.add_row(
             f'{name.replace("_", " ")}, {pair[0]["unit"]}',
-            *(_cell(row['level'], 1) for row in pair),
-            ' / '.join(_cell(row['paper_arcsec'], 1) for row in pair),
-            ' / '.join(_cell(row['r_square'], 2) for row in pair))
+            *(decimals(row['level'], 1) for row in pair),
+            ' / '.join(decimals(row['paper_arcsec'], 1) for row in pair),
+            ' / '.join(decimals(row['r_square'], 2) for row in pair))
     out.append(need)
     return out
 
@@ -291,7 +291,3 @@ def notes(report):
         f'{harmonics["left_out_without_arcsec"]:.2f}" instead of '
         f'{harmonics["left_out_arcsec"]:.2f}"',
     ]
-
-
-def _cell(value, digits=2):
-    return '-' if value is None else f'{value:.{digits}f}'

@@ -23,6 +23,8 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
+    from msg_tools.whole_files import write_text
+
     from ..commands.console import (
         ProgressLine,
         new_console,
@@ -32,7 +34,7 @@ def run(args):
         write_outputs,
     )
     from . import encoder_test
-    from .encoder_page import write_encoder_page
+    from .encoder_page import render_encoder_test
     console, page = new_console(), args.out / 'page.html'
     options.refuse_existing(page, args)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -42,5 +44,5 @@ def run(args):
     print_lines(console, 'note', encoder_test.notes(report))
     write_outputs(console, args, report, 'figures')
     figures = [args.json] if isinstance(args.json, Path) else []
-    write_encoder_page(page, report, figures)
+    write_text(page, render_encoder_test(report, figures))
     print_files(console, {'page': page})

@@ -9,7 +9,7 @@ from telescope_mount.observing.plan import parse_plan
 from ..graph import night_graph
 from ..night_files import Written
 from ..whole_night import observe, prepare_folder
-from .experiment_page import write_experiment_page
+from .experiment_page import render_experiment
 
 #: how the zero moves at a power-on -> scenario
 DRIFTS = {'paper': 'eleven_nights', 'random': 'eleven_random_nights'}
@@ -103,9 +103,9 @@ def run_experiment(out, *, seed=1, drifts='paper', stars=30, polaris=16, satelli
     report, run, _ = observe(
         folder, specs, plan, partial(_write, folder, nights, origin), progress, domain_number)
     page = folder / 'page.html'
-    tried(report['incomplete'], page, partial(
-        write_experiment_page, report=report, run=run, files=[
-            folder / 'bag', *(folder / name for name in FILES)]))
+    files = [folder / 'bag', *(folder / name for name in FILES)]
+    tried(report['incomplete'], page,
+          lambda path: write_text(path, render_experiment(report, run, files)))
     report['files']['page'] = str(page)
     return report
 

@@ -31,36 +31,24 @@ from calibration.report.zero_season_report import season_lines
 from calibration.report.zero_wording import COVARIATES as WORDS
 from calibration.rows import for_fitting
 from msg_tools.units import ARCSEC
-from msg_tools.whole_files import write_text
 from pointing_model.zero import PowerOnZero, is_for_zero
 
 AXES = (('az', 'azimuth'), ('el', 'elevation'))
 WHENS = ('before', 'after')
 
 
-def write_experiment_page(path, report, run=None, files=()):
-    """Write the page.
+def render_experiment(report, run=None, files=()):
+    """The page as text.
 
     Parameters
     ----------
-    path : str or Path
     report : dict
         As `experiment.run_experiment` gives it.
     run : PointingRun, optional
         All rows of all nights.
     files : iterable of Path
         Written beside it.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
     """
-    write_text(path, render_experiment(report, run, files))
-
-
-def render_experiment(report, run=None, files=()):
-    """The page as text; parameters as of `write_experiment_page`."""
     table1, summary, paper = (report['table1'], report['statistics'], report['paper'])
     words = [f'{name} from {summary[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
              f'{summary[f"after_{axis}_arcsec"]["rms"]:.2f}″' for axis, name in AXES]

@@ -134,7 +134,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
     (tmp_path / 'p.yaml').write_text('')
     asked, given = [], night.run_night
 
-    def refuse(out, progress, hold_up, note, **options):
+    def refuse(out, progress, **options):
         asked.append({'out': out, **options})
         raise ValueError('enough')
     monkeypatch.setattr(night, 'run_night', refuse)
@@ -148,7 +148,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'out': tmp_path / 'n', 'seed': 5, 'stars': 6, 'polaris': 7, 'scenario': 'ideal',
         'start_time': '2026-02-01', 'reference': Path('m.json'), 'domain_number': 3,
         'time_scale': 2.0, 'params_file': tmp_path / 'p.yaml', 'absolute': 'angles',
-        'cycle': 'incremental', 'calibration': {}, 'mount': 'german', 'server_options': None,
+        'cycle': 'incremental', 'calibration': {}, 'mount': 'german',
         'track': '', 'discrimination': '',
         'sky': {'latitude_deg': -40.0, 'longitude_deg': 10.0, 'height_m': 2000.0}}
     assert 'enough' in refused('night', '--power-cycle', 'both')
@@ -157,7 +157,7 @@ def test_what_the_user_chose_reaches_the_night(refused, monkeypatch, tmp_path):
         'night', '--power-cycle', 'both', '--reference', 'm.json')
     # what was not chosen is as of the functions themselves
     own, of_graph = given.__kwdefaults__, night.night_graph.__kwdefaults__
-    assert set(own) - set(asked[1]) == {'note', 'progress', 'hold_up'}
+    assert set(own) - set(asked[1]) == {'progress'}
     for name in set(asked[1]) - {'out', 'sky', 'calibration'}:
         assert asked[1][name] == (own if name in own else of_graph)[name], name
     assert asked[1]['out'] == Path('night') and asked[1]['sky'] == asked[1]['calibration'] == {}

@@ -153,7 +153,7 @@ def test_the_drifts_are_the_papers_unless_others_are_asked_for(
     monkeypatch.setattr(module, 'observe', lambda folder, specs, plan, *_, **__: seen.update(
         {spec.name: spec.parameters for spec in specs}, plan=plan) or Written(
             {'files': {}, 'incomplete': []}, None))
-    monkeypatch.setattr(module, 'write_experiment_page', lambda *_, **__: None)
+    monkeypatch.setattr(module, 'render_experiment', lambda *_: '')
     module.run_experiment(tmp_path / 'out', stars=8, nights=4, **given)
     for node in ('mount_simulator', 'incremental_encoder', 'absolute_encoder', 'camera'):
         assert seen[node]['scenario'] == scenario
