@@ -32,36 +32,13 @@ LARGEST_DELAY = 0.5
 STARS = 500
 
 
-@dataclass
-class StarRows:
-    """The last stars, a list each.
-
-    Attributes
-    ----------
-    time_s : list of float
-        UTC, s since 1970.
-    power_on : list of float
-        Of the incremental encoder; 0 where the row does not say.
-    az_deg, el_deg : list of float
-        On the sky, azimuth from north through east.
-    offset_x_arcsec, offset_y_arcsec : list of float
-        Encoder - catalogue on the sky, as read.
-    left_x_arcsec, left_y_arcsec : list of float
-        What active zero and model leave of it; NaN for stars of another power-on.
-    encoders_first_arcsec, encoders_second_arcsec : list of float
-        Incremental - absolute encoder.
-    """
-
-    time_s: list = field(default_factory=list)
-    power_on: list = field(default_factory=list)
-    az_deg: list = field(default_factory=list)
-    el_deg: list = field(default_factory=list)
-    offset_x_arcsec: list = field(default_factory=list)
-    offset_y_arcsec: list = field(default_factory=list)
-    left_x_arcsec: list = field(default_factory=list)
-    left_y_arcsec: list = field(default_factory=list)
-    encoders_first_arcsec: list = field(default_factory=list)
-    encoders_second_arcsec: list = field(default_factory=list)
+#: columns of the last stars: UTC, s since 1970; power-on of the incremental encoder, 0 where the
+#: row does not say; place on the sky, azimuth from north through east; encoder - catalogue on the
+#: sky, as read, and what active zero and model leave of it, NaN for stars of another power-on;
+#: incremental - absolute encoder
+STAR_COLUMNS = ('time_s', 'power_on', 'az_deg', 'el_deg', 'offset_x_arcsec', 'offset_y_arcsec',
+                'left_x_arcsec', 'left_y_arcsec', 'encoders_first_arcsec',
+                'encoders_second_arcsec')
 
 
 @dataclass
@@ -99,7 +76,8 @@ class WatchState:
         Its state.
     left_by : str
         ``zero and model``, ``zero``, or '' where nothing is active.
-    stars : StarRows
+    stars : dict of str to list of float
+        The last stars by `STAR_COLUMNS`, the newest at the end.
     nodes : dict of str to dict
         By name ``level`` (ok, warning, error, silent) and ``said``.
     alarms : list of dict
@@ -126,7 +104,7 @@ class WatchState:
     said: dict = field(default_factory=dict)
     guard: str | None = None
     left_by: str = ''
-    stars: StarRows = field(default_factory=StarRows)
+    stars: dict = field(default_factory=lambda: {name: [] for name in STAR_COLUMNS})
     nodes: dict = field(default_factory=dict)
     alarms: list = field(default_factory=list)
 
@@ -323,9 +301,9 @@ class LastMessages:
                 model = model or PointingModel({}, mount=run.mount)
                 left[:, held] = model.residuals(run.select(held), zero=zero)
         difference = [wrap(run[f'{axis}_enc'] - run.get(f'{axis}_abs')) for axis in ('az', 'el')]
-        state.stars = StarRows(
+        state.stars = dict(zip(STAR_COLUMNS, (
             run['time'].tolist(), run.get('run', 0.0).tolist(), az.tolist(), el.tolist(),
-            *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))
+            *(_scaled(values, ARCSEC) for values in (*offset, *left, *difference)))))
 
     def _statuses(self, state):
         for key, topic in (('observer', topics.OBSERVER_STATUS), ('guard', topics.GUARD_STATUS),

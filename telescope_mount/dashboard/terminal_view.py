@@ -144,9 +144,9 @@ def _axes(state, screen):
             ('inc - abs', state.encoders_arcsec, _SECONDS),
             ('miss', state.miss_arcsec, _SECONDS)):
         lines += _pair(name, values, screen, form)
-    if stars.time_s:
-        offset = stars.offset_x_arcsec[-1], stars.offset_y_arcsec[-1]
-        left = stars.left_x_arcsec[-1], stars.left_y_arcsec[-1]
+    if stars['time_s']:
+        offset = stars['offset_x_arcsec'][-1], stars['offset_y_arcsec'][-1]
+        left = stars['left_x_arcsec'][-1], stars['left_y_arcsec'][-1]
         lines += _pair('last offset', offset, screen, _SECONDS)
         lines += _pair('  left', left if state.left_by else None, screen, _SECONDS)
     return lines
@@ -155,18 +155,18 @@ def _axes(state, screen):
 def _stars(state, screen):
     """Rows of bars: what is left of the last stars, and the encoders' difference."""
     stars = state.stars
-    left = _finite(math.hypot(x, y) for x, y in zip(stars.left_x_arcsec, stars.left_y_arcsec))
+    left = _finite(math.hypot(x, y) for x, y in zip(stars['left_x_arcsec'], stars['left_y_arcsec']))
     lines = []
     if left:
         rms = math.sqrt(sum(value * value for value in left) / len(left))
         of = 'the last star' if len(left) == 1 else f'the last {len(left)} stars'
         lines += _bars(f'{state.left_by} leave {rms:.2f}″ RMS of {of}' if ' and ' in state.left_by
                        else f'the zero leaves {rms:.2f}″ RMS of {of}', left, 0.0, screen)
-    for name, values in zip(state.joints, (stars.encoders_first_arcsec,
-                                           stars.encoders_second_arcsec)):
+    for name, values in zip(state.joints, (stars['encoders_first_arcsec'],
+                                           stars['encoders_second_arcsec'])):
         # with another power-on it is another
-        values = _finite(value for value, power_on in zip(values, stars.power_on)
-                         if power_on == stars.power_on[-1])
+        values = _finite(value for value, power_on in zip(values, stars['power_on'])
+                         if power_on == stars['power_on'][-1])
         if values:
             low, most = min(values), max(values)
             lines += _bars(f'inc - abs, {name.replace("_", " ")}: {low:.2f} to {most:.2f}″', values,
@@ -203,11 +203,11 @@ def _sky(state, screen):
     for az in range(0, 360, 5):
         put(az, 0.0, '.')
     star = screen.spelled('•')
-    for az, el in zip(state.stars.az_deg, state.stars.el_deg):
+    for az, el in zip(state.stars['az_deg'], state.stars['el_deg']):
         put(az, el, star)
     for az, name in zip(range(0, 360, 90), 'NESW'):
         put(az, 0.0, name)
-    legend = [f'{star} star'] if state.stars.time_s else []
+    legend = [f'{star} star'] if state.stars['time_s'] else []
     for place, sign, name in ((state.sent_to_deg, 'O', 'sent to'),
                               (state.looks_at_deg, '+', 'looks at')):
         if place:

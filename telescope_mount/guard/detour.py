@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from msg_tools.units import DEG
+from pointing_model.mounts import ALTAZ
 from pointing_model.sky.earth import TURN_RATE
 
 from .axis_track import resting
@@ -152,8 +153,7 @@ class _Grid:
         self.row, self.column, self.seconds = (
             np.concatenate(v)[free] for v in (row, column, seconds))
         middle = 0.5 * (self.boxes.low + self.boxes.high)
-        self.place = np.array([np.cos(middle[1]) * np.sin(middle[0]),
-                               np.cos(middle[1]) * np.cos(middle[0]), np.sin(middle[1])])
+        self.place = ALTAZ.direction(*middle)
 
     def graph(self, check, circles, step):
         """Sparse matrix of the seconds of each step that is free of the circles too."""

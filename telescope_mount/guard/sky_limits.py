@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pointing_model.mounts import ALTAZ
 from pointing_model.sky.earth import TURN_RATE
 from pointing_model.sky.places import sun_place
 
@@ -101,8 +102,7 @@ class SkyCircles:
     def _circle(self, limit, distance, time):
         then, circle = self._known.get(limit, (None, None))
         if then is None or abs(time - then) > _FRESH:
-            az, el = limit.place(time, self._site)
-            toward = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
+            toward = ALTAZ.direction(*limit.place(time, self._site))
             circle = Circle(toward, self._pole if limit.turns else None, distance, limit)
             self._known[limit] = then, circle = time, circle
         return circle.later(time - then)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG, wrap
+from pointing_model.mounts import ALTAZ
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
 from ..guard.limits import parse_pair
@@ -99,9 +100,9 @@ class AllowedSky(NamedTuple):
         """
         beside = NEAR / np.maximum(np.cos(el), NEAR / np.pi)
         out = el >= self.horizon.highest(az, beside) + NEAR
-        place = np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)
+        place = ALTAZ.direction(az, el)
         for circle in self.circles.at(time):
-            out = out & (place @ circle.toward < np.cos(circle.distance + NEAR_LIMIT))
+            out = out & (circle.toward @ place < np.cos(circle.distance + NEAR_LIMIT))
         return out
 
     def within(self, first, second):

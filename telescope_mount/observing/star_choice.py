@@ -212,7 +212,7 @@ def nearest_star(stars, time, az, el, site=DEFAULT_SITE, weather=DEFAULT_WEATHER
         raise ValueError(f'no star to Hp {mag_limit:g} that was not observed is left within the '
                          'limits: raise the magnitude limit')
     places = np.array(places)[:, good]
-    off = np.arccos(np.clip(xyz(*places) @ xyz(az, el), -1.0, 1.0))
+    off = np.arccos(np.clip(ALTAZ.direction(az, el) @ ALTAZ.direction(*places), -1.0, 1.0))
     wanted = np.zeros(len(good))
     if magnitude is not None:
         wanted += np.abs(stars.mag[bright[good]] - min(magnitude, mag_limit)) > 1.0
@@ -289,7 +289,7 @@ def _stratified(az, el, n, min_el, max_el, rng):
 
 def _fill(chosen, az, el):
     """Give each cell without a star the one that is farthest from all chosen, in place."""
-    places = xyz(az, el)
+    places = ALTAZ.direction(az, el).T
     have = chosen[chosen >= 0]
     nearness = (places @ places[have].T).max(axis=1) if len(have) else places @ places[0]
     nearness[have] = np.inf
@@ -344,7 +344,8 @@ def has_neighbour(stars, rows):
     """
     deep = np.flatnonzero(stars.mag < stars.mag[rows].max(initial=-9.0) + NEIGHBOUR_CONTRAST)
     deep = deep[np.argsort(stars.dec[deep])]
-    mine, others = (xyz(stars.ra[which], stars.dec[which]) for which in (rows, deep))
+    mine, others = (ALTAZ.direction(stars.ra[which], stars.dec[which]).T
+                    for which in (rows, deep))
     # of those of nearly the same declination
     first = np.searchsorted(stars.dec[deep], stars.dec[rows] - NEIGHBOUR_DISTANCE)
     after = np.searchsorted(stars.dec[deep], stars.dec[rows] + NEIGHBOUR_DISTANCE, 'right')
@@ -354,8 +355,3 @@ def has_neighbour(stars, rows):
         near = deep[first[i] + np.flatnonzero(near)]
         out[i] = np.any((stars.mag[near] < stars.mag[row] + NEIGHBOUR_CONTRAST) & (near != row))
     return out
-
-
-def xyz(az, el):
-    """Unit vectors, shape (..., 3), of two angles."""
-    return np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=-1)

@@ -49,29 +49,30 @@ def test_a_log_says_how_it_ended(at_end):
     rows = [json.loads(m.data.data) for m in BagReader(LOG).messages(
         '/mount/calibration/report', decode=True)][-1]
     assert at_end.plan['state'] == 'done' and at_end.plan['observations'] == 20
-    assert len(at_end.stars.time_s) == 20 and len(at_end.nodes) == 8 and at_end.alarms == []
+    assert len(at_end.stars['time_s']) == 20 and len(at_end.nodes) == 8 and at_end.alarms == []
     # the last zero, as the log has it and the fit reported it within its sigma
     zero = [m.data for m in BagReader(LOG).messages('/mount/zero', decode=True)][-1]
     assert np.allclose(at_end.zero_arcsec, np.array(zero.position) / ARCSEC)
     assert abs(at_end.zero_arcsec[0] - rows['zeros'][-1]['az_arcsec']) < 10.0
     stars = at_end.stars
-    assert sorted(set(stars.power_on)) == [1.0, 2.0]
-    since = [value for value, run in zip(stars.encoders_first_arcsec, stars.power_on) if run == 2.0]
+    assert sorted(set(stars['power_on'])) == [1.0, 2.0]
+    since = [value for value, run in zip(stars['encoders_first_arcsec'], stars['power_on'])
+             if run == 2.0]
     assert f'azimuth: {min(since):.2f} to {max(since):.2f}″' in drawn(at_end, 80)
     # what the zero alone leaves: the offset less the zero, on the sky
-    el = stars.el_deg[-1] * DEG
+    el = stars['el_deg'][-1] * DEG
     assert at_end.left_by == 'zero'
-    assert stars.left_x_arcsec[-1] == pytest.approx(
-        stars.offset_x_arcsec[-1] - at_end.zero_arcsec[0] * np.cos(el), abs=1e-6)
-    assert stars.left_y_arcsec[-1] == pytest.approx(
-        stars.offset_y_arcsec[-1] - at_end.zero_arcsec[1], abs=1e-6)
+    assert stars['left_x_arcsec'][-1] == pytest.approx(
+        stars['offset_x_arcsec'][-1] - at_end.zero_arcsec[0] * np.cos(el), abs=1e-6)
+    assert stars['left_y_arcsec'][-1] == pytest.approx(
+        stars['offset_y_arcsec'][-1] - at_end.zero_arcsec[1], abs=1e-6)
 
 
 def test_a_log_at_an_earlier_time(at_end):
     bag = BagReader(LOG)
     then = log_messages(bag, '/mount', bag.start_time + 200 * 10**9).state()
     assert then.plan['state'] == 'observing' and then.zero_arcsec is None and then.left_by == ''
-    assert then.stars.time_s == at_end.stars.time_s[:9] and then.time_utc < at_end.time_utc
+    assert then.stars['time_s'] == at_end.stars['time_s'][:9] and then.time_utc < at_end.time_utc
     with pytest.raises(ValueError, match='no message of a graph in /other'):
         log_messages(bag, '/other')
 
@@ -147,7 +148,7 @@ def test_no_number_is_cut_and_no_line_too_long(at_end, width, encoding):
     words, second = ' '.join(text.split()), '″' if encoding == 'utf-8' else '"'
     state = at_end
     for value in (*state.zero_arcsec, *state.encoders_arcsec, *state.miss_arcsec,
-                  state.stars.offset_x_arcsec[-1], state.stars.left_y_arcsec[-1]):
+                  state.stars['offset_x_arcsec'][-1], state.stars['left_y_arcsec'][-1]):
         assert f'{value:+.2f}{second}' in words
     for value in state.reading_deg:
         assert re.search(rf'(^| ){value:.4f}( deg|°)', words)
