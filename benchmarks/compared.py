@@ -45,7 +45,7 @@ def fits(full):
                                 names=(fit_vs_katpoint.DEFAULT,))
     from scipy.optimize import least_squares
 
-    from calibration.analysis.fit import fit_terms
+    from calibration.analysis.term_fit import fit_terms
     run = fit_vs_katpoint.make_run(1000, 2)
 
     def soft(p):

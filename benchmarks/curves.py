@@ -28,7 +28,7 @@ START = 1.7e9
 
 def of_fit(size):
     """The default fit."""
-    from calibration.analysis.fit import fit_terms
+    from calibration.analysis.term_fit import fit_terms
     return partial(fit_terms, make_run(size, 1))
 
 

@@ -22,7 +22,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from calibration.analysis.diagnosis import check_columns
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import Mount
 from pointing_model.runs.run import PointingRun

@@ -33,7 +33,7 @@ from calibration.analysis.diagnosis.diagnosis_base import Base, observations
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.diagnosis.run_problem import RunProblem
 from calibration.analysis.diagnosis.validation import nested
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.folds import random_folds
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry

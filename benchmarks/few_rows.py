@@ -14,7 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation import gauss_newton
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel

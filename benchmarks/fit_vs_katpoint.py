@@ -10,8 +10,8 @@ same process, in turn. katpoint's P-terms give encoder - catalogue with these co
 `katpoint.PointingModel.fit` returns coefficients and standard errors for unit noise. Timed
 beside it:
 
-- `calibration.analysis.fit`, `fit_first_order`: the same linear fit, with residuals and the full
-  covariance scaled by the measured scatter of each axis;
+- `calibration.analysis.term_fit`, `fit_first_order`: the same linear fit, with residuals and the
+  full covariance scaled by the measured scatter of each axis;
 - `fit_terms` of it: all of it (checks, rank, provenance, model), with first-order
   columns and without robust weights, so the same numbers;
 - `fit_terms` with exact rotations, without and with robust weights (the default): another, better
@@ -29,7 +29,7 @@ import argparse
 import numpy as np
 from race import Row, peer, race, show
 
-from calibration.analysis.fit import fit_first_order, fit_terms
+from calibration.analysis.term_fit import fit_first_order, fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL

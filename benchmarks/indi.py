@@ -18,8 +18,8 @@ import time
 import numpy as np
 from indi_survey import Survey, places
 
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.fit_wording import origin_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount

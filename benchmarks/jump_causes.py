@@ -37,7 +37,7 @@ from calibration.analysis.encoders.cross_check_rows import (
     USUAL,
     CrossCheckNight,
 )
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC
 
 CAUSES = (INCREMENTAL, ABSOLUTE, BOTH, ALIKE)

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.analysis.diagnosis import check_columns
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder

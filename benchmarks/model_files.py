@@ -89,7 +89,7 @@ def losses(name, size, count):
 
 def mmt_losses():
     """The loss of the measured night's terms on its sky, by program."""
-    from calibration.analysis.fit import fit_terms
+    from calibration.analysis.term_fit import fit_terms
     from pointing_model.context import Context
     from pointing_model.runs.formats import read_run
     folder = Path(__file__).resolve().parents[1] / 'calibration' / 'data'

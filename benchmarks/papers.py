@@ -14,7 +14,7 @@ from importlib import resources
 import numpy as np
 
 from calibration.analysis.external_check import split_half
-from calibration.analysis.fit import fit_harmonics, fit_terms
+from calibration.analysis.term_fit import fit_harmonics, fit_terms
 from encoder_reading.disc import INVERSION
 from encoder_reading.paper_reader import THRESHOLD, WIDTH_THRESHOLD, PaperReader
 from encoder_reading.template_reader import TemplateReader

@@ -21,7 +21,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from encoder_sim.mount_geometry import (
     MountErrors,
     MountGeometry,

@@ -26,8 +26,8 @@ from calibration.analysis.diagnosis.residual_patterns import (
     cluster_findings,
     visit_findings,
 )
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.run_fit import fit_run
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, through_pole

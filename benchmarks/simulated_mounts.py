@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from encoder_sim.incremental import IncrementalEncoder
 from encoder_sim.mount_geometry import MountGeometry
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from tracking_nights import BASE, NAMES, K, Night, Truth, columns, radial, sky
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.tracking.history import Past, past_of_runs, rates_of_nights, rows_of
 from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.smoother import smooth

@@ -19,7 +19,7 @@ from collections import Counter
 import numpy as np
 
 from calibration.analysis.encoders.cross_check import Homing, cross_check
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle

@@ -19,7 +19,7 @@ import numpy as np
 import zero_drift
 
 from calibration.analysis.encoders.cross_check import cross_check
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.power_on_zeros import zero_from_exposures
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel

@@ -7,8 +7,8 @@ from pointing_model.harmonics import DEGREE
 from pointing_model.runs.run import KEPT_POWER_ONS
 from pointing_model.sky.skyline import parse_horizon
 
-from .analysis.fit import RCOND_HARMONICS
 from .analysis.harmonic_fit import CHOICES
+from .analysis.term_fit import RCOND_HARMONICS
 from .analysis.tracking import BATCH, TRACK
 
 

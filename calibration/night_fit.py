@@ -13,7 +13,7 @@ from .analysis.encoders.count_drift import zero_following
 from .analysis.external_check import power_on_check, split_half, ways
 from .analysis.fit_result import FitResult
 from .analysis.harmonic_fit import Recipe, fit_chosen
-from .analysis.held_out import held_out_steps
+from .analysis.holdout_comparison import held_out_steps
 from .analysis.zero.power_on_zeros import zero_change, zero_changes
 from .report.night_document import fit_report, labelled_checks, labelled_steps
 from .report.wording import wording

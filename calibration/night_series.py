@@ -16,8 +16,8 @@ from pointing_model.runs.run import kept_words
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero, is_marked
 
 from .analysis.external_check import tracking_errors
-from .analysis.fit import fit_harmonics
 from .analysis.harmonic_fit import choice_of
+from .analysis.term_fit import fit_harmonics
 from .analysis.tracking import BATCH, TRACK
 from .analysis.zero.power_on_zeros import zero_from_exposures
 from .analysis.zero.zero_causes import zero_causes

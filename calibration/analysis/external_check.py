@@ -8,8 +8,8 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import NO_ZERO, active_zero, is_for_zero
 
 from ..rows import by_power_on
-from .fit import fit_terms
 from .harmonic_fit import Recipe
+from .term_fit import fit_terms
 
 
 def split_half(run, seed=0):

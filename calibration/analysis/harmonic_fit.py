@@ -16,7 +16,7 @@ from pointing_model.rms import rms_arcsec
 from pointing_model.zero import PowerOnZero, is_for_zero
 
 from .finding import Finding
-from .fit import RCOND_HARMONICS, fit_harmonics, fit_terms
+from .term_fit import RCOND_HARMONICS, fit_harmonics, fit_terms
 
 NONE = 'none'
 #: what the parameter and the option `harmonics` may be

@@ -24,10 +24,10 @@ from .diagnosis.row_counts import excluded_of_fit, fit_row_counts
 from .diagnosis.sessions import arrange, at_steps
 from .external_check import checked_by_halves
 from .finding import Finding
-from .fit import fit_terms
 from .fit_result import FitResult
 from .harmonic_fit import Recipe, fit_chosen
 from .sky_model import Origin, settled
+from .term_fit import fit_terms
 
 
 @dataclass

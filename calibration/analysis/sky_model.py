@@ -21,7 +21,7 @@ from pointing_model.rms import rms
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import is_for_zero
 
-from .fit import fit_terms
+from .term_fit import fit_terms
 
 #: chance that rows of two models that predict alike differ as much, below which one is said to hold
 CHANCE = 0.01

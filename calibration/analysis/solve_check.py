@@ -11,7 +11,7 @@ from pointing_model.runs.run import PointingRun
 
 from ..estimation.robust import sigma_of
 from .finding import Finding
-from .fit import fit_terms
+from .term_fit import fit_terms
 
 #: below so many rows nothing is tested: seven terms and a scatter need more
 FEW = 8

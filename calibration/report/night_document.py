@@ -4,7 +4,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.pointing_terms import PHYSICAL
 from pointing_model.zero import BY_POLARIS
 
-from ..analysis import held_out as kinds
+from ..analysis import holdout_comparison as kinds
 from ..analysis.fit_result import named
 from ..analysis.harmonic_fit import rows_of_terms
 from ..rows import counts

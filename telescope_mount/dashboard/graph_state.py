@@ -18,7 +18,7 @@ from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 
-from .alarms import alarms, rows_of
+from .reported_problems import alarms, rows_of
 
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,

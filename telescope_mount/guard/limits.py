@@ -7,10 +7,10 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
+from pointing_model.sky.sky_limits import SUN
 from pointing_model.sky.skyline import Horizon
 
 from .axis_track import Cubic
-from .sky_limits import SUN
 
 _TURN = 2.0 * np.pi
 

@@ -11,6 +11,7 @@ from msg_tools.node_lifecycle import ACTIVATION, ManagedNode
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.places import Site
+from pointing_model.sky.sky_limits import SKY_LIMITS
 from pointing_model.sky.sky_params import SKY_PARAMS, mount_of
 from pointing_model.sky.skyline import Horizon, parse_horizon
 
@@ -21,7 +22,6 @@ from .course import GuardSettings
 from .goto import GotoSupervisor
 from .guard_params import PARAMS
 from .limits import Axis, Limits, parse_pair, travel_of
-from .sky_limits import SKY_LIMITS
 from .stop_rules import ERROR, WARN
 from .supervisor import LATE, STILL, Supervisor
 

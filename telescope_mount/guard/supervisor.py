@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from msg_tools.units import DEG
+from pointing_model.sky.sky_limits import SkyCircles
 
 from .axis_readings import AxisReadings
 from .axis_track import ended, resting
@@ -20,7 +21,6 @@ from .course import SHARE, Course, moves_onto, stop_track
 from .detour import around, lead
 from .limits import Allowed, Refused
 from .motion import AxisState
-from .sky_limits import SkyCircles
 from .stop_rules import ERROR, OK, WARN, off_course, silence, why_stop
 from .track_check import TrackCheck
 

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.zero_causes import COVARIATES
 from calibration.analysis.zero.zero_season import season_from_rows
 from calibration.report.drawing import Panel, limit_of, svg

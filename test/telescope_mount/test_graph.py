@@ -443,7 +443,7 @@ def test_every_package_has_its_place():
     ("f'encoder_sim.{name}'", 'encoder_sim'),
     ("'-m encoder_sim.mount_simulator_node'.split()", 'encoder_sim.mount_simulator_node'),
     ("PLACE = 'encoder_sim'", 'encoder_sim'),
-    ('from calibration.analysis import fit', 'calibration.analysis.fit'),
+    ('from calibration.analysis import term_fit', 'calibration.analysis.term_fit'),
     ("import_module('calibration')", 'calibration'),
     ("find_spec('calibration.calibration_node')", 'calibration.calibration_node'),
     ("f'calibration.{name}'", 'calibration'),
@@ -465,7 +465,7 @@ def test_the_checker_finds(source, wanted):
 
 @pytest.mark.parametrize('source', [
     '"""As `encoder_sim.mount` has it."""',
-    'def f():\n    """See `calibration.analysis.fit`."""',
+    'def f():\n    """See `calibration.analysis.term_fit`."""',
     '# encoder_sim\nx = 1',
     "Topic('calibration/report')",
     "super().__init__('calibration')",

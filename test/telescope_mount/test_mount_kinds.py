@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis import diagnose
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.figure_wording import model_words
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.model import PointingModel

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from places import CASES
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.bag import BagReader, BagWriter
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.runs.formats import read_run, write_csv

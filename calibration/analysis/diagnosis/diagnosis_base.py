@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.finding import Finding
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.correlated_noise import Sequence
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.robust import GROSS

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.analysis.fit import fit_first_order, fit_terms
+from calibration.analysis.term_fit import fit_first_order, fit_terms
 from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole

@@ -19,7 +19,7 @@ from calibration.estimation.robust import GROSS
 from pointing_model.runs.run import PointingRun
 
 from ..finding import Finding
-from ..fit import fit_terms
+from ..term_fit import fit_terms
 from .diagnosis_base import Base, linearised, mount_of, observations
 from .residual_patterns import MOST_ROWS, ResidualRows, visit_findings
 

@@ -15,7 +15,7 @@ from pointing_model.zero_drift import harmonic_columns
 from ...estimation.group_columns import GroupColumns
 from ...estimation.step_scan import LocalColumns, noise_beside, robust_fit
 from ..finding import Finding
-from ..fit import fit_terms
+from ..term_fit import fit_terms
 
 AXES = ('azimuth', 'elevation')
 SHORT = ('az', 'el')

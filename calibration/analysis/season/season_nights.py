@@ -14,7 +14,7 @@ from pointing_model.runs.copies import without_copies
 
 from ..diagnosis import ColumnCheck, MistakenColumns, check_columns
 from ..finding import Finding
-from ..fit import fit_terms
+from ..term_fit import fit_terms
 
 NO_DATE = 'no date'
 #: a pause of so many hours in a run ends a night

@@ -11,7 +11,7 @@ from pointing_model.rms import rms
 from pointing_model.zero import PowerOnZero
 
 from ..diagnosis import check_columns
-from ..fit import fit_terms
+from ..term_fit import fit_terms
 from .smoother import SmoothedNight
 from .tracked_night import TrackedNight, difference_of, lean_of
 from .tracker import model_of_fit

@@ -19,7 +19,7 @@ from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.zero import BY_POLARIS, PowerOnZero, is_for_zero, is_marked
 
 from ...rows import by_power_on, zero_exposures_by_power_on
-from ..fit import fit_terms
+from ..term_fit import fit_terms
 from .zero_estimate import estimate_zeros
 
 #: reference of a zero that is the whole offset at Polaris

@@ -1,11 +1,23 @@
-"""Names of columns that are near to one that is read, and are not read by it."""
+"""Names of columns that are read, and of those that are near to one and are not read by it."""
 
 import difflib
 import re
 
-from pointing_model.mount_kinds import MountKind
+from pointing_model.mount_kinds import KINDS, MountKind
+from pointing_model.runs.run import COLUMNS, column_name
 
+from . import run_table
 from .solve_columns import PARITY, SCALE, SIGMA
+
+#: name in a header -> name in memory
+CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
+CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_given'})
+#: of other mounts: their columns, those of a place of the horizon, and the side of the pier
+HORIZON_NAMES = {'az_deg': 'az', 'el_deg': 'el'}
+OTHER_NAMES = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_given'},
+                        **{column_name(name, names): name for name in COLUMNS},
+                        'pier_side': 'pier_side'})
+               for names in KINDS.values() if not (names.vertical or names.two_sided)]
 
 _ALIKE = 0.84  # of `difflib`: sigma_az and sigma_az_arcsec without their units, not az_err_deg
 _UNIT = re.compile('_(?:deg|arcsec|c|hpa|s|h)$')

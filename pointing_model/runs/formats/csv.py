@@ -6,25 +6,16 @@ import numpy as np
 
 from msg_tools.units import DEG
 from msg_tools.whole_files import beside
-from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ, is_beyond, mount_text, through_pole
 from pointing_model.runs.run import COLUMNS, column_name, known_site
 
 from . import hints, run_table, solve_columns
 from .cells import Cells, delimiter_of, split_row, write_rows
-from .column_names import near_column
+from .column_names import CSV_NAMES, HORIZON_NAMES, OTHER_NAMES, near_column
 from .declarations import NUMBERS, declarations
 from .run_table import RunFormat, Table, content
 from .text_rows import CLOCK, UNKNOWN, decimal_points, is_number
 
-CSV_NAMES = {csv_name: name for name, (csv_name, _, _) in COLUMNS.items()}
-CSV_NAMES.update({name: name for name in run_table.SPECIAL if name != 'lst_given'})
-#: of other mounts: their columns, those of a place of the horizon, and the side of the pier
-_HORIZON = {'az_deg': 'az', 'el_deg': 'el'}
-_OTHERS = [(names, {**{name: name for name in run_table.SPECIAL if name != 'lst_given'},
-                    **{column_name(name, names): name for name in COLUMNS},
-                    'pier_side': 'pier_side'})
-           for names in KINDS.values() if not (names.vertical or names.two_sided)]
 _TEXT = ('star', 'block', 'run', 'pier_side')  # may hold names in place of numbers
 _SITE = {key: (name, unit) for key, (part, name, unit, *_) in NUMBERS.items() if part == 'site'}
 _TOO_CLOSE = 0.05  # s on average: no mount goes from star to star so fast
@@ -41,7 +32,8 @@ def looks_like(lines):
                      for _, line in top)
     if len(names) < 2 or any(map(is_number, names)):
         return None
-    known = any(name in own for name in names for own in (CSV_NAMES, _OTHERS[0][1], _OTHERS[1][1]))
+    known = any(name in own for name in names
+                for own in (CSV_NAMES, OTHER_NAMES[0][1], OTHER_NAMES[1][1]))
     alike = cells and len(cells[0]) == len(names) > 3
     return delimiter if known or alike else None
 
@@ -75,7 +67,7 @@ def read(path, lines, encoder=None):
     if not len(cells):
         raise run_table.NoObservations(f'{path} has a header row but no observations')
     columns, meta = {}, {'format': 'csv', **declarations(path, lines)}
-    if {'az', 'el'} <= {by_header.get(name) for name in header if name in _HORIZON}:
+    if {'az', 'el'} <= {by_header.get(name) for name in header if name in HORIZON_NAMES}:
         meta['from_horizon'] = True
     for i, header_name in enumerate(header):
         _take_column(cells, header_name, cells.column(i), columns, meta, by_header, names)
@@ -89,7 +81,7 @@ def read(path, lines, encoder=None):
 
 def _header_names(header):
     """Whose axes the columns are of, and name in the header -> name in memory."""
-    for names, by_header in _OTHERS:
+    for names, by_header in OTHER_NAMES:
         first = names.columns[0]
         ascension = {'ra_enc_deg'} if first == 'ha' else set()  # of the mount
         if ({f'{first}_deg', f'{first}_enc_deg', f'{first}_abs_deg'} | ascension) & set(header):
@@ -97,7 +89,7 @@ def _header_names(header):
             if 'ra_deg' in header:  # a declination among the stars, not the axis'
                 by_header['dec_deg'] = 'dec_deg'
             if f'{first}_deg' not in header:
-                by_header.update(_HORIZON)
+                by_header.update(HORIZON_NAMES)
             return names, by_header
     return ALTAZ.names, CSV_NAMES
 
@@ -184,8 +176,8 @@ def _require(path, header, encoder, names):
     if pair == 'enc' and 'ra_enc_deg' in header and readings[0] not in header:
         readings = ['ra_enc_deg', readings[1], 'lst_h' if 'lst_h' in header else 'time']
     places = [column_name(axis, names) for axis in ('az', 'el')]
-    if names is not ALTAZ.names and set(_HORIZON) <= set(header):
-        places = list(_HORIZON)
+    if names is not ALTAZ.names and set(HORIZON_NAMES) <= set(header):
+        places = list(HORIZON_NAMES)
     if {'ra_deg', *({'dec_deg'} - set(places))} & set(header) and not set(places) <= set(header):
         places = ['ra_deg', 'dec_deg', 'time']
     required = list(dict.fromkeys(places + readings))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.external_check import external_check, split_half
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import PHYSICAL

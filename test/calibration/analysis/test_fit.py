@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from noisy_run import MODEL, TRUTH, make_run
 
-from calibration.analysis.fit import fit_first_order, fit_harmonics, fit_terms
+from calibration.analysis.term_fit import fit_first_order, fit_harmonics, fit_terms
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect

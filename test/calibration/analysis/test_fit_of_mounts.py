@@ -8,7 +8,7 @@ from places import DATA
 from calibration.analysis.diagnosis import MistakenColumns, check_columns, diagnose
 from calibration.analysis.diagnosis.prediction import predictive_model
 from calibration.analysis.external_check import external_check
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.model import PointingModel

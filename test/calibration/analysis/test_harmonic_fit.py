@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.fit import fit_harmonics, fit_terms
 from calibration.analysis.harmonic_fit import (
     CHOICES,
     HarmonicChoice,
@@ -12,6 +11,7 @@ from calibration.analysis.harmonic_fit import (
     every_choice,
     fit_chosen,
 )
+from calibration.analysis.term_fit import fit_harmonics, fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import Harmonics, names_of
 from pointing_model.model import PointingModel

@@ -7,8 +7,8 @@ from determined import simulated
 from places import CASES
 
 from calibration.analysis import diagnosis
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.run_fit import fit_run
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.documents import fit_document
 from calibration.report.terminal_tables import fit_tables
 from calibration.rows import usable

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from noisy_run import TRUTH, make_run
 
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.run_fit import fit_run
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.few_rows import interval_factor, kept_rows
 from calibration.report.documents import fit_document
 from calibration.report.wording import wording

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.least_squares import System
 from calibration.estimation.robust import LOSS, Loss, hampel
 from msg_tools.units import ARCSEC

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import stdtr
 
-from calibration.analysis.fit import fit_harmonics, fit_terms
+from calibration.analysis.term_fit import fit_harmonics, fit_terms
 from calibration.estimation import least_squares
 from calibration.estimation.group_columns import GroupColumns
 from calibration.estimation.least_squares import weighted_solve

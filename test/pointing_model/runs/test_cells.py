@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from places import CASES
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.runs.formats import read_run, write_csv
 from pointing_model.runs.formats.cells import plain_text, safe_text, write_rows

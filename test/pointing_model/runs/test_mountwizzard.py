@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model import PointingModel
 from pointing_model.mounts import parse_mount

@@ -10,8 +10,8 @@ from calibration.analysis.diagnosis.input_check import (
     MistakenColumns,
     check_columns,
 )
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.solve_check import check_solves
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model import model_application as apply

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from places import CASES
 
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import origin_of_errors
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry
 from pointing_model.mounts import Mount, is_beyond, through_pole

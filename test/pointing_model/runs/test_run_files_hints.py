@@ -5,7 +5,7 @@ import pytest
 
 from calibration.analysis.diagnosis.diagnosis import not_taken
 from calibration.analysis.diagnosis.readings import Reading
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.wording import wording
 from msg_tools.units import ARCSEC, DEG
 from pointing_model import geometry

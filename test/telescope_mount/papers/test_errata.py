@@ -23,7 +23,7 @@ from papers import (
 from places import ROOT
 
 from calibration.analysis.external_check import PAPER
-from calibration.analysis.fit import fit_harmonics
+from calibration.analysis.term_fit import fit_harmonics
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
 from encoder_sim.encoder_scale import disc_angle
 from encoder_sim.incremental import Incremental

@@ -16,7 +16,7 @@ from calibration.analysis.diagnosis.residual_correlation import (
     trend,
 )
 from calibration.analysis.diagnosis.row_facts import repeats
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.estimation.correlated_noise import (
     AxisNoise,
     CorrelatedNoise,

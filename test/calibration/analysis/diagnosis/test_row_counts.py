@@ -11,7 +11,7 @@ from calibration.analysis.diagnosis.row_counts import (
     fit_row_counts,
     reader_row_counts,
 )
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.row_wording import used_sentence

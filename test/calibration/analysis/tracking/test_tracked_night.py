@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.tracking.history import past_of_runs, rates_of_nights, rows_of
 from calibration.analysis.tracking.innovations import Measurement
 from calibration.analysis.tracking.motion_causes import TrackingSettings

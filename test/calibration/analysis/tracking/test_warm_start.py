@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.season.season_analysis import analyse_season
 from calibration.analysis.season.season_nights import nights_of
+from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.tracking.history import PAST, RATES, rate_weights_of
 from calibration.analysis.tracking.tracked_night import TrackedNight
 from calibration.analysis.tracking.tracker import Tracker

@@ -8,7 +8,7 @@ import pytest
 from fake_server import TELESCOPE, FakeServer, switch
 from guarded import Guarded
 
-from calibration.analysis.fit import fit_terms
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun

@@ -8,8 +8,8 @@ import pytest
 from guarded import Guarded
 from indi_survey import Survey, places
 
-from calibration.analysis.fit import fit_terms
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
+from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun

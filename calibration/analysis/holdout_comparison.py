@@ -9,7 +9,7 @@ from pointing_model.model import PointingModel
 from pointing_model.zero import active_zero, is_for_zero
 
 from .external_check import rms_of
-from .fit import fit_harmonics
+from .term_fit import fit_harmonics
 
 #: kinds of models
 RAW, REFERENCE, ZEROED, TERMS = 'raw', 'reference', 'zeroed', 'terms'
