@@ -238,7 +238,7 @@ def night(folder, seed, moment=None, node='', liar=None, scenario='default'):
         _follow(watcher, nodes, specs, moment, node, liar, out)
         # the last words: diagnostics come once a second
         watcher.spin_until(lambda: False, 1.5)
-        heard.compare(out, scenario, seed)
+        heard.judge(out, scenario, seed)
     finally:
         if watcher is not None:
             watcher.close()

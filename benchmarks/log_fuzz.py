@@ -202,7 +202,7 @@ class Fuzz:
         """Read `data` as a file."""
         path = folder / f'input.{suffix}'
         path.write_bytes(data)
-        self.compare(name, path, exercise, data)
+        self.judge(name, path, exercise, data)
 
     def judge(self, name, path, exercise, data):
         """Read `path`."""
@@ -228,7 +228,7 @@ def _crafted(fuzz, folder, scale):
         bag.mkdir()
         shutil.copy(sound, bag)
         (bag / 'metadata.yaml').write_text(content)
-        fuzz.compare(f'metadata.yaml, {name}', bag, _full, content.encode())
+        fuzz.judge(f'metadata.yaml, {name}', bag, _full, content.encode())
 
 
 def _flips(fuzz, folder, logs):

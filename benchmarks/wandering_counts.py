@@ -134,7 +134,7 @@ def one_night(rows):
     take(STARS + POLARIS + CHECK)
     found = session.diagnose(site=SITE)
     take(STARS + POLARIS + 2 * CHECK)
-    judged = session.compare(site=SITE)
+    judged = session.check_on_blind_stars(site=SITE)
     models.append(judged.model)
     blind = BlindStars(rows, SITE, since=STARS + POLARIS + 2 * CHECK)
     before, after = (rms(*blind.residuals(candidate_of(m))) / ARCSEC for m in models)
