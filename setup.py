@@ -70,7 +70,7 @@ setup(
             'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6', 'indipyclient>=0.9',
             'alpyca>=3.1.3', 'matplotlib>=3.6',
         ],
-        'bench': ['katpoint==0.10.3'],
+        'bench': ['katpoint==0.10.3', 'scikit-learn>=1.4'],
         'parquet': ['pyarrow'],
         'images': ['astropy>=6'],
         'indi': ['indipyclient>=0.9'],

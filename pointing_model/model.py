@@ -1,6 +1,6 @@
 """The pointing model: fitted terms and harmonics that turn sky into encoder and back."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,16 @@ from .zero import NO_ZERO
 #: of a change of terms that the stars do not see, its largest 1: what of it moves a prediction that
 #: is said to rest on it (0.1" of terms of 100")
 OPEN = 1e-3
+
+
+#: digits of a covariance of all coefficients together, which has tens of thousands of numbers
+_DIGITS = 6
+
+
+def significant(values):
+    """Numbers rounded to six digits, an ndarray of the same shape."""
+    flat = np.ravel(values)
+    return np.array([float(f'{v:.{_DIGITS}g}') for v in flat.tolist()]).reshape(np.shape(values))
 
 
 def _as_written(value, unit):
@@ -55,6 +65,9 @@ class PointingModel:
         In which nothing of the terms and harmonics is known: changes that the stars do not see.
     sides : tuple of int, optional
         Rows of the fit on this side and on the other side of the pier, of a German mount.
+    joint : ndarray, shape (k + e, k + e), optional
+        Covariance of the terms and all coefficients of the effects together, radians^2, where it is
+        known: else the effects count as independent.
     mount : Mount, optional
         Whose axes these are. All angles of the methods are of them: `Mount.axes_of` gives them
         for a place of the horizon, on either side of the pier.
@@ -75,6 +88,7 @@ class PointingModel:
     undetermined: tuple = ()
     directions: tuple = ()
     sides: tuple | None = None
+    joint: np.ndarray | None = None
 
     def __post_init__(self):
         known_terms(self.terms, self.mount)
@@ -101,8 +115,27 @@ class PointingModel:
         if not all_finite(values):
             bad = [name for name, v in zip(self.terms, values) if not np.isfinite(v)]
             raise ValueError(f'pointing model with {", ".join(bad)} not finite; fit it again')
+        if self.joint is not None:
+            size = k + sum(len(e.coefficients) for e in self.effects)
+            joint = np.asarray(self.joint, float)
+            joint = significant(0.5 * (joint + joint.T) / ARCSEC**2) * ARCSEC**2
+            if not all_finite(joint):
+                raise ValueError('pointing model with a joint covariance that is not finite; '
+                                 'fit it again')
+            # a model with some of the effects of another has none, see `with_effects`
+            object.__setattr__(self, 'joint', joint if joint.shape == (size, size) else None)
         object.__setattr__(self, 'terms', dict(zip(self.terms, values.tolist())))
         object.__setattr__(self, 'covariance', covariance)
+
+    def with_effects(self, keep):
+        """The same model with those of its effects for which `keep(fitted)` is true."""
+        kept = [keep(e) for e in self.effects]
+        joint = self.joint
+        if joint is not None:
+            rows = np.concatenate((np.ones(len(self.terms), bool), np.repeat(
+                np.array(kept, bool), [len(e.coefficients) for e in self.effects])))
+            joint = joint[np.ix_(rows, rows)]
+        return replace(self, effects=[e for e, own in zip(self.effects, kept) if own], joint=joint)
 
     def _split(self):
         """Coefficients of the rotations, and those that add their columns."""
@@ -266,7 +299,8 @@ class PointingModel:
         """Standard error of the predicted offset, from the covariance of all coefficients.
 
         It is what the fit's noise leaves in the prediction; effects that the model does not have
-        are not in it. The coefficients of the effects it has count as independent.
+        are not in it. Where `joint` is not known the coefficients of the effects count as
+        independent.
 
         Parameters
         ----------
@@ -283,6 +317,15 @@ class PointingModel:
         shape = np.broadcast_shapes(np.shape(az), np.shape(el))
         az, el = (np.broadcast_to(v, shape).ravel() for v in (az, el))
         columns = np.stack(design(tuple(self.terms), az, el, self.mount), axis=1)  # (n, 2, k)
+        unknown = self.is_open(az, el)
+        if self.joint is not None and self.harmonics is None:
+            context = as_context(context, az, el, self.mount)
+            columns = np.concatenate((columns, *(
+                np.moveaxis(e.effect.columns(context), 2, 0).transpose(0, 2, 1)
+                for e in self.effects)), axis=2)
+            x, y = np.einsum('nak,nak->an', columns @ self.joint, columns)
+            return tuple(np.where(unknown, np.nan, np.sqrt(np.maximum(v, 0.0))).reshape(shape)
+                         for v in (x, y))
         variance = columns @ self.covariance @ columns.transpose(0, 2, 1)
         x, y = variance[:, 0, 0], variance[:, 1, 1]
         if self.harmonics is not None:
@@ -291,7 +334,6 @@ class PointingModel:
         for fitted in self.effects:
             ex, ey = fitted.variance(as_context(context, az, el, self.mount))
             x, y = x + ex, y + ey
-        unknown = self.is_open(az, el)
         return tuple(np.where(unknown, np.nan, np.sqrt(np.maximum(v, 0.0))).reshape(shape)
                      for v in (x, y))
 

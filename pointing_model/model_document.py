@@ -11,7 +11,7 @@ from msg_tools.whole_files import write_text
 
 from .fitted_effects import FittedEffect
 from .harmonics import Harmonics
-from .model import PointingModel
+from .model import PointingModel, significant
 from .mounts import ALTAZ, OF_MOUNT, Mount, mount_wording
 from .zero_drift import KEY as FOLLOWS
 
@@ -24,6 +24,7 @@ _SKY_VERSION = 4  # of errors that act on the sky: who takes them for the mount'
 NO_MODEL = 'none'
 _INTERPRETATION = 'reading'  # the key that `Harmonics.interpretation` has had in files ever since
 _NAMED = 'coefficients'  # A0 .. B12
+_JOINT = 'joint_covariance_arcsec2'
 
 _CONVENTION = (
     'offset = encoder - catalogue; azimuth from north through east, elevation from the horizon; '
@@ -87,6 +88,10 @@ def to_json(model):
         document['rows_by_side'] = list(model.sides)
     if model.effects:
         document['effects'] = [e.document() for e in model.effects]
+    if model.joint is not None:
+        # its rows up to the diagonal: terms, then the effects' coefficients
+        document[_JOINT] = [row[:i + 1].tolist() for i, row in enumerate(
+            significant(model.joint / ARCSEC**2))]
     return json.dumps(document, indent=1)
 
 
@@ -189,6 +194,7 @@ def from_document(document):
         mount = ALTAZ if entry is None else Mount(entry['kind'], entry['frame'],
                                                   entry.get('errors', OF_MOUNT))
         effects = [FittedEffect.from_document(row) for row in document.get('effects') or ()]
+        joint = _symmetric(document.get(_JOINT))
         undetermined = [row['name'] for row in rows if row.get('undetermined')]
         directions = [{name: float(value) for name, value in one.items()}
                       for one in document.get('undetermined') or ()]
@@ -199,7 +205,17 @@ def from_document(document):
     except (TypeError, ValueError, AttributeError, IndexError) as error:
         raise ValueError(f'pointing model document is damaged: {error}') from None
     return PointingModel(terms, covariance, harmonics, provenance, geometry, effects, mount,
-                         undetermined, directions, sides)
+                         undetermined, directions, sides, joint)
+
+
+def _symmetric(rows):
+    """A covariance, radians^2, of its rows up to the diagonal, arcsec^2; None: none."""
+    if rows is None:
+        return None
+    out = np.zeros((len(rows), len(rows)))
+    for i, row in enumerate(rows):
+        out[i, :i + 1] = out[:i + 1, i] = np.array(row, float) * ARCSEC**2
+    return out
 
 
 def _check_named(rows, harmonics):

@@ -181,14 +181,23 @@ def _unknown(model, context, out, reverse):
         return []
     if reverse:
         context = context.at(*np.nan_to_num(out * DEG), az_raw=context.az, el_raw=context.el)
-    notes = []
+    alike = {}
     needs = {e.effect.name: e.effect.requires for e in model.effects}
     for effect, rows in model.unknown(context.az, context.el, context).items():
         count = int(np.count_nonzero(rows))
         where = 'all rows' if count == len(rows) else f'{count} of {len(rows)} rows'
         reasons = dict.fromkeys(UNKNOWN.get(name, f'{name} is not known') for name in needs[effect])
-        notes.append(f'{readable(effect)} counts as zero in {where}: {"; ".join(reasons)}')
-    return notes
+        alike.setdefault((where, '; '.join(reasons)), []).append(readable(effect))
+    # of a model that is to predict dozens want the same
+    return [f'{_some(names)} {"count" if len(names) > 1 else "counts"} as zero in {where}: {why}'
+            for (where, why), names in alike.items()]
+
+
+def _some(names, most=3):
+    """Names, and of many how many more there are."""
+    if len(names) <= most + 1:
+        return ', '.join(names)
+    return f'{", ".join(names[:most])} and {len(names) - most} more'
 
 
 def _open(model, places, lines):

@@ -86,9 +86,12 @@ def predicted_document(found):
     Returns
     -------
     dict
-        ``coefficients``; ``rms_arcsec`` and its axes of all ``rows``, outliers too, on the rows
-        fitted; ``before`` and ``after`` (the terms alone, the choice repeated) with the means over
-        the ``ways`` to leave rows out.
+        ``coefficients``, ``parts`` (what each effect does to the rows); ``rms_arcsec`` and its axes
+        of all ``rows``, outliers too, on the rows fitted; ``blocks_before`` and ``blocks`` (the
+        terms alone, all repeated) in blocks of time left out, ``before`` and ``after`` the same of
+        rows left out at random, means over the ``ways`` to do so; ``beyond`` the terms, with
+        ``shares`` of the ways to predict, ``gain`` (ln of the ratio of RMS) and ``gain_sigma``;
+        ``reach`` of the prediction; ``notes``.
     """
     def mean(each):
         return {f'cv_{key}': value and float(np.mean([_entry(one)[key] for one in each]))
@@ -96,7 +99,12 @@ def predicted_document(found):
                 if not key.startswith('cv_') and key.startswith('rms_')}
     fitted = {key: value for key, value in _entry(found.fitted).items() if key.startswith('rms_')}
     return {'coefficients': found.coefficients(), 'rows': int(found.rows), **fitted,
-            'ways': len(found.after), 'before': mean(found.before), 'after': mean(found.after)}
+            'blocks_before': mean([found.blocks_before] if found.blocks_before else []),
+            'blocks': mean([found.blocks] if found.blocks else []),
+            'ways': len(found.after), 'before': mean(found.before), 'after': mean(found.after),
+            'beyond': found.found.beyond, 'shares': found.found.shares, 'gain': found.found.gain,
+            'gain_sigma': found.found.gain_sigma, 'parts': found.parts, 'reach': found.reach,
+            'notes': list(map(wording, found.findings()))}
 
 
 def _entry(rms, held_out=None):

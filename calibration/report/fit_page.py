@@ -104,14 +104,21 @@ def _compared(document, names):
         rows.append(('the terms', 'halves not seen', *_rms(document['after'], 'cv_')))
     predicted, more = document.get('predicted'), ''
     if predicted:
-        rows += [('chosen to predict', 'all rows', *_rms(predicted)),
-                 ('the terms', 'rows left out', *_rms(predicted['before'], 'cv_')),
-                 ('chosen to predict', 'rows left out', *_rms(predicted['after'], 'cv_'))]
-        more = html.folded('What was chosen to predict', html.table(
+        rows += [(name, judged, *_rms(predicted[key], 'cv_')) for judged, before, after in (
+                     ('blocks of time left out', 'blocks_before', 'blocks'),
+                     ('random rows left out', 'before', 'after'))
+                 for name, key in (('the terms', before), ('to predict', after))]
+        rows.append(('to predict', 'all rows', *_rms(predicted)))
+        more = ''.join(html.paragraph(f'{note}.') for note in predicted['notes'])
+        more += html.folded('Parts of the prediction', html.table(
+            ('part', 'coefficients', 'RMS on these stars ″'),
+            [(readable(row['name']), str(row['columns']), html.number(row['rms_arcsec'], 2))
+             for row in predicted['parts']], 'numbers'))
+        more += html.folded('Coefficients of the prediction', html.table(
             ('coefficient', 'value ″', 'σ ″'),
             [(readable(row['name']), html.number(row['value_arcsec'], 2, True),
-              html.number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']],
-            'numbers'))
+              html.number(row['sigma_arcsec'], 2)) for row in predicted['coefficients']
+             if row['value_arcsec']], 'numbers'))
     harmonics = document.get('harmonics')
     if harmonics:
         rows.append((harmonics['label'], 'rows fitted', *(

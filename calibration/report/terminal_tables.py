@@ -10,6 +10,9 @@ from .night_document import RAW
 from .row_wording import left_out_lines, outlier_sentence, used_sentence
 from .wording import wording
 
+#: parts of a prediction that are listed
+_PARTS = 8
+
 
 def new_table(title, *columns):
     """An empty table, first column left, the others right; see `terminal_layout`."""
@@ -219,23 +222,28 @@ def predicting_tables(found, mount):
     list
         As `fit_tables`.
     """
-    rows = found.coefficients()
-    chosen = new_table(f'Chosen to predict, arcsec, beside {len(found.model.terms)} terms',
-                       'coefficient', 'in TPOINT', 'value', 'sigma')
-    for row in rows:
-        chosen.add_row(readable(row['name']), row['tpoint'] or '', f'{row["value_arcsec"]:+.2f}',
-                       f'{row["sigma_arcsec"]:.2f}')
+    chosen = new_table(f'Parts of the prediction, arcsec, beside {len(found.model.terms)} terms',
+                       'part', 'coefficients', 'RMS on these stars')
+    for part in found.parts[:_PARTS]:
+        chosen.add_row(readable(part['name']), str(part['columns']), decimals(part['rms_arcsec']))
+    rest = len(found.parts) - _PARTS
+    if rest > 0:
+        chosen.add_row(f'{rest} smaller ones', str(sum(
+            part['columns'] for part in found.parts[_PARTS:])), '')
     errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'judged on',
                        *mount.names.columns, 'radial')
-    errors.add_row('the rows fitted', *_rms_cells(found.fitted._asdict()))
+    for label, one in (('blocks of time left out, the terms alone', found.blocks_before),
+                       ('blocks of time left out, all repeated', found.blocks)):
+        if one is not None:
+            errors.add_row(label, *_rms_cells(one._asdict()))
     if found.after:
-        for label, each in (('rows left out, the terms alone', found.before),
-                            ('rows left out, the choice repeated', found.after)):
+        for label, each in (('random rows left out, the terms alone', found.before),
+                            ('random rows left out, all repeated', found.after)):
             errors.add_row(label, *_rms_cells({
                 key: sum(getattr(one, key) for one in each) / len(each)
                 for key in ('x', 'y', 'radial')}))
-    return [chosen, errors, 'chosen to predict: that a coefficient is here does not say that its '
-            'cause is real; what is beyond chance, diagnose tells']
+    errors.add_row('the rows fitted', *_rms_cells(found.fitted._asdict()))
+    return [*([chosen] if found.parts else []), errors, *map(wording, found.findings())]
 
 
 def _strong_correlations(result):

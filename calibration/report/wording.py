@@ -7,6 +7,7 @@ from . import (
     discrimination_wording,
     encoder_wording,
     fit_wording,
+    prediction_wording,
     row_wording,
     season_wording,
     track_wording,
@@ -18,7 +19,7 @@ KINDS = {
     **fit_wording.KINDS, **row_wording.KINDS, **diagnosis_wording.KINDS,
     **track_wording.KINDS, **encoder_wording.KINDS,
     **zero_wording.KINDS, **season_wording.KINDS,
-    **discrimination_wording.KINDS,
+    **discrimination_wording.KINDS, **prediction_wording.KINDS,
 }
 
 

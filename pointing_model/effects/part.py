@@ -1,6 +1,6 @@
-"""Some coefficients of an effect alone: what only has to predict need not have the others."""
+"""Some coefficients of an effect alone, as files of models chosen to predict have them."""
 
-from .base import Effect, effect, effect_from_document, form, to_document
+from .base import Effect, effect_from_document, form
 
 
 @form
@@ -17,11 +17,3 @@ def _part(of, keep):
                   lambda c: [tuple(column) for column in whole.columns(c)[list(keep)]],
                   look_at=whole.look_at, shape=whole.shape, unit=whole.unit, tpoint=tpoint,
                   requires=whole.requires, kind=whole.kind, effort=whole.effort)
-
-
-def parts(whole):
-    """Each coefficient of an effect as its own effect."""
-    if len(whole.coefficient_names) == 1:
-        return [whole]
-    return [effect('part', of=to_document(whole), keep=[i])
-            for i in range(len(whole.coefficient_names))]

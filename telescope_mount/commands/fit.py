@@ -16,8 +16,9 @@ def add(commands):
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
-    parser.add_argument('--predict', action='store_true', help='add effects of the direction that '
-                        'predict stars left out, without a claim that they are causes')
+    parser.add_argument('--predict', action='store_true', help='add whatever predicts stars in '
+                        'blocks of time left out (effects, steps, slow drift), without a claim '
+                        'that it is a cause')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
     options.add(parser, 'sessions', default=0.0, help='a gap longer than this begins a session, '

@@ -36,8 +36,8 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypa
     monkeypatch.setitem(predictive_model.__kwdefaults__, 'folds', 3)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
-    for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Chosen to predict', 'HHSH2',
-                 'choice repeated'):
+    for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Parts of the prediction',
+                 'blocks of time left out, all repeated', 'No cause is claimed'):
         assert word in out, word
     assert json.loads(model.read_text())['mount']['kind'] == 'german'
     # all keys are there, whatever was asked

@@ -33,6 +33,7 @@ from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import add_page_figures
+from .prediction import better_prediction
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
 from .residual_patterns import (
     MOVES,
@@ -143,6 +144,8 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
                                     evidence={'all': len(obs.whole)}))
     result.notes += [*checked.findings,
                      *(Finding('held out', evidence={'of': one}) for one in held.findings)]
+    if result.cv_contiguous:
+        result.notes += better_prediction(obs, base, result.cv_contiguous['after'])
     result.notes = patterns_first(result.notes)
     result.unphysical = implausible_terms(result)
     if holdout is not None:

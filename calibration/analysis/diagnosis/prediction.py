@@ -1,68 +1,248 @@
-"""A model chosen to predict: no claim of causes, only that stars left out are nearer with it.
+"""A model that is to predict other stars of a mount, by whatever does, and names no cause.
 
-The same dictionary as the diagnosis, but single coefficients, added by BIC while they pay and
-with the diagnosis' second look at each; chance is not asked for. Only effects of the direction are
-tried: what follows the clock of one night says nothing of another. Its figure is that of rows left
-out with the whole choice repeated without them.
+Beside the terms are the effects of the dictionary, steps of the zeros between rows, and zeros that
+change slowly; `estimation.predictor` has the ways in which they are taken, and mixes these by
+blocks of time left out. Its figures are those of rows left out, with all of it repeated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.estimation.candidates import CandidateGroup, best_of
-from calibration.estimation.folds import predicted, random_folds
-from calibration.estimation.select import affordable, second_look
-from calibration.estimation.selection_problem import ModelChoice
-from pointing_model.effects import direct
-from pointing_model.effects.part import parts
+from calibration.estimation.folds import contiguous_folds, random_folds
+from calibration.estimation.predictor import (
+    BLOCKS,
+    DIRECT,
+    DRIVEN,
+    LIVE,
+    SLOW,
+    STEP,
+    PredictionProblem,
+    Predictor,
+    predictor,
+    rows_left_out,
+    terms_alone,
+)
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.context import Context
+from pointing_model.effects import dictionary, direct, effect, steps
+from pointing_model.effects.base import for_mount
+from pointing_model.effects.drifts import clock
+from pointing_model.fitted_effects import FittedEffect
 from pointing_model.model import PointingModel
+from pointing_model.mounts import rows_by_side
 from pointing_model.rms import Rms, rms_arcsec
 
-from .diagnosis_base import Base, mount_of, observations
-from .run_problem import RunProblem, effect_bank
+from ..finding import Finding
+from .diagnosis_base import Base, linearised, mount_of, observations, sequence_of
+from .run_problem import effect_bank
 
-_MOST = 40  # coefficients
 FOLDS = 10
-#: rows from which on one way to leave rows out does: each takes long, and they differ little
-_MANY, _FEW_WAYS = 100, 5
+#: squared part of a column that the terms do not explain: less is rounding
+_DISTINCT = 1e-6
+#: knots of a slow change, and its memory over the length of the run
+_KNOTS, _MEMORY = 40, 0.05
+#: drivers that go on after the run
+_CLOCKS = ('time', 'order', 'run_hours')
+#: a sky of directions: lowest, highest, and how many
+_LOW, _HIGH, _SKY = 15.0 * DEG, 88.0 * DEG, 400
+#: times the error of a new star: effects that were not found, but may be, are kept from there on
+_ADDED = 1.05
+#: part of the RMS of a diagnosis, below which prediction is said to do better
+_BETTER = 0.95
+#: part of the sky in which a prediction is said to carry least
+_LEAST_KNOWN = 0.9
 
 
 @dataclass
 class PredictiveModel:
-    """A model chosen to predict, and how well it does.
+    """A model that is to predict, and how well it does.
 
     Attributes
     ----------
     model, base_model : PointingModel
-        With and without what was chosen.
+        What predicts best, and the terms alone.
+    found : Predictor
     fitted : Rms
         arcsec, of all rows of the run, outliers too.
+    blocks_before, blocks : Rms or None
+        arcsec, of all rows, each predicted without its block of time, all repeated: by the terms
+        alone, by what was found.
     before, after : list of Rms
-        arcsec, of all rows left out, the choice repeated: of each way to leave them out.
-    counts : list of int
-        Coefficients chosen in each fold.
+        The same of rows left out at random, of each way to do so.
     rows : int
+    parts : list of dict
+        ``name``, ``columns``, ``rms_arcsec``, ``moves``: what each effect of the model does to the
+        rows beyond the terms, the largest first, and whether it does not follow the direction.
+    reach : dict
+        ``noise_x_arcsec``, ``noise_y_arcsec`` of a star; ``among_arcsec`` and ``least_arcsec``: the
+        radial standard error of a new star, median among the rows, and from which on it is in the
+        least known tenth of the sky.
+    timed : bool
+        Whether rows have times; else what moves goes by their order.
     """
 
     model: PointingModel
     base_model: PointingModel
+    found: Predictor
     fitted: Rms
+    blocks_before: Rms | None
+    blocks: Rms | None
     before: list
     after: list
-    counts: list
     rows: int
+    parts: list
+    reach: dict
+    timed: bool
 
     def coefficients(self):
-        """``name``, ``tpoint``, ``value_arcsec``, ``sigma_arcsec`` of what was chosen."""
-        from msg_tools.units import ARCSEC
-        return [{'name': e.effect.name, 'tpoint': e.effect.tpoint,
-                 'value_arcsec': float(e.coefficients[0] / ARCSEC),
-                 'sigma_arcsec': float(e.sigma[0] / ARCSEC)} for e in self.model.effects]
+        """``name``, ``tpoint``, ``value_arcsec``, ``sigma_arcsec`` of the effects' coefficients."""
+        out = []
+        for e in self.model.effects:
+            names, tpoint = e.effect.coefficient_names, (e.effect.tpoint or '').split()
+            tpoint = tpoint if len(tpoint) == len(names) else [None] * len(names)
+            out += [{'name': e.effect.name if len(names) == 1 else f'{e.effect.name}: {name}',
+                     'tpoint': term, 'value_arcsec': float(v / ARCSEC),
+                     'sigma_arcsec': float(s / ARCSEC)}
+                    for name, term, v, s in zip(names, tpoint, e.coefficients, e.sigma)]
+        return out
+
+    def findings(self):
+        """What people should know, a list of Finding."""
+        found, largest = self.found, [part['name'] for part in self.parts[:4]]
+        out = [Finding('prediction', found.gain, found.gain_sigma, '',
+                       before=self.blocks_before and self.blocks_before.radial,
+                       after=self.blocks and self.blocks.radial,
+                       evidence={'shares': found.shares, 'beyond': found.beyond,
+                                 'largest': largest, 'timed': self.timed}),
+               Finding('reach of a prediction', evidence=self.reach)]
+        moved = [p for p in self.parts if p['moves']]
+        if moved and not self.timed:
+            out.append(Finding('prediction by order', max(p['rms_arcsec'] for p in moved)))
+        return out
 
 
-def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLDS, ways=None):
-    """Choose effects of the direction so that other stars of the mount are predicted.
+class _Columns:
+    """Effects that may predict, and their columns, scaled to what they add to the terms."""
+
+    def __init__(self, obs, base):
+        context, names = obs.context, obs.context.mount.names
+        known, _ = dictionary(context, [t for t in names.physical if t not in base.terms], base.own)
+        known = [_held(e, context) for e in known if not e.driver.startswith('reading')]
+        jumps, slow = steps(context), _slow_zeros(context, obs.label)
+        self.effects = [*known, *jumps, *slow]
+        kinds = ([DIRECT if direct(e) else DRIVEN for e in known] + [STEP] * len(jumps)
+                 + [SLOW] * len(slow))
+        bank = effect_bank(self.effects, context, sizes=False)
+        sizes = [len(e.coefficient_names) for e in self.effects]
+        self.effect = np.repeat(np.arange(len(self.effects)), sizes)
+        kind = np.repeat(kinds, sizes).astype(int)
+        axis = np.repeat([int(e.axes == 'el') for e in self.effects], sizes).astype(int)
+        columns, terms = bank.columns, base.columns(context, obs.label).common
+        given = np.ones(terms.shape[1]) if obs.inverse_sigma is None else obs.inverse_sigma
+        basis = np.linalg.svd((terms * given / np.linalg.norm(terms * given, axis=1)[:, None]),
+                              full_matrices=False)[2]
+        weighed = columns * given
+        own = np.square(weighed).sum(axis=1)
+        left = np.square(weighed - (weighed @ basis.T) @ basis).sum(axis=1)
+        mean = np.sqrt(left / np.square(given).sum() * 2.0)
+        # what the knots of a slow change leave open is no column of the rows
+        slow_left = np.array([c == 'left' for e in self.effects for c in e.coefficient_names])
+        self.scale = np.where(kind == SLOW, 1.0, 1.0 / np.where(mean > 0.0, mean, 1.0))
+        self.keep = (left > _DISTINCT * own) & (own > 0.0) & ~slow_left
+        self.kind, self.axis, self.columns, self.terms = kind, axis, columns, terms
+
+    def problem(self, obs, left):
+        """The `PredictionProblem` of offsets that exact rotations leave, in arcsec."""
+        keep, sequence = self.keep, sequence_of(obs.context, obs.label)
+        order = np.empty(len(obs))
+        order[sequence.order] = np.arange(len(obs))
+        return PredictionProblem(
+            self.terms, self.columns[keep] * self.scale[keep, None], self.kind[keep],
+            self.axis[keep], left / ARCSEC,
+            None if obs.inverse_sigma is None else obs.inverse_sigma * ARCSEC, order,
+            sequence.group)
+
+    def fitted(self, found, p):
+        """`FittedEffect` of each effect that takes part, and the joint covariance, rad^2."""
+        values, sizes = np.zeros(len(self.keep)), np.concatenate((np.ones(p), self.scale))
+        values[self.keep] = found.coefficients[p:]
+        values *= self.scale
+        index = np.concatenate((np.arange(p), p + np.flatnonzero(self.keep)))
+        joint = np.zeros((len(sizes), len(sizes)))
+        joint[np.ix_(index, index)] = found.covariance
+        joint *= sizes[:, None] * sizes * ARCSEC**2
+        for one in np.flatnonzero((self.kind == SLOW) & ~self.keep):
+            same = p + np.flatnonzero((self.effect == self.effect[one]) & self.keep)
+            if len(same):  # the prior: where there are no rows the knots have it, too
+                joint[p + one, p + one] = joint[same, same].max()
+        sigma, out, order = np.sqrt(np.maximum(np.diag(joint), 0.0)), [], list(range(p))
+        for i, e in enumerate(self.effects):
+            own = np.flatnonzero(self.effect == i)
+            if (values[own] != 0.0).any() or (sigma[p + own] > 0.0).any():
+                out.append(FittedEffect(e, values[own] * ARCSEC, sigma[p + own]))
+                order += (p + own).tolist()
+        return out, joint[np.ix_(order, order)]
+
+
+def _held(one, context):
+    """An effect as it is; of what goes with the clock one that stays where the run ends."""
+    if one.form != 'drift' or one.driver not in _CLOCKS:
+        return one
+    values = context.span(one.driver)[0]
+    return effect(one.form, **{**one.parameters, 'within': [float(values.min()),
+                                                            float(values.max())]})
+
+
+def _slow_zeros(context, label):
+    """Effects of zeros that change slowly; none where the order of rows of several runs is all."""
+    driver, _ = clock(context)
+    values, reason = context.span(driver)
+    if reason or (driver == 'order' and len(np.unique(label)) > 1) or len(np.unique(values)) < 6:
+        return []
+    knots = np.unique(np.quantile(values, np.linspace(0.0, 1.0, min(_KNOTS, len(values) // 2))))
+    return for_mount([effect('slow_zero', axis=axis, knots=knots.tolist(), driver=driver,
+                             memory=float(_MEMORY * np.ptp(values))) for axis in ('az', 'el')],
+                     context.mount)
+
+
+def prediction_problem(obs, base):
+    """The `PredictionProblem`, its columns, and the rotations that it starts from."""
+    if 2 * len(obs) < len(base.terms) + 4:
+        raise ValueError(f'{len(obs)} usable observations do not determine {len(base.terms)} '
+                         'coefficients and a residual; observe more or fit fewer terms')
+    start, left, _ = linearised(obs, base)
+    columns = _Columns(obs, base)
+    return columns.problem(obs, left), columns, start
+
+
+def better_prediction(obs, base, rms):
+    """Whether a model to predict does better than a diagnosis, found at the price of one fit.
+
+    Parameters
+    ----------
+    obs : Observations
+    base : Base
+    rms : float
+        Radial, of the diagnosis in stretches of time left out, without outliers, arcsec.
+
+    Returns
+    -------
+    list of Finding
+        None where it does not, or where runs have terms of their own or rows were drawn.
+    """
+    if base.own or base.degree or obs.whole:
+        return []
+    found = predictor(prediction_problem(obs, base)[0])
+    live = found.weights > LIVE
+    after = rms_arcsec(*(found.blocks[1][:, live] * ARCSEC)).radial
+    if not found.beyond or not after < _BETTER * rms:
+        return []
+    return [Finding('better prediction', before=rms, after=after)]
+
+
+def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLDS, ways=1):
+    """Find what predicts other stars of the mount.
 
     Parameters
     ----------
@@ -73,8 +253,8 @@ def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLD
     seed : int
         Of the folds: that of each way is one more.
     folds : int
-    ways : int, optional
-        Ways to leave rows out; 0: none.
+    ways : int
+        Ways to leave rows out at random; 0: none, and no blocks either.
 
     Returns
     -------
@@ -85,62 +265,82 @@ def predictive_model(runs, base='physical', *, encoder='enc', seed=0, folds=FOLD
     ValueError
         Too few rows for the base.
     """
-    obs = observations(runs, encoder)
-    run = RunProblem(obs, Base.parse(base, (), mount_of(runs)), alpha=0.01, curves=False)
-    problem = run.problem
-    effects = [part for e in problem.dictionary.effects if direct(e) for part in parts(e)]
-    problem.dictionary = effect_bank(effects, obs.context, sizes=False)
-    chosen = _forward(problem)
-    plain = problem.plain
-    fits = [run.exact_fit(some, plain.fit(some, final=True)) for some in ([], chosen)]
-    if ways is None:
-        ways = 1 if len(obs) > _MANY else _FEW_WAYS
-    before, after, counts = [], [], []
+    obs, base = observations(runs, encoder), Base.parse(base, (), mount_of(runs))
+    problem, columns, start = prediction_problem(obs, base)
+    found = predictor(problem)
+    p, unit = problem.p, ARCSEC
+    effects, joint = columns.fitted(found, p)
+    values = {t: start.get(t, 0.0) + v * unit for t, v in zip(base.terms, found.coefficients)}
+    facts = {'method': 'prediction', 'source': obs.run.meta.get('source'), 'rows': len(obs),
+             'encoder': obs.encoder, 'shares': found.shares,
+             'star_noise_arcsec': (found.noise / np.median(problem.given.reshape(2, -1), axis=1)
+                                   ).tolist()}
+    mount = obs.run.mount
+    model = PointingModel(values, joint[:p, :p], None, facts, 'rotation', effects, mount,
+                          sides=rows_by_side(mount, obs.run['el']), joint=joint)
+    if not found.beyond:
+        model = _terms_alone(model, found, obs.context)
+    alone = terms_alone(problem, np.ones(problem.n, bool))[0]
+    base_model = replace(model, terms={t: start.get(t, 0.0) + v * unit
+                                       for t, v in zip(base.terms, alone)},
+                         covariance=None, effects=(), joint=None)
+    before, after, blocks = [], [], [None, None]
+    if ways:
+        left, _ = rows_left_out(problem, contiguous_folds(problem.order, min(BLOCKS, problem.n)))
+        blocks = [rms_arcsec(*(one * unit)) for one in left]
     for way in range(ways):
-        sets = random_folds(problem.sequence.group, folds, np.random.default_rng(seed + way))
-        left, found = nested(problem, sets)
-        before.append(rms_arcsec(*left[0]))
-        after.append(rms_arcsec(*left[1]))
-        counts += found
-    base_model, model = (run.model(fit, choice)[0] for fit, choice in zip(fits, ([], chosen)))
-    return PredictiveModel(model, base_model, rms_arcsec(*fits[1].residual.reshape(2, -1)), before,
-                           after, counts, len(obs))
+        left, _ = rows_left_out(problem, random_folds(problem.group, folds,
+                                                      np.random.default_rng(seed + way)))
+        before.append(rms_arcsec(*(left[0] * unit)))
+        after.append(rms_arcsec(*(left[1] * unit)))
+    fitted = rms_arcsec(*(problem.left(found.coefficients, np.arange(problem.n)) * unit))
+    timed = obs.context.get('time') is not None
+    return PredictiveModel(model, base_model, found, fitted, *blocks, before, after, len(obs),
+                           _parts(model, obs.context, columns.terms),
+                           _reach(model, obs.context), timed)
 
 
-def nested(problem, folds):
-    """Residuals of rows left out without and with a choice that has not seen them.
-
-    Returns
-    -------
-    residual : ndarray, shape (2, 2, n)
-        Radians.
-    counts : list of int
-        Coefficients chosen without each fold.
-    """
-    out, counts, every = np.empty((2, 2, problem.n)), [], np.arange(problem.n)
-    for fold in folds:
-        part = problem.rows(np.setdiff1d(every, fold)).plain
-        chosen = _forward(part)
-        counts.append(len(chosen))
-        for k, some in enumerate(([], chosen)):
-            out[k][:, fold] = predicted(problem, part, some, part.fit(some, final=True).noise,
-                                        fold)
-    return out, counts
+def _terms_alone(model, found, context):
+    """The terms, without effects of zero, if these add nothing to the errors on the sky."""
+    own = found.terms_covariance * ARCSEC**2
+    alone = replace(model, covariance=own, effects=(), joint=None)
+    with_effects, without = (_reach(m, context)['least_arcsec'] for m in (model, alone))
+    return alone if with_effects is None or with_effects < _ADDED * without else model
 
 
-def _forward(problem):
-    """Choices added while they pay by BIC."""
-    plain = problem.plain
-    choice, seen = ModelChoice([], plain.fit([])), set()
-    while len(choice.chosen) < _MOST:
-        g, gain = best_of(plain.dictionary.score(choice.fit),
-                          [c.group for c in choice.chosen])
-        if gain <= 0.0 or not affordable(plain, choice.fit, len(plain.dictionary.of(g))):
-            break
-        choice.chosen.append(CandidateGroup(g))
-        choice.fit = plain.fit(choice.chosen, choice.fit.weights)
-        second_look(plain, choice)
-        if frozenset(choice.chosen) in seen:  # what it takes back would go on for ever
-            break
-        seen.add(frozenset(choice.chosen))
-    return list(dict.fromkeys(choice.chosen))
+def _parts(model, context, terms):
+    """What each effect does to the rows beyond the terms, the largest first."""
+    out = []
+    for e in model.effects:
+        offsets = np.ravel(e.offsets(context))
+        share = np.linalg.lstsq(terms.T, offsets, rcond=1e-9)[0]
+        x, y = (offsets - share @ terms).reshape(2, -1)
+        out.append({'name': e.effect.name, 'columns': int(np.count_nonzero(e.coefficients)),
+                    'moves': not direct(e.effect),
+                    'rms_arcsec': float(np.sqrt(np.mean(x**2 + y**2)) / ARCSEC)})
+    return sorted((one for one in out if one['columns']), key=lambda one: -one['rms_arcsec'])
+
+
+def _reach(model, context):
+    """How large the standard error of a new star is, among the rows and over the sky."""
+    noise = np.array(model.provenance['star_noise_arcsec']) * ARCSEC
+
+    def radial(az, el, where):
+        sx, sy = model.sigma(az, el, where)
+        return np.sqrt(sx**2 + sy**2 + noise @ noise) / ARCSEC
+
+    # evenly over the sky, in the middle of the run
+    i = np.arange(_SKY) + 0.5
+    el = np.arcsin(np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * i / _SKY)
+    az = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi)
+    mount = context.mount
+    if not mount.vertical:
+        az, el = mount.axes_of(az, el)
+    drivers = {name: np.full(_SKY, np.nanmedian(np.asarray(context.get(name), float)))
+               for name in ('time', 'order', 'temperature') if context.get(name) is not None}
+    sky = radial(az, el, Context(az, el, drivers, mount=mount))
+    sky = sky[np.isfinite(sky)]
+    among = radial(context.az, context.el, context)
+    return {'noise_x_arcsec': float(noise[0] / ARCSEC), 'noise_y_arcsec': float(noise[1] / ARCSEC),
+            'among_arcsec': float(np.nanmedian(among)),
+            'least_arcsec': float(np.quantile(sky, _LEAST_KNOWN)) if len(sky) else None}

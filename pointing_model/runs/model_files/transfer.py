@@ -183,7 +183,7 @@ def export(model, program, sky=None, sky_name='', facts=None):
     if not len(sky):
         raise ValueError('the model reaches none of the directions of this sky')
     # which way the axes came, or how warm it was that night, is no matter of the direction
-    still = replace(model, effects=[e for e in model.effects if not e.effect.requires])
+    still = model.with_effects(lambda fitted: not fitted.effect.requires)
     aim = np.stack(still.sky_to_encoder(sky.az, sky.el))
     values, sigma, left = model_columns(model)
     values = {key: value for key, value in values.items() if value or (
@@ -318,19 +318,22 @@ def _errors(program, model, keys, sky):
     """Standard errors of a refit by name, from those of the model's coefficients.
 
     What the coefficients would move on this sky is fitted by the program's columns as the model
-    was; the effects' coefficients count as independent, as in `PointingModel.sigma`.
+    was, with their covariance as in `PointingModel.sigma`.
     """
     if model.harmonics is not None or not keys:
         return {}
     n, mount = len(sky), program.mount
-    values, vectors = np.linalg.eigh(model.covariance)
-    moved = [np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ stacked_design(
-        tuple(model.terms), sky.az, sky.el, mount)] if model.terms else []
-    moved += [(fitted.effect.columns(sky) * fitted.sigma[:, None, None]).reshape(-1, 2 * n)
-              for fitted in model.effects]
+    moved = [stacked_design(tuple(model.terms), sky.az, sky.el, mount)] if model.terms else []
+    moved += [fitted.effect.columns(sky).reshape(-1, 2 * n) for fitted in model.effects]
     if not moved:
         return {}
-    moved = np.vstack(moved)
+    covariance = model.joint
+    if covariance is None:
+        k, sigma = len(model.terms), [e.sigma for e in model.effects]
+        covariance = np.diag(np.concatenate((np.zeros(k), *sigma))**2)
+        covariance[:k, :k] = model.covariance
+    values, vectors = np.linalg.eigh(covariance)
+    moved = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T @ np.vstack(moved)
     columns = np.stack([np.ravel(on_sky(key, sky.az, sky.el, mount)) for key in keys], axis=1)
     size = np.linalg.norm(columns, axis=0)
     each = np.linalg.lstsq(columns / size, moved.T, rcond=1e-6)[0] / size[:, None]

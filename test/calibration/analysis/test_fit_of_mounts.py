@@ -93,7 +93,7 @@ def test_five_metre_horseshoe_as_its_own_program_says():
         assert fit.model.terms[name] / ARCSEC == pytest.approx(value, abs=0.1)
     found = predictive_model(read_run(path), ways=1, folds=5)
     assert found.after[0].radial < 2.5 < 5.5 < found.before[0].radial
-    assert found.rows == 39 and len(found.counts) == 5
+    assert found.blocks.radial < 2.5 < found.blocks_before.radial and found.rows == 39
 
 
 def test_german_robotic_mount_as_one_model():

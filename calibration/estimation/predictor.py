@@ -1,0 +1,363 @@
+"""A model that is to predict, and names no cause: several ways to one, and their mixture.
+
+Each way is fitted without blocks of time, one after the other; the mixture is the one that would
+have predicted these blocks best. Plain terms are left for it only where that gains more than two
+standard errors. What rows left out show is also how large the standard error of a new star is.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .folds import contiguous_folds
+from .robust import bisquare, huber, sigma_of
+from .shrinkage import Beyond, chosen, shrunk, shrunk_beside_strong
+
+#: kinds of columns beside the terms
+DIRECT, DRIVEN, STEP, SLOW = range(4)
+#: the ways, the plain terms first
+WAYS = ('terms', 'choice', 'choice with steps', 'ridge', 'strong effects and ridge')
+BLOCKS = 10
+#: standard errors of a gain, from which on plain terms are left
+_CLEAR = 2.0
+#: the strong are those that pay so many times their cost by BIC
+_STRONG = 4.0
+#: of the best way's squares, added to each: shares of ways that are alike are then alike
+_ALIKE = 0.1
+#: updates of variances, from nothing and from those of all rows
+_ROUNDS, _AGAIN = 15, 3
+#: weight below which a row is an outlier, and no way is judged by it
+LIVE = 0.05
+#: factors of the noise and of the coefficients' errors that are tried
+_NOISES = np.exp(np.linspace(np.log(0.7), np.log(2.5), 14))
+#: degrees of freedom of Student's t by which they are judged, and its scale that fits normal noise
+_TAILS, _OF_NORMAL = 10.0, 0.915
+_ERRORS = np.exp(np.linspace(0.0, np.log(5.0), 9))
+
+
+@dataclass
+class PredictionProblem:
+    """Values, the terms' columns, and others.
+
+    Attributes
+    ----------
+    base : ndarray, shape (p, 2n)
+    others : ndarray, shape (K, 2n)
+        Each about 1 in size.
+    kind : ndarray of int, shape (K,)
+        `DIRECT`, `DRIVEN`, `STEP`, `SLOW`.
+    axis : ndarray of int, shape (K,)
+        Of the `SLOW` ones, 0 or 1.
+    b : ndarray, shape (2n,)
+    inverse_sigma : ndarray, shape (2n,), or None
+    order : ndarray of float, shape (n,)
+        By which rows follow one another.
+    group : ndarray of int, shape (n,)
+        Rows that are left out together.
+    """
+
+    base: np.ndarray
+    others: np.ndarray
+    kind: np.ndarray
+    axis: np.ndarray
+    b: np.ndarray
+    inverse_sigma: np.ndarray | None
+    order: np.ndarray
+    group: np.ndarray
+
+    def __post_init__(self):
+        self.given = np.ones(2 * self.n) if self.inverse_sigma is None else self.inverse_sigma
+        # in sigmas, if these are given
+        self.columns = np.vstack((self.base, self.others, self.b)) * self.given
+
+    @property
+    def n(self):
+        """Rows."""
+        return len(self.b) // 2
+
+    @property
+    def p(self):
+        """Terms."""
+        return len(self.base)
+
+    def prior(self, slow=True):
+        """Number of the prior's group of each column; -1: none."""
+        out = np.where(self.kind <= DRIVEN, self.kind, -1)
+        return np.where((self.kind == SLOW) & slow, 2 + self.axis, out)
+
+    def blocks(self, rows):
+        """Blocks of time of some rows (a mask)."""
+        here = np.flatnonzero(rows)
+        return [here[fold] for fold in contiguous_folds(self.order[here], min(BLOCKS, len(here)))]
+
+    def left(self, coefficients, rows):
+        """Residuals of rows (indices), shape (2, m), in the unit of `b`."""
+        both = np.concatenate((rows, rows + self.n))
+        return (self.b[both] - coefficients @ self.columns[:-1, both]
+                / self.given[both]).reshape(2, -1)
+
+
+@dataclass
+class Predictor:
+    """What was found to predict.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (p + K,)
+        Of the terms and the other columns.
+    shares : dict of str to float
+        Of each of `WAYS`; of the terms alone 1, where they are kept.
+    gain, gain_sigma : float
+        ln of the RMS of the terms over that of the mixture, in blocks left out, and its error.
+    errors : dict of str to float
+        RMS of each way in blocks left out, without outliers.
+    covariance : ndarray, shape (p + K, p + K)
+        Whatever was found: where there are no rows what is beyond the terms is not known either.
+    terms_covariance : ndarray, shape (p, p)
+        If there is nothing beyond the terms.
+    noise : ndarray, shape (2,)
+        Standard deviation of a new star's two values (in sigmas, if these were given).
+    weights : ndarray, shape (n,)
+    blocks : ndarray, shape (2, 2, n)
+        Residuals of rows in the blocks left out: the terms, the mixture.
+    """
+
+    coefficients: np.ndarray
+    shares: dict
+    gain: float
+    gain_sigma: float
+    errors: dict
+    covariance: np.ndarray
+    terms_covariance: np.ndarray
+    noise: np.ndarray
+    weights: np.ndarray
+    blocks: np.ndarray = field(repr=False)
+
+    @property
+    def beyond(self):
+        """Whether the terms are left."""
+        return self.shares.get('terms', 0.0) < 1.0
+
+    def variance(self, columns):
+        """Of predictions by columns (p + K, 2m), without the star's noise, shape (2m,)."""
+        return np.maximum(np.einsum('ij,ij->j', columns, self.covariance @ columns), 0.0)
+
+
+def predictor(problem, rows=None):
+    """Fit each way to some rows, and mix them by blocks of time left out.
+
+    Parameters
+    ----------
+    problem : PredictionProblem
+    rows : ndarray of bool, shape (n,), optional
+        By default all.
+
+    Returns
+    -------
+    Predictor
+    """
+    rows = np.ones(problem.n, bool) if rows is None else rows
+    blocks = problem.blocks(rows)
+    terms, weights, scale = terms_alone(problem, rows)
+    plain = Beyond.of(problem.columns[[*range(problem.p), -1]], problem.p,
+                      _of_values(weights, scale), weights, blocks)
+    for _ in range(2):
+        weights, scale = _reweighted(problem, rows, weights, scale)
+    beyond = Beyond.of(problem.columns, problem.p, _of_values(weights, scale), weights, blocks)
+    ways, ridge = _ways(problem, beyond)
+    ways['terms'] = np.hstack((plain.base[:, :, -1], np.zeros_like(beyond.right)))
+    left = {way: np.full((2, problem.n), np.nan) for way in WAYS}
+    for way in WAYS:
+        for one, block in zip(ways[way][1:], blocks):
+            left[way][:, block] = problem.left(one, block)
+    live = [block[weights[block] > LIVE] for block in blocks]
+    shares = _shares([left[way][:, np.concatenate(live)] for way in WAYS])
+    mixture = sum(share * left[way] for share, way in zip(shares, WAYS))
+    gain, gain_sigma = _gain(left['terms'], mixture, live)
+    # shares are fitted to the same blocks: what that gains by chance (Akaike 1974)
+    fitted = (len(WAYS) - 1) / (2.0 * sum(map(len, live)))
+    if not gain - fitted > _CLEAR * gain_sigma:
+        shares, mixture = np.eye(len(WAYS))[0], left['terms']
+    coefficients = sum(share * ways[way][0] for share, way in zip(shares, WAYS))
+    covariance = _of_all(problem, beyond, ridge) + _between(ways, shares)
+    noise, size = _calibrated(problem, mixture, scale, covariance, live)
+    return Predictor(coefficients, dict(zip(WAYS, map(float, shares))), gain, gain_sigma,
+                     {way: _rms(one[:, np.concatenate(live)]) for way, one in left.items()},
+                     size**2 * covariance[0], plain.inverse[0], noise, weights,
+                     np.array((left['terms'], mixture)))
+
+
+def rows_left_out(problem, folds):
+    """Rows predicted by all that was found without them.
+
+    Parameters
+    ----------
+    problem : PredictionProblem
+    folds : list of ndarray of int
+
+    Returns
+    -------
+    residual : ndarray, shape (2, 2, n)
+        By the terms alone, by what was found.
+    sigma : ndarray, shape (2, n)
+        Stated for a new star.
+    """
+    out, sigma = np.empty((2, 2, problem.n)), np.empty((2, problem.n))
+    for fold in folds:
+        rows = np.ones(problem.n, bool)
+        rows[fold] = False
+        both = np.concatenate((fold, fold + problem.n))
+        found = predictor(problem, rows)
+        terms = terms_alone(problem, rows)[0]
+        out[0][:, fold] = problem.left(np.append(terms, np.zeros(len(problem.others))), fold)
+        out[1][:, fold] = problem.left(found.coefficients, fold)
+        columns = problem.columns[:-1, both] / problem.given[both]
+        noise = np.repeat(found.noise, len(fold)) / problem.given[both]
+        sigma[:, fold] = np.sqrt(found.variance(columns) + noise**2).reshape(2, -1)
+    return out, sigma
+
+
+def _of_values(weights, scale):
+    return np.concatenate((weights / scale[0]**2, weights / scale[1]**2))
+
+
+def _rms(residual):
+    return float(np.sqrt(np.mean(np.square(residual).sum(axis=0))))
+
+
+def _scale(residual, weights, free):
+    """Noise of the two axes; never zero."""
+    least = 1e-9 * np.abs(residual).max() + 1e-300
+    return np.sqrt((weights * residual**2).sum(axis=1) / np.maximum(free, 1e-9)) + least
+
+
+def terms_alone(problem, rows):
+    """Robust fit of the terms: coefficients, weights of rows, noise of the axes."""
+    n, p = problem.n, problem.p
+    weights, scale = rows.astype(float), np.ones(2)
+    part = np.sqrt(2.0 * rows.sum() / max(2.0 * rows.sum() - p, 1.0))
+    columns = problem.columns[[*range(p), -1]]
+    for loss in [huber] * 6 + [bisquare] * 6 + [None]:
+        one = Beyond.of(columns, p, _of_values(weights, scale), weights)
+        terms = one.base[0, :, -1]
+        if loss is None:
+            return terms, weights, scale
+        residual = (columns[-1] - terms @ columns[:-1]).reshape(2, n)
+        middle = part * sigma_of(residual[:, rows], axis=1)
+        middle = np.maximum(middle, 1e-9 * np.abs(residual[:, rows]).max() + 1e-300)
+        weights = loss(np.hypot(*(residual / middle[:, None]))) * rows
+        scale = _scale(residual, weights, weights.sum() / part**2)
+
+
+def _reweighted(problem, rows, weights, scale):
+    """Weights of rows by how far each is from what the others say of it by ridge."""
+    n, p = problem.n, problem.p
+    values = _of_values(weights, scale)
+    beyond = Beyond.of(problem.columns, p, values, weights)
+    found = shrunk(beyond, problem.prior(slow=False), 12)
+    whole = beyond.whole(found.coefficients)[0]
+    residual = (problem.columns[-1] - whole @ problem.columns[:-1]).reshape(2, n)
+    leverage = _leverage(problem, beyond, found, values)
+    alone = residual / (1.0 - leverage)
+    middle = np.maximum(sigma_of(alone[:, rows], axis=1),
+                        1e-9 * np.abs(alone[:, rows]).max() + 1e-300)
+    weights = bisquare(np.hypot(*(alone / middle[:, None]))) * rows
+    return weights, _scale(residual, weights, (weights * (1.0 - leverage)).sum(axis=1))
+
+
+def _leverage(problem, beyond, found, values):
+    """Share of each value in its own prediction, shape (2, n), at most 0.9."""
+    base, used = problem.columns[:problem.p], problem.p + found.used
+    of_base = np.einsum('ij,ij->j', base, beyond.inverse[0] @ base)
+    rest = problem.columns[used] - beyond.base[0][:, found.used].T @ base
+    of_rest = np.einsum('ij,ij->j', rest, found.covariance[0] @ rest) / found.noise[0]
+    return np.clip(values * (of_base + of_rest), 0.0, 0.9).reshape(2, -1)
+
+
+def _ways(problem, beyond):
+    """Coefficients (sets, p + K) by each way but the terms, and the `Shrunk` of all columns."""
+    kind, prior = problem.kind, problem.prior()
+    ridge = shrunk(beyond.only(slice(0, 1)), prior, _ROUNDS)
+    again = shrunk(beyond.only(slice(1, None)), prior, _AGAIN, ridge)
+    for name in ('coefficients', 'variances', 'noise', 'covariance'):
+        setattr(ridge, name, np.concatenate((getattr(ridge, name), getattr(again, name))))
+    effects = kind <= DRIVEN
+    found = {'choice': chosen(beyond, effects, 1.0),
+             'choice with steps': chosen(beyond, kind <= STEP, 1.0, 1.0 * (kind == STEP)),
+             'ridge': ridge.coefficients,
+             'strong effects and ridge': shrunk_beside_strong(
+                 beyond, prior, (_ROUNDS, _AGAIN), effects, _STRONG)}
+    return {way: beyond.whole(one) for way, one in found.items()}, ridge
+
+
+def _shares(left):
+    """Shares, not negative and of sum 1, of ways whose mixture leaves least (Breiman 1996,
+    Machine Learning 24, 49)."""
+    from scipy.optimize import nnls
+    left = np.array([one.ravel() for one in left])
+    squares = left @ left.T
+    squares[np.diag_indices(len(left))] += _ALIKE * squares.diagonal().min()
+    size = max(float(np.trace(squares)), 1e-300)
+    root = np.linalg.cholesky(squares / size + 1e-9 * np.eye(len(left))).T
+    one = 1e3
+    shares, _ = nnls(np.vstack((root, np.full(len(left), one))),
+                     np.append(np.zeros(len(left)), one))
+    shares[shares < 0.02] = 0.0  # of no use to anybody
+    return shares / shares.sum()
+
+
+def _gain(before, after, blocks):
+    """ln of a ratio of RMS, and its error by a jackknife over the blocks."""
+    sums = np.array([[np.square(one[:, block]).sum() for block in blocks]
+                     for one in (before, after)]) + 1e-300
+    logs = 0.5 * np.log(sums.sum(axis=1))
+    without = 0.5 * np.log(sums.sum(axis=1)[:, None] - sums)
+    ratio = without[0] - without[1]
+    k = len(blocks)
+    return float(logs[0] - logs[1]), float(
+        np.sqrt((k - 1) / k * np.square(ratio - ratio.mean()).sum()))
+
+
+def _of_all(problem, beyond, ridge):
+    """Covariance of all coefficients under the prior, of all rows and without each block."""
+    p, used = problem.p, ridge.used
+    across = beyond.base[:, :, used]
+    inner = -across @ ridge.covariance
+    out = np.zeros((len(beyond), p + len(problem.kind), p + len(problem.kind)))
+    out[:, :p, :p] = ridge.noise[:, None, None] * beyond.inverse - inner @ np.swapaxes(across, 1, 2)
+    out[:, :p, p + used], out[:, p + used, :p] = inner, np.swapaxes(inner, 1, 2)
+    out[np.ix_(np.arange(len(beyond)), p + used, p + used)] = ridge.covariance
+    return out
+
+
+def _between(ways, shares):
+    """What the ways differ by is part of the error (Draper 1995, J. R. Statist. Soc. B 57, 45).
+
+    Each counts by its share, and all that go beyond the terms alike.
+    """
+    each = np.array([ways[way] for way in WAYS])
+    apart = each - np.tensordot(shares, each, axes=1)
+    weight = 0.5 * shares + 0.5 * np.append(0.0, np.full(len(WAYS) - 1, 1.0 / (len(WAYS) - 1)))
+    return np.einsum('w,wfi,wfj->fij', weight, apart, apart, optimize=True)
+
+
+def _calibrated(problem, left, scale, covariance, blocks):
+    """Noise of a new star, and the factor of the coefficients' errors: what is likeliest by rows
+    left out."""
+    squares, known = [], []
+    for one, block in zip(covariance[1:], blocks):
+        both = np.concatenate((block, block + problem.n))
+        columns = problem.columns[:-1, both]
+        squares.append((left[:, block] * problem.given[both].reshape(2, -1))**2)
+        known.append(np.maximum(np.einsum('ij,ij->j', columns, one @ columns), 0.0).reshape(2, -1))
+    squares, known = np.hstack(squares), np.hstack(known)
+    best = -np.inf, 1.0, 1.0
+    for a in _NOISES:
+        for c in _ERRORS:
+            variance = (a * scale[:, None])**2 + c**2 * known
+            ratio = squares / variance
+            # Student's t: tails that are longer than normal ones say little of the middle
+            likely = -0.5 * np.sum(np.log(variance) + (_TAILS + 1.0) * np.log1p(
+                ratio / (_TAILS * _OF_NORMAL**2)) + 2.0 * np.log(_OF_NORMAL))
+            best = max(best, (likely, a, c))
+    return best[1] * scale, best[2]

@@ -1,0 +1,297 @@
+"""Coefficients of hundreds of columns beside a few that are there anyway, for all folds at once.
+
+Rows of a fold that is left out are taken off the normal matrix of all, so each fold costs no more
+than its own rows. What the base explains is projected out; the rest is chosen one by one or shrunk
+toward zero by variances that the rows tell themselves (generalised ridge: MacKay 1992, Neural
+Computation 4, 415; Tipping 2001, J. Machine Learning Research 1, 211).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: of a column, the part that is not the base's or a chosen one's, squared: less is rounding
+_DISTINCT = 1e-6
+_MOST = 40  # columns that are chosen
+#: free values that must be left: so many, and this part of all
+_FREE, _FREE_PART = 3, 0.25
+#: noise is at least this part of what the base leaves, squared
+_LEAST_NOISE = 1e-3
+#: of a variance, relative to what the base leaves
+_BOUNDS = 1e-10, 1e6
+
+
+@dataclass
+class Beyond:
+    """Normal equations of columns beyond a base, for F sets of rows.
+
+    Attributes
+    ----------
+    normal : ndarray, shape (F, K, K)
+    right : ndarray, shape (F, K)
+    squares : ndarray, shape (F,)
+        Of what the base leaves.
+    base : ndarray, shape (F, p, K + 1)
+        Coefficients of the base by which it explains each column, and the values.
+    inverse : ndarray, shape (F, p, p)
+        Of the base's normal matrix.
+    own : ndarray, shape (F, K)
+        Squares of the columns themselves.
+    rows : ndarray, shape (F,)
+        Sum of the rows' robust weights.
+    """
+
+    normal: np.ndarray
+    right: np.ndarray
+    squares: np.ndarray
+    base: np.ndarray
+    inverse: np.ndarray
+    own: np.ndarray
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, columns, p, weights, rows, folds=()):
+        """Of all rows, and without each of some folds.
+
+        Parameters
+        ----------
+        columns : ndarray, shape (p + K + 1, 2n)
+            The base, the others, the values.
+        p : int
+        weights : ndarray, shape (2n,)
+            Of the values.
+        rows : ndarray, shape (n,)
+            Robust weights of the rows, 0 of those that are not there.
+        folds : sequence of ndarray of int
+
+        Returns
+        -------
+        Beyond
+        """
+        n = columns.shape[1] // 2
+        whole = (columns * weights) @ columns.T
+        normal = np.repeat(whole[None], len(folds) + 1, axis=0)
+        for one, fold in zip(normal[1:], folds):
+            both = np.concatenate((fold, fold + n))
+            some = columns[:, both]
+            one -= (some * weights[both]) @ some.T
+        known = normal[:, :p, :p]
+        scale = np.sqrt(np.einsum('fii->fi', known))
+        scale[scale <= 0.0] = 1.0
+        scale = scale[:, :, None] * scale[:, None, :]
+        inverse = np.linalg.pinv(known / scale, rcond=1e-9, hermitian=True) / scale
+        base = inverse @ normal[:, :p, p:]
+        left = normal[:, p:, p:] - np.swapaxes(normal[:, :p, p:], 1, 2) @ base
+        return cls(left[:, :-1, :-1], left[:, :-1, -1], np.maximum(left[:, -1, -1], 1e-300), base,
+                   inverse, np.einsum('fii->fi', normal)[:, p:-1],
+                   rows.sum() - np.array([0.0, *(rows[fold].sum() for fold in folds)]))
+
+    def __len__(self):
+        return len(self.squares)
+
+    @property
+    def free(self):
+        """Values beyond the base's coefficients, shape (F,)."""
+        return np.maximum(2.0 * self.rows - self.base.shape[1], 1.0)
+
+    def only(self, sets):
+        """Of some of the sets of rows (a slice)."""
+        return Beyond(*(getattr(self, name)[sets] for name in self.__dataclass_fields__))
+
+    def whole(self, coefficients):
+        """Coefficients of the base and the others, shape (F, p + K), of those of the others."""
+        base = self.base[:, :, -1] - np.einsum('fpk,fk->fp', self.base[:, :, :-1], coefficients)
+        return np.hstack((base, coefficients))
+
+    def without(self, taken):
+        """The same with columns `taken` (indices) in the base, of one set of rows.
+
+        Returns
+        -------
+        Beyond
+            These columns are zero.
+        of_taken : ndarray, shape (t, K + 1)
+            Their coefficients by which they explain each column, and the values.
+        """
+        inner, across = self.normal[0][np.ix_(taken, taken)], self.normal[0][taken]
+        of_taken = np.linalg.solve(inner, np.column_stack((across, self.right[0, taken])))
+        normal = self.normal[0] - across.T @ of_taken[:, :-1]
+        right = self.right[0] - across.T @ of_taken[:, -1]
+        squares = self.squares[0] - self.right[0, taken] @ of_taken[:, -1]
+        normal[taken], normal[:, taken], right[taken] = 0.0, 0.0, 0.0
+        base = np.zeros((1, self.base.shape[1] + len(taken), self.base.shape[2]))
+        return Beyond(normal[None], right[None], np.maximum(squares, 1e-300)[None], base,
+                      self.inverse, self.own, self.rows), of_taken
+
+
+def chosen(beyond, allowed, cost, extra=0.0):
+    """Columns added while they pay by BIC, then dropped while that pays.
+
+    Parameters
+    ----------
+    beyond : Beyond
+    allowed : ndarray of bool, shape (K,)
+    cost : float
+        Of a column, in ln(rows).
+    extra : float or ndarray, shape (K,)
+        Of each, besides: what a scan tries costs more.
+
+    Returns
+    -------
+    ndarray, shape (F, K)
+        Coefficients; zero of what is not chosen.
+    """
+    out = np.zeros_like(beyond.right)
+    total, p = 2.0 * beyond.rows, beyond.base.shape[1]
+    for f in range(len(beyond)):
+        price = (cost + np.broadcast_to(extra, allowed.shape)) * np.log(max(beyond.rows[f], 2.0))
+        some = np.flatnonzero(allowed)
+        taken = _forward(beyond.normal[f][np.ix_(some, some)], beyond.right[f, some],
+                         beyond.squares[f], _DISTINCT * beyond.own[f, some], price[some], total[f],
+                         total[f] - p - max(_FREE, _FREE_PART * total[f]))
+        taken = _backward(beyond, f, some[taken], price, total[f])
+        if len(taken):
+            out[f, taken] = np.linalg.solve(beyond.normal[f][np.ix_(taken, taken)],
+                                            beyond.right[f, taken])
+    return out
+
+
+def _forward(normal, right, squares, least, price, total, most):
+    """Places of the columns that are added: each is swept out of the others."""
+    taken, open_ = [], np.ones(len(right), bool)
+    right, left, factors = right.copy(), normal.diagonal().copy(), np.empty((0, len(right)))
+    while len(taken) < min(most, _MOST):
+        ok = open_ & (left > least)
+        gain = np.where(ok, -total * np.log(np.maximum(
+            1.0 - right**2 / np.where(ok, left, 1.0) / squares, 1e-12)) - price, -np.inf)
+        k = int(np.argmax(gain)) if len(gain) else -1
+        if k < 0 or not gain[k] > 0.0:
+            break
+        # a step of Cholesky's, in the order in which they are chosen
+        row = (normal[k] - factors[:, k] @ factors) / np.sqrt(left[k])
+        share = right[k] / np.sqrt(left[k])
+        squares -= share**2
+        right -= row * share
+        left -= row**2
+        factors = np.vstack((factors, row))
+        taken.append(k)
+        open_[k] = False
+    return np.array(taken, int)
+
+
+def _backward(beyond, f, taken, price, total):
+    """What of a choice stays."""
+    while len(taken):
+        inverse = np.linalg.inv(beyond.normal[f][np.ix_(taken, taken)])
+        right = beyond.right[f, taken]
+        values = inverse @ right
+        left = max(beyond.squares[f] - values @ right, 1e-300)
+        loss = total * np.log1p(values**2 / inverse.diagonal() / left) - price[taken]
+        worst = int(np.argmin(loss))
+        if loss[worst] >= 0.0:
+            break
+        taken = np.delete(taken, worst)
+    return taken
+
+
+@dataclass
+class Shrunk:
+    """Coefficients under a prior of groups that have a variance each.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (F, K)
+    variances : ndarray, shape (F, G)
+        Of the groups' coefficients.
+    noise : ndarray, shape (F,)
+        Variance of a value of unit weight.
+    covariance : ndarray, shape (F, k, k)
+        Of the columns in a group, beyond the base.
+    used : ndarray of int, shape (k,)
+        These columns.
+    """
+
+    coefficients: np.ndarray
+    variances: np.ndarray
+    noise: np.ndarray
+    covariance: np.ndarray
+    used: np.ndarray
+
+
+def shrunk(beyond, group, rounds, start=None):
+    """Groups of columns whose coefficients have a variance in common, that the rows tell.
+
+    Parameters
+    ----------
+    beyond : Beyond
+    group : ndarray of int, shape (K,)
+        Number of the group of each column; -1: left out.
+    rounds : int
+        Of MacKay's updates.
+    start : Shrunk, optional
+        Of the rows of which these are a part (its first).
+
+    Returns
+    -------
+    Shrunk
+    """
+    used = np.flatnonzero(group >= 0)
+    _, group = np.unique(group[used], return_inverse=True)
+    count, k, sets = (group.max() + 1 if len(used) else 0), len(used), len(beyond)
+    normal = beyond.normal[:, used][:, :, used]
+    right, squares, free = beyond.right[:, used], beyond.squares, beyond.free
+    of_group = np.zeros((k, count))
+    of_group[np.arange(k), group] = 1.0
+    mean = squares / free
+    if start is None or start.variances.shape[1] != count:
+        size = np.einsum('fii->fi', normal) @ of_group
+        variances = 0.5 * squares[:, None] / np.maximum(size * count, 1e-12 * squares[:, None])
+        noise = 0.5 * mean
+    else:
+        variances, noise = (np.repeat(of[:1], sets, axis=0)
+                            for of in (start.variances, start.noise))
+    bounds = np.array(_BOUNDS)[:, None, None] * mean[:, None]
+    diagonal = np.arange(k)
+    values, inverse = np.zeros((sets, k)), np.zeros((sets, k, k))
+    for _ in range(rounds if k else 0):
+        root = np.sqrt(variances)[:, group]
+        matrix = normal * (root[:, :, None] * root[:, None, :]) / noise[:, None, None]
+        matrix[:, diagonal, diagonal] += 1.0
+        inverse = np.linalg.inv(matrix)
+        values = root * np.einsum('fij,fj->fi', inverse, root * right) / noise[:, None]
+        told = np.clip(1.0 - np.einsum('fii->fi', inverse), 0.0, 1.0) @ of_group
+        used_variances = variances
+        variances = np.clip(values**2 @ of_group / np.maximum(told, 1e-9), *bounds)
+        left = squares - 2.0 * np.einsum('fi,fi->f', values, right) + np.einsum(
+            'fi,fij,fj->f', values, normal, values)
+        noise = np.maximum(left / np.maximum(free - told.sum(axis=1), 0.1 * free),
+                           _LEAST_NOISE * mean)
+    if k:
+        root = np.sqrt(used_variances)[:, group]
+        inverse = inverse * (root[:, :, None] * root[:, None, :])
+    out = np.zeros_like(beyond.right)
+    out[:, used] = values
+    return Shrunk(out, variances, noise, inverse, used)
+
+
+def shrunk_beside_strong(beyond, group, rounds, allowed, cost):
+    """`shrunk` with the effects that pay `cost` times over in the base: these are not shrunk.
+
+    Returns
+    -------
+    ndarray, shape (F, K)
+        Coefficients.
+    """
+    strong, out, start = chosen(beyond, allowed, cost), np.zeros_like(beyond.right), None
+    for f in range(len(beyond)):
+        taken = np.flatnonzero(strong[f])
+        one, of_taken = beyond.only(slice(f, f + 1)).without(taken)
+        own = group.copy()
+        own[taken] = -1
+        own[one.normal[0].diagonal() < _DISTINCT * one.own[0]] = -1
+        if (own >= 0).any():
+            found = shrunk(one, own, rounds[0] if start is None else rounds[1], start)
+            start = found if start is None else start
+            out[f] = found.coefficients[0]
+        out[f, taken] = of_taken[:, -1] - of_taken[:, :-1] @ out[f]
+    return out

@@ -1,0 +1,53 @@
+"""Words for a model that is to predict: what it was made of, and how far it carries."""
+
+import math
+
+from pointing_model.effects.base import readable
+
+#: what a way of `estimation.predictor` is called
+WAYS = {'terms': 'terms alone', 'choice': 'greedy choice (BIC)',
+        'choice with steps': 'greedy choice with zero steps',
+        'ridge': 'ridge with slow zero drift',
+        'strong effects and ridge': 'strong effects, ridge and slow zero drift'}
+
+
+def shares_text(shares):
+    """Shares of the ways, the largest first."""
+    return ', '.join(f'{100.0 * share:.0f} % {WAYS[way]}' for way, share in sorted(
+        shares.items(), key=lambda item: -item[1]) if share > 0.0)
+
+
+def _prediction(found):
+    low = math.exp(-found.size)
+    ratio = (f'in blocks of time left out the RMS is {low:.2f} ± {low * found.sigma:.2f} of that '
+             'of the terms alone, without outliers')
+    if not found['beyond']:
+        return f'prediction: the terms alone are kept; with more {ratio}, which is not clear'
+    return (f'prediction: {shares_text(found["shares"])}; {ratio}. Largest parts: '
+            f'{", ".join(map(readable, found["largest"]))}. No cause is claimed; diagnose looks '
+            'for causes')
+
+
+def _reach(found):
+    text = (f'expected error of a new star (1 sigma, radial, its own noise of '
+            f'{math.hypot(found["noise_x_arcsec"], found["noise_y_arcsec"]):.2f} arcsec included): '
+            f'{found["among_arcsec"]:.2f} arcsec among these stars')
+    return text if found['least_arcsec'] is None else (
+        f'{text}, {found["least_arcsec"]:.2f} or more in the least observed tenth of the sky '
+        'above 15 degrees')
+
+
+def _better(found):
+    return (f'fit --predict would do better where only the prediction matters: RMS '
+            f'{found.after:.2f} arcsec in blocks of time left out, with the effects of this '
+            f'diagnosis {found.before:.2f}. It names no cause')
+
+
+KINDS = {
+    'prediction': _prediction,
+    'reach of a prediction': _reach,
+    'prediction by order': lambda found: (
+        f'the file has no times: up to {found.size:.2f} arcsec RMS of the model follow the order '
+        'of these rows, and hold for them alone'),
+    'better prediction': _better,
+}

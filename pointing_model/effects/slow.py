@@ -1,0 +1,36 @@
+"""A zero that changes slowly, without a cause: a Gaussian process in time.
+
+It serves prediction alone: no diagnosis looks for it, so this module proposes none. Its memory is
+exponential (Ornstein and Uhlenbeck); between the knots it is the process's own interpolation, and
+away from them it goes back to zero. The last column is what the knots leave open, with a
+coefficient of zero: its variance makes the standard error grow where and when there are no rows.
+"""
+
+import numpy as np
+
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import Effect, driver_word, form, on_axis
+
+
+@form
+def _slow_zero(axis, knots, memory, driver='time', mount=USUAL):
+    """The zero of an axis as a process of `memory` (in the driver's unit) about `knots`."""
+    names, knots = KINDS[mount], np.asarray(knots, float)
+    among = np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots))
+    lower = np.linalg.cholesky(among)
+
+    def columns(c):
+        at = c.get(driver)
+        at = np.full(len(c), np.nan) if at is None else np.asarray(at, float)
+        known = np.isfinite(at)
+        shape = np.exp(-np.abs(np.where(known, at, 0.0) - knots[:, None]) / memory) * known
+        shape = np.linalg.solve(lower, shape)
+        left = np.sqrt(np.maximum(1.0 - np.square(shape).sum(axis=0), 0.0))
+        return [on_axis(axis, one, c.trig.cos_el) for one in (*shape, left)]
+
+    word = names.word(axis)
+    return Effect(f'slow_change_of_{names.key(axis)}_zero',
+                  f'unknown cause: the {word} zero changes slowly with {driver_word(driver)}',
+                  f'process with exponential memory of {driver}', driver, axis,
+                  (*(f'k{i + 1}' for i in range(len(knots))), 'left'), columns, kind='smooth')
