@@ -50,7 +50,7 @@ from calibration.estimation.predictor import DRIVEN, rows_left_out
 from calibration.estimation.shrinkage import Beyond, chosen
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import Site, Weather
-from telescope_mount.runs import load_run
+from telescope_mount.run_loader import load_run
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDS, SEEDS = 10, (0, 1)
@@ -251,6 +251,8 @@ def table(found):
     rows, methods = {}, [m for m in METHODS if any(
         m in entry for runs in found.values() for entry in runs.values())]
     for telescope, runs in found.items():
+        if not all(entry.get('ours') for entry in runs.values()):
+            continue  # measured in part
         rows[telescope] = {m: np.exp(np.mean([np.log(entry[m]) for entry in runs.values()], axis=0))
                            if all(entry.get(m) for entry in runs.values()) else None
                            for m in methods}

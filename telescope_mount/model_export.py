@@ -52,6 +52,9 @@ class ModelExport:
         return {**self.exported.to_dict(), 'file': str(self.path), 'notes': self.notes}
 
 
+#: parts of a model without a term there that are listed
+_PARTS = 12
+
 def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
                  **options):
     """Write a model as another program reads it.
@@ -189,8 +192,11 @@ def sentences(exported):
                 f'arcsec at most {where}']
     lines = []
     if exported.left:
+        parts = list(dict.fromkeys(map(_part, exported.left)))
+        # a model that is to predict has dozens
+        more = [f'{len(parts) - _PARTS} more'] if len(parts) > _PARTS else []
         lines.append(f'no term of {program.title} is written for: '
-                     f'{"; ".join(map(_part, exported.left))}')
+                     f'{"; ".join([*parts[:_PARTS], *more])}')
     if exported.refitted:
         lines.append('refitted in its terms: taken over by name alone they would be off by '
                      f'{direct.rms:.3f} arcsec RMS, at most {direct.largest:.3f}')

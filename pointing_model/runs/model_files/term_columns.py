@@ -201,6 +201,8 @@ def model_columns(model):
         if np.isfinite(error):
             sigma[key] = float(error)
     for fitted in model.effects:
+        if not fitted.coefficients.any():
+            continue  # it stands for an error alone
         parts = _effect_columns(fitted.effect) if model.mount.vertical else _effect_terms(
             fitted.effect, model.mount)
         if parts is None:
