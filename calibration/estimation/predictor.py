@@ -30,6 +30,8 @@ _ROUNDS, _AGAIN = 15, 3
 LIVE = 0.05
 #: factors of the noise and of the coefficients' errors that are tried
 _NOISES = np.exp(np.linspace(np.log(0.7), np.log(2.5), 14))
+#: noise at least, arcsec or sigmas: less is rounding
+_LEAST = 1e-6
 #: degrees of freedom of Student's t by which they are judged, and its scale that fits normal noise
 _TAILS, _OF_NORMAL = 10.0, 0.915
 _ERRORS = np.exp(np.linspace(0.0, np.log(5.0), 9))
@@ -227,7 +229,7 @@ def _rms(residual):
 
 def _scale(residual, weights, free):
     """Noise of the two axes; never zero."""
-    least = 1e-9 * np.abs(residual).max() + 1e-300
+    least = 1e-9 * np.abs(residual).max() + _LEAST
     return np.sqrt((weights * residual**2).sum(axis=1) / np.maximum(free, 1e-9)) + least
 
 
@@ -244,7 +246,7 @@ def terms_alone(problem, rows):
             return terms, weights, scale
         residual = (columns[-1] - terms @ columns[:-1]).reshape(2, n)
         middle = part * sigma_of(residual[:, rows], axis=1)
-        middle = np.maximum(middle, 1e-9 * np.abs(residual[:, rows]).max() + 1e-300)
+        middle = np.maximum(middle, 1e-9 * np.abs(residual[:, rows]).max() + _LEAST)
         weights = loss(np.hypot(*(residual / middle[:, None]))) * rows
         scale = _scale(residual, weights, weights.sum() / part**2)
 
@@ -260,7 +262,7 @@ def _reweighted(problem, rows, weights, scale):
     leverage = _leverage(problem, beyond, found, values)
     alone = residual / (1.0 - leverage)
     middle = np.maximum(sigma_of(alone[:, rows], axis=1),
-                        1e-9 * np.abs(alone[:, rows]).max() + 1e-300)
+                        1e-9 * np.abs(alone[:, rows]).max() + _LEAST)
     weights = bisquare(np.hypot(*(alone / middle[:, None]))) * rows
     return weights, _scale(residual, weights, (weights * (1.0 - leverage)).sum(axis=1))
 

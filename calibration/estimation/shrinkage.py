@@ -17,8 +17,10 @@ _MOST = 40  # columns that are chosen
 _FREE, _FREE_PART = 3, 0.25
 #: noise is at least this part of what the base leaves, squared
 _LEAST_NOISE = 1e-3
-#: of a variance, relative to what the base leaves
-_BOUNDS = 1e-10, 1e6
+#: of what a group adds to a value's variance, relative to what the base leaves
+_BOUNDS = 1e-9, 1e7
+#: squares that the base leaves in a row of unit noise, at least: less is rounding
+_ROUNDING = 1e-6
 
 
 @dataclass
@@ -82,9 +84,10 @@ class Beyond:
         inverse = np.linalg.pinv(known / scale, rcond=1e-9, hermitian=True) / scale
         base = inverse @ normal[:, :p, p:]
         left = normal[:, p:, p:] - np.swapaxes(normal[:, :p, p:], 1, 2) @ base
-        return cls(left[:, :-1, :-1], left[:, :-1, -1], np.maximum(left[:, -1, -1], 1e-300), base,
-                   inverse, np.einsum('fii->fi', normal)[:, p:-1],
-                   rows.sum() - np.array([0.0, *(rows[fold].sum() for fold in folds)]))
+        count = rows.sum() - np.array([0.0, *(rows[fold].sum() for fold in folds)])
+        least = _ROUNDING * np.maximum(count, 1.0)
+        return cls(left[:, :-1, :-1], left[:, :-1, -1], np.maximum(left[:, -1, -1], least), base,
+                   inverse, np.einsum('fii->fi', normal)[:, p:-1], count)
 
     def __len__(self):
         return len(self.squares)
@@ -120,7 +123,8 @@ class Beyond:
         squares = self.squares[0] - self.right[0, taken] @ of_taken[:, -1]
         normal[taken], normal[:, taken], right[taken] = 0.0, 0.0, 0.0
         base = np.zeros((1, self.base.shape[1] + len(taken), self.base.shape[2]))
-        return Beyond(normal[None], right[None], np.maximum(squares, 1e-300)[None], base,
+        squares = np.maximum(squares, _ROUNDING * self.squares[0])
+        return Beyond(normal[None], right[None], squares[None], base,
                       self.inverse, self.own, self.rows), of_taken
 
 
@@ -170,7 +174,7 @@ def _forward(normal, right, squares, least, price, total, most):
         # a step of Cholesky's, in the order in which they are chosen
         row = (normal[k] - factors[:, k] @ factors) / np.sqrt(left[k])
         share = right[k] / np.sqrt(left[k])
-        squares -= share**2
+        squares = max(squares - share**2, _ROUNDING * squares)
         right -= row * share
         left -= row**2
         factors = np.vstack((factors, row))
@@ -185,7 +189,7 @@ def _backward(beyond, f, taken, price, total):
         inverse = np.linalg.inv(beyond.normal[f][np.ix_(taken, taken)])
         right = beyond.right[f, taken]
         values = inverse @ right
-        left = max(beyond.squares[f] - values @ right, 1e-300)
+        left = max(beyond.squares[f] - values @ right, _ROUNDING * beyond.squares[f])
         loss = total * np.log1p(values**2 / inverse.diagonal() / left) - price[taken]
         worst = int(np.argmin(loss))
         if loss[worst] >= 0.0:
@@ -242,22 +246,23 @@ def shrunk(beyond, group, rounds, start=None):
     right, squares, free = beyond.right[:, used], beyond.squares, beyond.free
     of_group = np.zeros((k, count))
     of_group[np.arange(k), group] = 1.0
-    mean = squares / free
+    mean, size = squares / free, np.einsum('fii->fi', normal) @ of_group
     if start is None or start.variances.shape[1] != count:
-        size = np.einsum('fii->fi', normal) @ of_group
         variances = 0.5 * squares[:, None] / np.maximum(size * count, 1e-12 * squares[:, None])
         noise = 0.5 * mean
     else:
         variances, noise = (np.repeat(of[:1], sets, axis=0)
                             for of in (start.variances, start.noise))
-    bounds = np.array(_BOUNDS)[:, None, None] * mean[:, None]
+    each = size / np.maximum(of_group.sum(axis=0), 1.0)
+    bounds = np.array(_BOUNDS)[:, None, None] * squares[:, None] / np.maximum(
+        each, 1e-12 * squares[:, None])
     diagonal = np.arange(k)
     values, inverse = np.zeros((sets, k)), np.zeros((sets, k, k))
     for _ in range(rounds if k else 0):
         root = np.sqrt(variances)[:, group]
         matrix = normal * (root[:, :, None] * root[:, None, :]) / noise[:, None, None]
         matrix[:, diagonal, diagonal] += 1.0
-        inverse = np.linalg.inv(matrix)
+        inverse = _inverse(matrix)
         values = root * np.einsum('fij,fj->fi', inverse, root * right) / noise[:, None]
         told = np.clip(1.0 - np.einsum('fii->fi', inverse), 0.0, 1.0) @ of_group
         used_variances = variances
@@ -272,6 +277,13 @@ def shrunk(beyond, group, rounds, start=None):
     out = np.zeros_like(beyond.right)
     out[:, used] = values
     return Shrunk(out, variances, noise, inverse, used)
+
+
+def _inverse(matrices):
+    try:
+        return np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:  # hardly any row is left
+        return np.linalg.pinv(matrices, hermitian=True)
 
 
 def shrunk_beside_strong(beyond, group, rounds, allowed, cost):

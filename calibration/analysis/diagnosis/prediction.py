@@ -40,6 +40,8 @@ from .run_problem import effect_bank
 FOLDS = 10
 #: squared part of a column that the terms do not explain: less is rounding
 _DISTINCT = 1e-6
+#: rows more than terms, at least
+_MORE_ROWS = 4
 #: knots of a slow change, and its memory over the length of the run
 _KNOTS, _MEMORY = 40, 0.05
 #: drivers that go on after the run
@@ -208,9 +210,10 @@ def _slow_zeros(context, label):
 
 def prediction_problem(obs, base):
     """The `PredictionProblem`, its columns, and the rotations that it starts from."""
-    if 2 * len(obs) < len(base.terms) + 4:
-        raise ValueError(f'{len(obs)} usable observations do not determine {len(base.terms)} '
-                         'coefficients and a residual; observe more or fit fewer terms')
+    if len(obs) < len(base.terms) + _MORE_ROWS:
+        raise ValueError(f'{len(obs)} usable observations are too few to predict with '
+                         f'{len(base.terms)} terms; observe more, fit fewer terms, or leave out '
+                         '--predict')
     start, left, _ = linearised(obs, base)
     columns = _Columns(obs, base)
     return columns.problem(obs, left), columns, start
@@ -231,7 +234,7 @@ def better_prediction(obs, base, rms):
     list of Finding
         None where it does not, or where runs have terms of their own or rows were drawn.
     """
-    if base.own or base.degree or obs.whole:
+    if base.own or base.degree or obs.whole or len(obs) < len(base.terms) + _MORE_ROWS:
         return []
     found = predictor(prediction_problem(obs, base)[0])
     live = found.weights > LIVE
