@@ -267,7 +267,8 @@ def table(found):
     ratios = {m: [row['ours'] / row[m] for row in rows.values() if row[m] is not None]
               for m in methods}
     yield '| ours over it, geometric mean | ' + ' | '.join('{:.2f} / {:.2f}'.format(
-        *np.exp(np.mean(np.log(ratios[m]), axis=0))) for m in methods) + ' | |'
+        *np.exp(np.mean(np.log(ratios[m]), axis=0))) if ratios[m] else '-'
+        for m in methods) + ' | |'
     own = np.array([rows[t]['ours'] / best[t] for t in rows])
     yield ''
     yield ('ours over the best of all others on each telescope, random / blocks: geometric mean '
