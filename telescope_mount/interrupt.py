@@ -75,6 +75,7 @@ def interrupted_in_order(program=False):
     finally:
         for number in ours:
             signal.signal(number, signal.SIG_IGN if program else _OWN[number])
+        _received.clear()  # what comes next in this process was not interrupted
 
 
 @contextlib.contextmanager
@@ -105,6 +106,8 @@ def noted():
             signal.signal(number, handler)
         if before:
             _pending.clear()
+        if before and interrupt not in before.values():
+            _received.clear()
 
 
 def raise_noted():

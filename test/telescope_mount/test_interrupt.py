@@ -58,3 +58,10 @@ def test_a_program_that_ends_is_not_disturbed_any_more():
     with pytest.raises(KeyboardInterrupt), interrupted_in_order(program=True):
         signal.raise_signal(signal.SIGHUP)
     assert {signal.getsignal(number) for number in ENDING} == {signal.SIG_IGN}
+
+
+def test_what_comes_after_an_interrupted_command_is_not_interrupted():
+    for block in (interrupted_in_order, noted):
+        with pytest.raises(KeyboardInterrupt), block():
+            signal.raise_signal(signal.SIGTERM)
+        check()
