@@ -193,12 +193,21 @@ class CandidateBank:
         ----------
         fit : WeightedFit
         groups : sequence of int, optional
-            Of these alone; the others count as not told from the model.
+            Of these at least; the others may count as not told from the model.
 
         Returns
         -------
         Scores
+            Of all groups they are computed once for each fit.
         """
+        if self not in fit.known:
+            scores = self._scored(fit, groups)
+            if groups is not None:
+                return scores
+            fit.known[self] = scores
+        return fit.known[self]
+
+    def _scored(self, fit, groups):
         n, size = fit.n, len(self.effects)
         dof, dbic = np.zeros(size, int), np.full(size, -np.inf)
         live = max(np.count_nonzero(fit.weights > LIVE), 2)

@@ -4,7 +4,7 @@ Both values of a row belong together: they are flipped together, weighted togeth
 together.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,6 +60,8 @@ class WeightedFit:
         Robust noise of x and y, radians (in sigmas, if these were given).
     memory : tuple of AxisNoise
         Of x and y, that the noise has; empty: none.
+    known : dict
+        What has been computed of it: a search comes back to the same fits.
     """
 
     basis: Basis
@@ -69,6 +71,7 @@ class WeightedFit:
     weights: np.ndarray
     scale: np.ndarray
     memory: tuple = ()
+    known: dict = field(default_factory=dict, init=False, repr=False)
 
     @property
     def n(self):

@@ -52,6 +52,14 @@ class MemoryMask:
         self._sequence, self._bank, self._plain = problem.sequence, bank, plain
         self._make = lambda: problem.with_memory(plain, chosen, without)
 
+    @classmethod
+    def of(cls, problem, chosen, bank, plain, without=None):
+        """The mask, made once for each fit and bank."""
+        key = cls, bank
+        if key not in plain.known:
+            plain.known[key] = cls(problem, chosen, bank, plain, without)
+        return plain.known[key]
+
     def covers(self, g):
         """Whether a group is one of them."""
         # whether it goes with the order of the rows at all is cheaper to ask

@@ -135,7 +135,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
 
 
 def _mask(problem, choice, bank):
-    return MemoryMask(problem, list(choice.chosen), bank, choice.fit)
+    return MemoryMask.of(problem, list(choice.chosen), bank, choice.fit)
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
@@ -245,13 +245,12 @@ def _add_curve(problem, plain, choice, alpha, chance, given_up):
 
 def _curve_beside(problem, choice, alpha, chance, without):
     scores = problem.curves.score(choice.fit)
-    scores.delta_bic[without] = -np.inf
-    g, gain = best_of(scores)
+    g, gain = best_of(scores, without)
     if gain <= 0.0:
         return []
     # of curves, the one that chance explains least: BIC would rather have half of a shape
-    g = int(np.argmax(ChanceTest(choice.fit, scores, g, np.flatnonzero(
-        scores.delta_bic > 0.0)).all))
+    pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
+    g = int(np.argmax(ChanceTest(choice.fit, scores, g, pays).all))
     if chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
             problem, choice.fit, len(problem.curves.of(g))):
         return []
@@ -396,7 +395,7 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     chosen, weights = choice.chosen, choice.fit.weights
     bank, g = chosen[i].family(problem, chosen)
     fit = problem.plain.fit(chosen, weights, without=i)
-    mask = MemoryMask(problem, chosen, bank, fit, i)
+    mask = MemoryMask.of(problem, chosen, bank, fit, i)
     masked = mask.covers(g)
     if masked:
         fit = mask.fit

@@ -10,6 +10,9 @@ from .correlated_noise import AxisNoise, Sequence, likely_memories
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
 
+#: fits that are kept: a search comes back to the ones before
+_KEPT = 64
+
 
 @dataclass
 class SelectionProblem:
@@ -39,6 +42,7 @@ class SelectionProblem:
     sequence: Sequence | None = None
     variants: object = None
     _memories: dict = field(default_factory=dict, repr=False)
+    _fits: dict = field(default_factory=dict, repr=False)
 
     @property
     def plain(self):
@@ -64,6 +68,7 @@ class SelectionProblem:
         """Put another effect in the place of a group of the dictionary."""
         self.dictionary.replace(group, effect, columns)
         self._memories.clear()  # they were estimated with the other one
+        self._fits.clear()
 
     def only(self, chosen):
         """The same with the columns of a choice in the base, and nothing to choose from."""
@@ -89,23 +94,34 @@ class SelectionProblem:
         -------
         WeightedFit
         """
-        design = self.design(chosen, without)
-        fit = weighted_fit(design, self.b, self.inverse_sigma, weights, final)
+        key = (frozenset(c for i, c in enumerate(chosen) if i != without),
+               None if weights is None else weights.tobytes(), final)
+        data = self.base, self.b, self.dictionary
+        fit, of = self._fits.get(key, (None, data))
+        if fit is None or any(a is not b for a, b in zip(of, data)):
+            if len(self._fits) >= _KEPT:
+                del self._fits[next(iter(self._fits))]
+            fit = weighted_fit(self.design(chosen, without), self.b, self.inverse_sigma, weights,
+                               final)
+            self._fits[key] = fit, data
         return self.with_memory(fit, chosen, without, memory)
 
     def with_memory(self, fit, chosen, without=None, memory=None):
         """A fit without memory, with the memory that its noise has; parameters as of `fit`."""
         if self.sequence is None:
             return fit
-        design = self.design(chosen, without)
         if memory is None:
             key = frozenset(c for i, c in enumerate(chosen) if i != without)
             if key not in self._memories:
-                self._memories[key] = memory_of(fit, design, self.b, self.sequence)
+                self._memories[key] = memory_of(fit, self.design(chosen, without), self.b,
+                                                self.sequence)
             memory = self._memories[key]
         if not any(one.variance > 0.0 for one in memory):
             return fit
-        return with_memory(fit, design, self.b, self.sequence, memory)
+        if memory not in fit.known:
+            fit.known[memory] = with_memory(fit, self.design(chosen, without), self.b,
+                                            self.sequence, memory)
+        return fit.known[memory]
 
     def likely_memories(self, chosen):
         """`correlated_noise.likely_memories` with a choice in the model."""
