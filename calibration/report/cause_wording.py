@@ -63,18 +63,18 @@ def alternatives_sentence(row, found):
     for one in row.get('contenders') or ():
         text = short_cause(one['cause'])
         text = f'{text[:1].upper()}{text[1:]}'
-        gains = (f'alone it explains the rows as well (ΔBIC {one["alone"]:.0f}, against '
+        gains = (f'alone it fits as well (ΔBIC {one["alone"]:.0f}, against '
                  f'{one["found_alone"]:.0f})' if abs(one['alone'] - one['found_alone']) < SET_WIDTH
                  else '')
-        behind = (f'with all effects in the model it is {one["behind"]:.0f} behind in ΔBIC'
+        behind = (f'with all effects in the model its ΔBIC is {one["behind"]:.0f} worse'
                   if one['behind'] > 0.0 else '')
-        often = (f'it was chosen instead {one["instead"]} of the {one["folds"]} times that a part '
-                 'of the rows was left out' if one['instead'] else '')
+        often = (f'it was chosen instead in {one["instead"]} of {one["folds"]} resamples'
+                 if one['instead'] else '')
         why = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
         sentences.append(
-            f'{text} {"is not excluded" if one["open"] else "lost its place"}: {why}.')
+            f'{text} {"is not excluded" if one["open"] else "fits worse"}: {why}.')
     if still_open(row) and len(row.get('causes') or ()) < 2:
-        sentences.insert(0, f'With all rows fits best: {short_cause(found)}.')
+        sentences.insert(0, f'Best with all rows: {short_cause(found)}.')
     return ' '.join(sentences)
 
 
@@ -109,8 +109,8 @@ def first_check(document, row):
     tested = [each for each in causes if each['look_at'] == one['look_at']]
     rest = [each for each in causes if each not in tested]
     names = ' and '.join(f'"{plain(each["cause"])}"' for each in tested)
-    return (f'{head}{one["look_at"]}. That tests {names}, and takes {EFFORTS[least]}'
-            f'{_rest(rest, own, least)}. Which is likelier these rows do not say.')
+    return (f'{head}{one["look_at"]}. It tests {names}: {EFFORTS[least]}{_rest(rest, own, least)}. '
+            'The data cannot distinguish the causes.')
 
 
 def _only_check(row, cause):
@@ -118,11 +118,11 @@ def _only_check(row, cause):
     more = ''.join(f'; for "{short_cause(one["cause"])}": {one["look_at"]}'
                    for one in still_open(row) if one.get('look_at'))
     # the shape may be all that speaks for it: what else repeats so often makes it too
-    else_ = ', and what else bends or runs out as often' * bool(cause.get('only_shape'))
+    else_ = ', and other parts that repeat as often' * bool(cause.get('only_shape'))
     text = f'Look at {cause["look_at"]}{else_}{more}.'
     if str(row.get('name')).startswith('smooth_of'):
-        text += (' Until its cause is known a curve takes it off, which holds where these '
-                 'rows are and not beyond.')
+        text += (' Until its cause is known the model has a curve for it, valid within these rows '
+                 'only.')
     return text
 
 
@@ -133,12 +133,11 @@ def _rest(rest, own, least):
     efforts = [each.get('effort', 1) for each in rest]
     many = len(rest) > 1
     if not any(each in own for each in rest):
-        text = 'stand only with more effects beside them' if many else \
-            'stands only with more effects beside it'
+        text = 'need more effects beside them' if many else 'needs more effects beside it'
     else:
         what = 'as much' if max(efforts) == least else 'more' if min(efforts) > least else \
             'as much or more'
-        text = f'take{"" if many else "s"} {what}'
+        text = f'take{"" if many else "s"} {what} effort'
     return f'; the other{"s" * many} {text}'
 
 

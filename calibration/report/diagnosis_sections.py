@@ -14,9 +14,9 @@ from pointing_model.rms import rms
 from . import page_parts as html
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, padded, svg
 
-_MEASURES = (('holdout_rms_arcsec', 'runs held out'), ('cv_rms_arcsec', 'rows left out'),
-             ('rms_arcsec', 'rows fitted'), ('rms_x_arcsec', 'rows fitted, {}'),
-             ('rms_y_arcsec', 'rows fitted, {}'))
+_MEASURES = (('holdout_rms_arcsec', 'held-out runs'), ('cv_rms_arcsec', 'cross-validated'),
+             ('rms_arcsec', 'fit residuals'), ('rms_x_arcsec', 'fit residuals, {}'),
+             ('rms_y_arcsec', 'fit residuals, {}'))
 
 #: words of pages and tables, and what they mean; docs/glossary.md has them too
 WORDS = {
@@ -63,8 +63,8 @@ def gain_bars(view):
             if before.get(key) is not None or after.get(key) is not None]
     blocks = document.get('cv_contiguous')
     if blocks:
-        at = next((i for i, row in enumerate(rows) if row[0].startswith('rows fitted')), len(rows))
-        rows.insert(at, ('stretches of rows left out', blocks['before'], blocks['after']))
+        at = next((i for i, row in enumerate(rows) if row[0].startswith('fit')), len(rows))
+        rows.insert(at, ('cross-validated in blocks of time', blocks['before'], blocks['after']))
     if not rows:
         return ''
     note = ('RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on rows '

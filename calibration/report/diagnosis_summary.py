@@ -8,7 +8,7 @@ from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import USUAL, kind_of
 
 from .cause_wording import counted, open_causes, short_cause, still_open
-from .figure_wording import FITTED, HELD, LEFT_OUT, STAYS, STRETCHES, best_pair, way_size
+from .figure_wording import STAYS, best_pair, way_size
 from .observation_wording import place_words, proposals
 from .row_wording import bad_nights, far_text, left_out_lines, scatter_sentence
 from .verdict_wording import slow_is_largest
@@ -18,9 +18,6 @@ MOST_EFFECTS, _MOST_CAUSES = 3, 2
 _MOST_OUTLIERS, _REASONS = 3, 2
 #: why a row is excluded, where that is said elsewhere
 _EXPLAINED = ('outlier', 'commented out')
-#: on what a figure rests
-_VALIDATION = {HELD: 'on held-out runs', LEFT_OUT: 'cross-validated',
-               STRETCHES: 'cross-validated in blocks of time', FITTED: 'of the fitted rows'}
 _HEADLINES = {
     'none': 'No significant error beyond {model}.',
     'wanders': 'No effect found beyond {model}. The noise is correlated: the zero drifts.',
@@ -119,7 +116,7 @@ def summary_of(document, names, reaches, cautions=()):
     return DiagnosisSummary(
         _headline(document, effects),
         [(way_size(value), word) for value, word in numbers if value is not None],
-        _VALIDATION[label], effects, [*filter(None, cautions), *_cautions(document)],
+        label, effects, [*filter(None, cautions), *_cautions(document)],
         '' if stays else _todo(document))
 
 

@@ -56,11 +56,11 @@ def diagnosis_tables(view):
     out = [view.used, *(f'  {sentence}' for sentence in view.sentences), '', _errors(view)]
     spread = document['after']['cv_spread']
     if spread and spread['partitions'] > 1:
-        out.append(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '
+        out.append(f'mean of {spread["partitions"]} partitions; after from '
                    f'{decimals(spread["min_arcsec"])} to {decimals(spread["max_arcsec"])} arcsec')
     out += filter(None, [view.choice, view.expected])
     out.append(f'{view.floor}: {decimals(document["noise_floor_arcsec"])} arcsec radial '
-               '(what is left, corrected for the number of coefficients)\n')
+               '(corrected for degrees of freedom)\n')
     if view.effects:
         out.append(_effects(view))
     # of the largest effect the verdict says it
@@ -78,14 +78,14 @@ def _errors(view):
                        'judged on', *head)
     parts, stretches = (document['before'], document['after']), document['cv_contiguous']
     for label, *values in (
-            ('the rows fitted', *(part[f'rms_{axis}arcsec'] for part in parts
+            ('fit residuals', *(part[f'rms_{axis}arcsec'] for part in parts
                                   for axis in ('x_', 'y_', ''))),
-            ('rows left out (the choice repeated)', *(
+            ('cross-validated, effects re-selected per fold', *(
                 part[f'cv_rms_{axis}arcsec'] for part in parts for axis in ('x_', 'y_', ''))),
-            ('stretches of time left out', *(
+            ('cross-validated in blocks of time', *(
                 stretches.get(f'{when}{axis}') for when in ('before', 'after')
                 for axis in ('_x', '_y', ''))),
-            ('runs held out', *(value for part in parts for value in (
+            ('held-out runs', *(value for part in parts for value in (
                 None, None, part['holdout_rms_arcsec'])))):
         if values[2] is not None:
             errors.add_row(label, *('' if v is None else decimals(v) for v in values))
@@ -94,8 +94,8 @@ def _errors(view):
 
 def _effects(view):
     """The table of effects."""
-    out = new_table('Effects, in the order of the RMS on the sky that they take off', 'effect',
-                    'on', 'driver', 'p', 'ΔBIC', 'takes off, arcsec', 'gain, arcsec')
+    out = new_table('Effects, by RMS removed on the sky', 'effect',
+                    'on', 'driver', 'p', 'ΔBIC', 'RMS removed, arcsec', 'CV gain, arcsec')
     columns = view.residuals.mount.names.columns
     for one, effect in zip(view.effects, view.document['effects']):
         acts = dict(zip(('az', 'el'), columns)).get(effect['axes'], effect['axes'])

@@ -253,7 +253,7 @@ def _numbers(document):
     read, stays = document['as_read_rms_arcsec'], document['verdict'] in figure_wording.STAYS
     quote = '' if label == figure_wording.FITTED else ': quote this'
     terms = figure_wording.model_words(document, whose=False)
-    numbers = [(read and figure_wording.way_size(read), 'as the encoders read'),
+    numbers = [(read and figure_wording.way_size(read), 'raw'),
                (before, f'with {terms}, {label}{quote * stays}')]
     if not stays:
         numbers.append((after, f'with {counted(len(document["effects"]), "effect")} more, '

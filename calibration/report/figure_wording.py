@@ -9,8 +9,8 @@ _MOST_OTHERS = 3  # effects chosen instead that are named
 #: the model stays as it was
 STAYS = ('none', 'wanders', 'undecided', 'refused', 'withheld', 'taken_back')
 #: on what a figure is judged
-HELD, LEFT_OUT, FITTED = 'on rows held out', 'on rows left out', 'on the rows fitted'
-STRETCHES = 'on stretches of rows left out'
+HELD, LEFT_OUT, FITTED = 'on held-out runs', 'cross-validated', 'on the fitted rows'
+STRETCHES = 'cross-validated in blocks of time'
 
 
 def model_words(document, whose=True):
@@ -55,11 +55,11 @@ def way(document):
     if before is None:
         return ''
     effects = len(document['effects'])
-    text = (f'RMS on the sky: {way_size(read)} as the encoders read, {way_size(before)} with '
+    text = (f'RMS on the sky: {way_size(read)} raw, {way_size(before)} with '
             f'{model_words(document)}')
     if effects and document['verdict'] not in STAYS:
         text += f', {way_size(after)} with {counted(effects, "effect")} more'
-    return f'{text}; the terms judged {label}.'
+    return f'{text}; {label}.'
 
 
 def best_pair(document, held=True):
@@ -120,14 +120,12 @@ def repeat_sentence(document):
     same, chosen = spread['same_choice'], spread.get('chosen') or {}
     any_ = spread.get('chosen_set') or chosen
     if spread.get('same_set', same) > same or sum(any_.values()) > sum(chosen.values()):
-        what, same, chosen = f'{what}, by one or another of the causes,', spread['same_set'], any_
-    often = f'{same} of {folds} times' if same else f'in none of {folds} times'
-    text = (f'With a part of the rows left out, {what} and no other '
-            f'{"were" if count > 1 else "was"} found {often}')
+        same, chosen = spread['same_set'], any_
+    text = f'Stability: exactly {what} in {same} of {folds} resamples'
     if count > 1 and chosen:
         largest = max(document['effects'], key=lambda row: row.get('removes_rms_arcsec') or 0.0)
         if largest['name'] in chosen:
-            text += f', the largest {chosen[largest["name"]]} times'
+            text += f'; the largest in {chosen[largest["name"]]}'
     return f'{text}.' + _in_runs(document, spread)
 
 
@@ -138,8 +136,7 @@ def _in_runs(document, spread):
     if count is None:
         return ''
     what = 'it' if len(document['effects']) == 1 else 'the largest'
-    return (f' Of {spread["runs"]} runs or sessions, each taken alone, {count} show {what}, by one '
-            'or another of the causes.')
+    return f' Of {spread["runs"]} runs or sessions, each alone, {count} show {what}.'
 
 
 def spread_sentence(document):
@@ -147,7 +144,7 @@ def spread_sentence(document):
     spread = document['after'].get('cv_spread') or {}
     if spread.get('partitions', 0) < 2:
         return ''
-    return (f'Rows left out: the mean of {spread["partitions"]} ways to leave them out, after from '
+    return (f'Cross-validated: mean of {spread["partitions"]} partitions, after from '
             f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}.')
 
 
@@ -175,16 +172,15 @@ def choice_sentence(document):
            for name, count in _by_count({**same, **(spread.get('chosen_set') or {})})]
     others = [f'{plain_name(name, kind)} {_times(count, folds)}'
               for name, count in _by_count(others)]
-    text = (f'With a part of the rows left out the choice was repeated {folds} times. Of what was '
-            f'found it had {"; ".join(own)}')
+    text = f'In {folds} resamples, found: {"; ".join(own)}'
     if len(own) > 1:
         whole = spread.get('same_set', spread['same_choice'])
-        text += f'; all of it and nothing else {_times(whole, folds)}'
+        text += f'; exactly these {_times(whole, folds)}'
     if others:
         more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
-        text += f'. Of other effects it had {"; ".join(others[:_MOST_OTHERS])}{more}'
+        text += f'. Other effects: {"; ".join(others[:_MOST_OTHERS])}{more}'
     if spread.get('no_choice'):
-        text += f'. It had no effect at all {_times(spread["no_choice"], folds)}'
+        text += f'. No effect at all: {_times(spread["no_choice"], folds)}'
     return f'{text}.'
 
 
@@ -214,33 +210,31 @@ def figures_sentence(document):
     if quoted is None or document['verdict'] == 'refused':
         return ''
     if label == FITTED:
-        out = [f'{arcsec(quoted)} is of the rows fitted alone: other stars will be missed by more']
+        out = [f'{arcsec(quoted)} is the RMS of the fitted rows only: expect more on other stars']
     else:
-        out = [f'Quote {arcsec(quoted)}, {label}, of stars that neither the fit nor the choice '
-               'of effects has seen']
+        out = [f'Use {arcsec(quoted)} RMS ({label})']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
         if label not in (HELD, LEFT_OUT) and own is not None:
-            out.append(f'{arcsec(own)}, {LEFT_OUT} at random, is less than it should be: '
-                       'neighbouring rows err alike, and those next to a row left out tell of it')
+            out.append(f'{arcsec(own)}, cross-validated in random folds, is too low: neighbouring '
+                       'rows err alike')
         if label == HELD and own is not None:
-            out.append(f'Rows left out of the runs fitted are missed by {arcsec(own)}: they share '
-                       'with them what a run has of its own')
+            out.append(f'Cross-validated within the fitted runs it is {arcsec(own)}: such rows '
+                       'share what each run has of its own')
     slow = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
-        out.append(f'{arcsec(floor)} is left on the rows fitted, made larger for the coefficients'
-                   ': no noise floor, for what wanders over the whole run is in it' if slow else
-                   f'The noise floor, {arcsec(floor)}, is what is left on the rows fitted, made '
-                   'larger for the coefficients')
+        out.append(f'Fit RMS corrected for degrees of freedom: {arcsec(floor)}'
+                   + ('. It includes the drift of the zero, so it is no noise floor' if slow else
+                      ' (noise floor)'))
     if expected:
         low, high = expected['low_arcsec'], expected['high_arcsec']
-        out.append(f'{arcsec(expected["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, nine times '
-                   'in ten) is expected on fresh stars in the '
-                   f'{expected.get("within", "half hour")} after the last row')
+        out.append(f'Expected on new stars in the {expected.get("within", "half hour")} after the '
+                   f'last row: {arcsec(expected["rms_arcsec"])} ({arcsec(low)} to {arcsec(high)}, '
+                   '90 %)')
         if floor is not None and expected['rms_arcsec'] < floor:
             within = low <= floor <= high
             out.append(f'It can be below {arcsec(floor) if slow else "the floor"}: '
-                       + ('the zero moves less by then than over the whole run'
-                          if slow else 'rows late in the run may scatter less than the others')
+                       + ('the zero drifts less by then than over the whole run'
+                          if slow else 'late rows may scatter less than the others')
                         + (', and the difference is within its uncertainty' if within else ''))
     return '. '.join(out) + '.'
 
@@ -248,5 +242,5 @@ def figures_sentence(document):
 def floor_words(document):
     """What the noise floor is called: it holds what wanders too."""
     correlation = document.get('wander')
-    return 'left by the model, noise and what wanders' if correlation and correlation.get('slow') \
+    return 'fit residuals, noise and drift' if correlation and correlation.get('slow') \
         else 'noise floor'

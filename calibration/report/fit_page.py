@@ -35,15 +35,16 @@ def render_fit(found, document):
     data = _residuals(found)
     source = run.meta.get('source') or ''
     before, after = document['before'], document['after']
-    label, last = ('halves that the fit did not see', after['cv_rms_arcsec']) \
-        if after.get('cv_rms_arcsec') is not None else ('rows fitted', after['rms_arcsec'])
+    label, last = ('cross-validated', after['cv_rms_arcsec']) \
+        if after.get('cv_rms_arcsec') is not None else ('fit residuals', after['rms_arcsec'])
     names = run.mount.names.axes
     headline = 'Nothing was fitted' if last is None else (
-        f'From {before["rms_arcsec"]:.2f}″ as the encoders read to {last:.2f}″, {label}')
+        f'{before["rms_arcsec"]:.2f}″ raw, {last:.2f}″ after a {len(result.names)}-term fit '
+        f'({label})')
     outliers = outlier_sentence(document) if document['outliers'] else ''
-    bars = [('as the encoders read', [(before['rms_arcsec'], 'before', '')]),
-            (f'{len(result.names)} terms, rows fitted', [(after['rms_arcsec'], 'after', '')]),
-            ('each half by a fit to the other', [(after.get('cv_rms_arcsec'), 'after', '')])]
+    bars = [('raw', [(before['rms_arcsec'], 'before', '')]),
+            (f'{len(result.names)} terms, fit residuals', [(after['rms_arcsec'], 'after', '')]),
+            ('cross-validated, 2 halves', [(after.get('cv_rms_arcsec'), 'after', '')])]
     noise = float(np.hypot(*result.scatter)) / ARCSEC
     terms = document['terms'] or ()
     more = '' if not terms or 'within95_arcsec' not in terms[0] else (
@@ -56,9 +57,9 @@ def render_fit(found, document):
         controls(data),
         html.verdict('', headline, [
             outliers, *map(wording, [*filter(is_pattern, found.findings), *result.findings(run)])],
-                     html.cards([(before['rms_arcsec'], 'as the encoders read'),
-                                 (after['rms_arcsec'], 'after, rows fitted'),
-                                 (after.get('cv_rms_arcsec'), 'after, halves not seen'),
+                     html.cards([(before['rms_arcsec'], 'raw'),
+                                 (after['rms_arcsec'], 'fit residuals'),
+                                 (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves'),
                                  (noise, 'noise of the fit')]), '',
                      html.gains(bars, noise, 'noise of the fit')),
         *residual_sections(data),
@@ -66,8 +67,8 @@ def render_fit(found, document):
                       f'Encoder − catalogue, σ from the {result.covariance_from}; condition '
                       f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}.', more),
         _compared(document, names),
-        html.section('What was left out, and why', exclusions(document['excluded'], limit=40)),
-        html.section('Notes', html.listed(document['notes'])),
+        html.folded_section('Excluded rows', exclusions(document['excluded'], limit=40)),
+        html.folded_section('Notes', html.listed(document['notes'])),
         provenance_section([
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
@@ -93,20 +94,20 @@ def _residuals(found):
         run, [f'{row} {line}' for line in run.lines] if stars is None else
         list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
-        before_text='as the encoders read', after_text='model')
+        before_text='raw', after_text='model')
 
 
 def _compared(document, names):
     """Other models that were asked for, on rows that they did not see."""
-    rows = [('as the encoders read', 'rows fitted', *_rms(document['before'])),
-            ('the terms', 'rows fitted', *_rms(document['after']))]
+    rows = [('raw', 'fit residuals', *_rms(document['before'])),
+            ('the terms', 'fit residuals', *_rms(document['after']))]
     if document['after'].get('cv_rms_arcsec') is not None:
-        rows.append(('the terms', 'halves not seen', *_rms(document['after'], 'cv_')))
+        rows.append(('the terms', 'cross-validated, 2 halves', *_rms(document['after'], 'cv_')))
     predicted, more = document.get('predicted'), ''
     if predicted:
         rows += [(name, judged, *_rms(predicted[key], 'cv_')) for judged, before, after in (
-                     ('blocks of time left out', 'blocks_before', 'blocks'),
-                     ('random rows left out', 'before', 'after'))
+                     ('cross-validated in blocks of time', 'blocks_before', 'blocks'),
+                     ('cross-validated, random folds', 'before', 'after'))
                  for name, key in (('the terms', before), ('to predict', after))]
         rows.append(('to predict', 'all rows', *_rms(predicted)))
         more = ''.join(html.paragraph(f'{note}.') for note in predicted['notes'])
@@ -121,9 +122,9 @@ def _compared(document, names):
              if row['value_arcsec']], 'numbers'))
     harmonics = document.get('harmonics')
     if harmonics:
-        rows.append((harmonics['label'], 'rows fitted', *(
+        rows.append((harmonics['label'], 'fit residuals', *(
             html.number(harmonics['fitted'].get(key)) for key in ('x', 'y', 'radial'))))
-    return html.section('Models that were compared', html.table(
+    return html.folded_section('Models compared', html.table(
         ('model', 'on', f'{names[0]} ″', f'{names[1]} ″', 'radial ″'), rows, 'numbers'), more,
         note='RMS on the sky, arcsec.')
 

@@ -11,6 +11,7 @@ from .page_parts import figure, folded, listed, number, pair, section, subsectio
 #: nodes of which all that they say is shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
 AXES = ('azimuth', 'elevation')
+_OLD_RAW = 'as the encoders read'  # in logs of before
 
 
 def health_section(health, run=None, axes=AXES):
@@ -166,7 +167,7 @@ def headline_of(report):
         return None, [], []
     shown = [step for step in (first, zeroed, last) if step]
     sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
-    start = 'as the encoders read' if first['step'] == RAW else 'with the ' + first['step']
+    start = 'raw' if first['step'] in (RAW, _OLD_RAW) else 'with the ' + first['step']
     middle = f', {sizes[1]} with the zero set,' if zeroed else ''
     headline = f'Stars held out: from {sizes[0]} {start}{middle} to {sizes[-1]} with the model'
     words = ['before: ', *[''] * bool(zeroed), 'after: ']

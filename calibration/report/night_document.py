@@ -15,7 +15,7 @@ FORMAT, VERSION = 'telescope_mount/calibration_report', 1
 #: the first coefficients, with correlations in the report: of all they grow with the square
 CORRELATED = 40
 
-RAW = 'as the encoders read'
+RAW = 'raw'
 TERMS = f'{len(PHYSICAL)} physical terms'
 BOTH = f'{TERMS}, then 13 harmonics'
 _EARLIER = 'model of the earlier night'

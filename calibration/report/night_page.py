@@ -262,8 +262,8 @@ def residuals_of(run, model, report, split_seed=None):
     return run_residuals(
         rows, [_name(star) for star in rows.get('star', np.arange(len(rows)))], before, after,
         used[stars], words[stars], group_word='power-on', noise=tuple(noise) if noise else None,
-        before_text='zero set, no model' if measured else 'as the encoders read',
-        after_text='zero and model' if model.terms or model.harmonics else 'as the encoders read')
+        before_text='zero set, no model' if measured else 'raw',
+        after_text='zero and model' if model.terms or model.harmonics else 'raw')
 
 
 def _offsets(model, rows, zeros):

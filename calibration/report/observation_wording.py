@@ -38,11 +38,11 @@ def serves_sentence(document):
         return ''
     kind = document.get('mount') or USUAL
     open_ = open_causes(largest) > 1
-    return (f'These serve the smaller effects alone. Of the largest, '
+    return (f'These serve the smaller effects only. The largest is '
             f'{plain_name(largest["name"], kind)} ({arcsec(largest["removes_rms_arcsec"])} RMS on '
-            'the sky), they tell nothing: ' + (
-                'no observation tells its causes apart, so look at the mount.' if open_ else
-                'one cause was left for it, which only a look at the mount can test.'))
+            'the sky): ' + (
+                'no observation separates its causes; inspect the mount.' if open_ else
+                'it has one likely cause; inspect the mount.'))
 
 
 def no_star_sentences(document):
@@ -53,8 +53,7 @@ def no_star_sentences(document):
 
 
 def _no_star(one, others):
-    return (f'No star tells {one} from {others}: on the whole sky they look alike, so look at the '
-            'mount.')
+    return f'No star separates {one} from {others}; inspect the mount.'
 
 
 def _either(names, words):
@@ -87,7 +86,7 @@ def next_sentence(document, row):
         both = [words[row['name']], words.get(mine[0]['separates'][1], 'the next')]
         if len({short_cause(one) for one in both}) > 1:
             both = [short_cause(one) for one in both]
-        return (f'To tell {" from ".join(both)}, observe first '
+        return (f'To separate {" from ".join(both)}, observe first '
                 f'{place_words(mine[0], kind)}{_WHY_LATER * bool(mine[0].get("after_hours"))}; '
                 f'{_enough(mine)}.')
     for one, *others in document.get('no_star') or []:
@@ -106,7 +105,7 @@ def proposal_lines(document):
                                     key=lambda item: item['separates']):
         group = list(group)
         names = ' from '.join(causes.get(name) or readable(name) for name in separates)
-        yield (f'next, to tell {names} ({_enough(group)}): observe '
+        yield (f'next, to separate {names} ({_enough(group)}): observe '
                + '; '.join(place_words(item, kind) for item in group))
 
 
@@ -149,10 +148,9 @@ def _group_note(group):
 def _enough(items):
     """What some observations for one pair would bring, and whether that is enough."""
     before, after = items[0]['separation_before'], items[-1]['separation_after']
-    text = f'the evidence between them (ΔBIC), {before:.1f} now, would be {after:.1f} with ' + (
+    text = f'ΔBIC between them is {before:.1f}, expected {after:.1f} with ' + (
         'it' if len(items) == 1 else f'{len(items)} such observations')
-    return text + ('' if after >= SET_WIDTH else
-                   f', still below {SET_WIDTH:g}: more of them are needed')
+    return text + ('' if after >= SET_WIDTH else f', still below {SET_WIDTH:g}')
 
 
 def _degrees(value):

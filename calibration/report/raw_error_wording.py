@@ -29,12 +29,12 @@ def raw_error_sentence(document):
     names = kind_of(document)
     values = {names.terms[row['name']][0]: row for row in rows if row['name'] in names.terms}
     others = [row for row in values.values() if row['rms_arcsec'] > _PART * read][:_MOST_NAMED]
-    sentences = [f'Most of what the encoders read is {_named(others, names)}'] if others else []
+    sentences = [f'The raw error is mostly {_named(others, names)}'] if others else []
     more = _beyond_zeros(values, others, left)
     lean = '' if any(values[own].get('undetermined') for own in ('AN', 'AW') if own in values) \
         else _lean(values, names, document.get('south', False))
     if any(names.terms[row['name']][0] not in ('AN', 'AW') or not lean for row in more):
-        sentences.append(f'Beyond the zeros it is {_named(more, names, sizes=True)}')
+        sentences.append(f'Beyond the zeros: {_named(more, names, sizes=True)}')
     if lean:
         sentences.append(f'The {names.shafts[0]} {lean}{_if_so(document, values, names)}')
     if sentences:
@@ -63,24 +63,22 @@ def _of_which_fit(document, rows):
     effects = len(document['effects'])
     if not effects or document['before'] == document['after']:
         return []
-    sentences = ['These values are of the terms fitted alone, without the '
-                 f'effect{"s" * (effects > 1)}']
+    sentences = [f'Values from the fit of the {len(document["base_terms"])} terms alone']
     moved = sorted((row for row in rows if 'beside_effects_arcsec' in row),
                    key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
     changes = []
     for row in moved[:_MOST_MOVED]:
-        text = (f'{row["name"]} is {_signed(row["beside_effects_arcsec"])} in place of '
-                f'{_signed(row["value_arcsec"])}')
+        text = f'{row["name"]} becomes {_signed(row["beside_effects_arcsec"])}'
         if abs(row.get('correlation') or 0.0) > _RESEMBLES:
-            text += (f', for it resembles {readable(row["resembles"])} (correlation '
+            text += (f' (correlated with {readable(row["resembles"])}, r = '
                      f'{row["correlation"]:.2f})').replace('-', '\u2212')
         changes.append(text)
     if changes:
         correlation = document.get('wander')
         # then that fit does not follow what wanders, and the one of the terms alone does
-        beside = ', and with what wanders in mind,' * bool(
+        beside = ' and correlated noise' * bool(
             correlation and correlation.get('along_the_sky') is None)
-        sentences.append(f'Beside {"it" if effects == 1 else "them"}{beside} {"; ".join(changes)}')
+        sentences.append(f'With the effect{"s" * (effects > 1)}{beside} {"; ".join(changes)}')
     return sentences
 
 
@@ -118,7 +116,7 @@ def _lean(values, names, south):
     terms = [values[own]['name'] for own in ('AN', 'AW')]
     if names.axes[0] == 'azimuth':
         ways = (('north', 'south')[north < 0.0], ('west', 'east')[west < 0.0])
-        text = 'leans {} to the {} ({}) and {} to the {} ({})'
+        text = 'tilts {} to the {} ({}) and {} to the {} ({})'
     else:
         # the end that is above the horizon; of MA the sign is that of the pole itself
         north, west = (-one if south else one for one in (north, -west))

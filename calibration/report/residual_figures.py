@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, padded, svg, text, thin, ticks
-from .page_parts import figure, group_name, legend, number, pair, section
+from .page_parts import figure, folded_section, group_name, legend, number, pair, section
 from .star_table import WHENS, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
@@ -459,12 +459,11 @@ def residual_sections(data):
     ----------
     data : Residuals
     """
-    parts = (('Where the residuals are on the sky', sky_maps, ''),
-             ('Target', targets, ''),
-             ('Errors in the order of time', in_time, ''),
-             ('What is left, against the axes', along_axes, ''),
-             ('Distribution of the residuals', histograms, ''),
-             ('Stars', stars_table, 'Point at a star, here or in a plot: it lights up everywhere '
-              'and is told at the foot of the window. A click or Enter keeps it, Escape lets it '
-              'go. A click on a heading sorts.'))
-    return [section(title, make(data), note=note) for title, make, note in parts]
+    parts = (('Target', targets, ''),
+             ('Residuals in time', in_time, ''),
+             ('Residuals by axis', along_axes, ''),
+             ('Histograms', histograms, ''),
+             ('Stars', stars_table, 'Point at a star: it lights up in all plots. A click or Enter '
+              'keeps it, Escape lets it go. A click on a heading sorts.'))
+    return [section('Residuals on the sky', sky_maps(data)),
+            *(folded_section(title, make(data), note=note) for title, make, note in parts)]

@@ -53,9 +53,9 @@ def expected_sentence(document):
     expected = document.get('expected')
     if not expected:
         return None
-    return (f'expected on fresh stars in the {expected.get("within", "half hour")} after: '
+    return (f'expected on new stars in the {expected.get("within", "half hour")} after: '
             f'{expected["rms_arcsec"]:.2f} arcsec radial, {expected["low_arcsec"]:.2f} to '
-            f'{expected["high_arcsec"]:.2f} in {100 * expected["confidence"]:.0f} % of cases')
+            f'{expected["high_arcsec"]:.2f} ({100 * expected["confidence"]:.0f} %)')
 
 
 def outlier_sentence(document):

@@ -161,8 +161,8 @@ def fit_tables(found, document):
                       *run.mount.names.columns, 'radial')
     terms = f'{len(result.names)} terms'
     for label, when, key in (
-            (RAW, 'before', 'rms'), (f'{terms}, on the rows fitted', 'after', 'rms'),
-            (f'{terms}, each half judged by a fit to the other', 'after', 'cv_rms')):
+            (RAW, 'before', 'rms'), (f'{terms}, fit residuals', 'after', 'rms'),
+            (f'{terms}, cross-validated (2 halves)', 'after', 'cv_rms')):
         values = [document[when][f'{key}_{axis}arcsec'] for axis in ('x_', 'y_', '')]
         if None not in values:
             steps.add_row(label, *(f'{value:.2f}' for value in values))
@@ -183,7 +183,7 @@ def fit_tables(found, document):
     if found.harmonics:
         lines += harmonic_tables(found.harmonics)
         lines.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
-                     'arcsec radial on the rows fitted')
+                     'arcsec radial, fit residuals')
         lines += [f'note: {note}' for note in document['harmonics']['notes']]
     if found.predicted:
         lines += predicting_tables(found.predicted, run.mount)
@@ -242,7 +242,7 @@ def predicting_tables(found, mount):
             errors.add_row(label, *_rms_cells({
                 key: sum(getattr(one, key) for one in each) / len(each)
                 for key in ('x', 'y', 'radial')}))
-    errors.add_row('the rows fitted', *_rms_cells(found.fitted._asdict()))
+    errors.add_row('fit residuals', *_rms_cells(found.fitted._asdict()))
     return [*([chosen] if found.parts else []), errors, *map(wording, found.findings())]
 
 

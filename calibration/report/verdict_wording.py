@@ -126,22 +126,21 @@ def _statements(document, effects, caution):
             outlier_sentence(document)]
     odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
-        return 'Nothing is concluded from so few of the rows', [caution], last
+        return 'Nothing is concluded: too few of the rows are usable', [caution], last
     if verdict == 'none':
         return _nothing(document, caution, odd, last)
     if verdict == 'undecided':
-        return ('Undecided: something is beyond chance, but these observations cannot test it',
+        return ('Undecided: an error is significant, but these rows cannot test its cause',
                 [caution, *odd], ['The model stays as it was.', *last])
     if verdict == 'wanders':
         correlation = document['wander']
         what, then = (
-            'Neighbouring rows err alike: the zero wanders, or the direction has an error that no '
-            'effect describes', 'Observe once more in an order that mixes the sky.') \
+            'Neighbouring rows err alike: the zero drifts, or an error of the direction has no '
+            'effect in the model', 'Observe once more in an order that mixes the sky.') \
             if correlation.get('along_the_sky') else (
-            'The zero wanders, or something that these rows do not tell from it'
-            if correlation.get('like') else 'The zero wanders, and what moves it is not known',
-            'How far the zero can be trusted is part of the model: set it anew as often as that '
-            'asks for.')
+            'The zero drifts, or an effect that these rows cannot separate from it'
+            if correlation.get('like') else 'The zero drifts; the cause is unknown',
+            'The model states how far the zero drifts: set it anew as often as that requires.')
         return (f'{what}{_drifts(document)}', [*_correlation(document), *odd],
                 [f'No effect is added. {then}', *last])
     axes = kind_of(document).axes
@@ -166,17 +165,17 @@ def led(text):
 def _nothing(document, caution, odd, last):
     """Where nothing is missing: that is said as plainly as what is."""
     floor, left = document.get('noise_floor_arcsec'), document['before'].get('rms_arcsec')
-    looks = f'What is left, {arcsec(left)}, looks like noise'
+    looks = f'The residuals, {arcsec(left)} RMS, are consistent with noise'
     looks += f' (noise floor {arcsec(floor)}).' if floor is not None else '.'
     if not caution and (left or 0.0) > _ABSURD:
-        caution = (f'What is left, {arcsec(left)}, is far more than a mount errs by: look at '
-                   'the columns, their units and signs, and where azimuth 0 is.')
-    headline = f'Nothing is wrong beyond {model_words(document)} that these observations can show'
+        caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
+                   'signs and the zero of azimuth.')
+    headline = f'No significant error beyond {model_words(document)}'
     label, before, _ = best_pair(document)
     if before is not None and not caution:
-        headline += f': {arcsec(before)} remain {label}'
+        headline += f': {arcsec(before)} remain, {label}'
     if odd:
-        headline += '. But look at ' + ' and '.join(
+        headline += '. But check ' + ' and '.join(
             f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
             for row in document['unphysical'])
     return (headline, [*odd, caution or looks],
@@ -229,9 +228,9 @@ def _headline(document, effects):
     if before and after > _NO_GAIN * before:
         gained = ': that is no gain'
     elif before and slow and after > _LITTLE_GAIN * before:
-        gained = ': most of the error stays unexplained'
-    return (f'{text}. With {"it" if count == 1 else "all of them"} in the model {arcsec(after)} '
-            f'remain {label} ({arcsec(before)} without{share}){gained}')
+        gained = ': most of the error is unexplained'
+    return (f'{text}. RMS {arcsec(after)} with {"it" if count == 1 else "all of them"}, {label} '
+            f'({arcsec(before)} without{share}){gained}')
 
 
 def slow_is_largest(document):
@@ -267,14 +266,10 @@ def count_sentence(document):
     count = len(effects)
     if document['verdict'] in STAYS:
         return ''
-    text = ('One effect was' if count == 1 else f'{counted(count, "effect").capitalize()} were') \
-        + f' found beyond {model_words(document, whose=False)}'
-    if count > 1:
-        text += ', the largest first'
+    text = f'{counted(count, "effect").capitalize()} beyond {model_words(document, whose=False)}'
     if unclear:
-        them = 'it' if count == 1 else 'them' if unclear == count else \
-            f'{counted(unclear, "x").split()[0]} of them'
-        text += f'; more than one cause would explain {them}'
+        them = '' if count == 1 else f' of {"all" if unclear == count else unclear}'
+        text += f'; the cause{them} is open'
     return f'{text}.'
 
 
@@ -287,7 +282,7 @@ def _detectable(document):
         limits.append(f'{words[row["name"]]} by {arcsec(row["amplitude_arcsec"])}{unit}')
     if not limits:
         return []
-    return ['Nine times in ten they would have shown ' + '; '.join(limits) + '.']
+    return ['Detection limits (90 %): ' + '; '.join(limits) + '.']
 
 
 def _correlation(document):

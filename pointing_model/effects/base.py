@@ -27,8 +27,7 @@ from pointing_model.mount_kinds import KINDS, USUAL
 
 AXES = {'az': 'azimuth', 'el': 'elevation'}
 #: what a check of a cause takes, the cheapest first
-EFFORTS = ('only a look at settings and files', 'a look at the mount, with nothing taken apart',
-           'a part that has to be opened')
+EFFORTS = ('settings and files only', 'visual inspection, no disassembly', 'a part must be opened')
 #: rows on each side, below which a driver of two levels is carried by single rows
 FEWEST_ON_A_SIDE = 3
 
