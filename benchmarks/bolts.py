@@ -147,8 +147,10 @@ def main():
     parser.add_argument('--noise', type=float, default=2.0, help='arcsec, an axis')
     parser.add_argument('--seed', type=int, default=1)
     args = parser.parse_args()
-    print(f'{"latitude":>8s} {"base":>10s} {"mounts":>6s}  largest angle from axis to pole, arcsec, '
-          f'after 0 1 2 3 rounds {"sigma":>16s}  beyond 10" + 3 sigma')
+    print('largest angle from axis to pole, arcsec\n'
+          f'{"latitude":>8s} {"base":>10s} {"mounts":>6s}  '
+          + ' '.join(f'{f"{k} rounds":>12s}' for k in range(4))
+          + f' {"sigma":>12s}  beyond 10" + 3 sigma')
     for unlevel, judged in ((0.0, 2), (1.0 * DEG, 3)):
         for latitude in LATITUDES:
             rng = np.random.default_rng([args.seed, int(latitude) + 90, judged])
