@@ -5,6 +5,7 @@ import numpy as np
 from pointing_model.rms import rms_arcsec
 
 from ..analysis.diagnosis.row_counts import RMS_KEYS
+from .alignment_wording import alignment_document
 from .diagnosis_wording import limit_words
 from .noise_wording import correlation_sentence
 from .wording import wording
@@ -27,7 +28,8 @@ def fit_document(found):
         ``correlations`` (of all pairs of terms: ``terms``, ``value``), ``undetermined`` (what the
         stars do not determine, in words); rows, notes, and what else was asked for, or None:
         ``harmonics``, ``predicted``, ``base_model``, ``origin_of_errors``
-        (`sky_model.Origin.document`).
+        (`sky_model.Origin.document`), ``polar_axis`` (`alignment_wording.alignment_document`, of
+        equatorial mounts).
     """
     run, result, base = found.run, found.terms, found.base
     used, matrix = run.select(result.weights > 0.0), result.correlations
@@ -51,7 +53,8 @@ def fit_document(found):
             **found.harmonics, 'notes': list(map(wording, found.harmonic_findings))},
         'predicted': found.predicted and predicted_document(found.predicted),
         'base_model': base and base.compared(found.plain),
-        'origin_of_errors': found.origin and found.origin.document()}
+        'origin_of_errors': found.origin and found.origin.document(),
+        'polar_axis': alignment_document(found.plain)}
 
 
 def refused_fit(error):
@@ -63,7 +66,7 @@ def refused_fit(error):
     """
     return {**refused_columns(error), 'notes': [], **dict.fromkeys((
         'terms', 'degrees_of_freedom', 'condition', 'rank', 'correlations', 'undetermined',
-        'harmonics', 'predicted', 'base_model', 'origin_of_errors'))}
+        'harmonics', 'predicted', 'base_model', 'origin_of_errors', 'polar_axis'))}
 
 
 def refused_columns(error):

@@ -10,6 +10,7 @@ from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
 
 from . import page_parts as html
+from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
 from .drawing import clean
 from .provenance import provenance_section, site_degrees, site_text
@@ -66,6 +67,7 @@ def render_fit(found, document):
         terms_section(document['terms'], result.correlations, list(result.names),
                       f'Encoder − catalogue, σ from the {result.covariance_from}; condition '
                       f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}.', more),
+        _alignment(document['polar_axis']),
         _compared(document, names),
         html.folded_section('Excluded rows', exclusions(document['excluded'], limit=40)),
         html.folded_section('Notes', html.listed(document['notes'])),
@@ -95,6 +97,14 @@ def _residuals(found):
         list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='raw', after_text='model')
+
+
+def _alignment(found):
+    """What to turn, of an equatorial mount."""
+    return '' if not found else html.section(
+        'The way back to the bolts', html.listed(alignment_lines(found)),
+        note='From the exact azimuth and altitude of the axis, for a level base; after a turn '
+        'measure again. The stars need their refraction, or the altitude is that of another pole.')
 
 
 def _compared(document, names):

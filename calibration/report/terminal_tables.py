@@ -5,6 +5,7 @@ from pointing_model.mount_kinds import kind_of
 from pointing_model.zero import BY_POLARIS
 
 from ..analysis.harmonic_fit import READ_AS
+from .alignment_wording import alignment_lines
 from .fit_wording import UNDETERMINED, origin_sentence
 from .night_document import RAW
 from .row_wording import left_out_lines, outlier_sentence, used_sentence
@@ -189,6 +190,8 @@ def fit_tables(found, document):
         lines += predicting_tables(found.predicted, run.mount)
     if found.origin is not None:
         lines.append(f'sides of the pier: {origin_sentence(found.origin)}')
+    if document['polar_axis']:
+        lines += alignment_lines(document['polar_axis'])
     if found.base:
         lines += [base_table(found.base, found.plain),
                   *(f'note: {wording(note)}' for note in found.base.notes)]

@@ -1,0 +1,181 @@
+"""Words for the way back to the bolts: which one, which way, how far."""
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.alignment import polar_axis
+
+#: an error below so many standard errors is not worth a turn
+_CLEAR = 2.0
+TRUE, REFRACTED = 'true', 'refracted'
+
+
+def alignment_document(model, refraction=0.0):
+    """Where the polar axis of a model points, for JSON.
+
+    Parameters
+    ----------
+    model : PointingModel
+    refraction : float
+        Of the pole that is meant, rad; 0: the true one.
+
+    Returns
+    -------
+    dict or None
+        None of a mount without a polar axis. ``unknown`` says why nothing is known; else
+        ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (which
+        one is meant, and its altitude), ``south``, and the errors of the axis, axis - pole, with
+        their sigmas: ``azimuth_…``, ``altitude_…`` and ``apart_…`` (the angle between both).
+    """
+    if not model.mount.celestial:
+        return None
+    try:
+        return axis_document(polar_axis(model, refraction), bool(refraction))
+    except ValueError as error:
+        return {'unknown': str(error)}
+
+
+def axis_document(axis, refracted=False):
+    """A `PolarAxis` as of `alignment_document`; whether the refracted pole is meant."""
+    sigma_az, sigma_alt = axis.sigmas
+    size, sigma = axis.apart
+    return {'unknown': None, 'south': axis.south,
+            'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG},
+            'axis_azimuth_deg': axis.azimuth / DEG, 'axis_altitude_deg': axis.altitude / DEG,
+            'apart_arcsec': size / ARCSEC, 'apart_sigma_arcsec': sigma / ARCSEC,
+            'azimuth_error_arcsec': axis.azimuth_error / ARCSEC,
+            'azimuth_sigma_arcsec': sigma_az / ARCSEC,
+            'altitude_error_arcsec': axis.altitude_error / ARCSEC,
+            'altitude_sigma_arcsec': sigma_alt / ARCSEC}
+
+
+def alignment_lines(found, per_turn=None):
+    """How to turn the bolts, in sentences.
+
+    Parameters
+    ----------
+    found : dict
+        Of `alignment_document`.
+    per_turn : pair of float, optional
+        What a turn of the bolt in azimuth and of that in altitude moves, arcsec.
+
+    Returns
+    -------
+    list of str
+    """
+    if found['unknown']:
+        return [f'how to turn the bolts is not known: {found["unknown"]}']
+    pole = found['pole']
+    return [
+        f'The polar axis points {angle_text(found["apart_arcsec"])} '
+        f'± {angle_text(found["apart_sigma_arcsec"])} from the {pole["which"]} pole '
+        f'(altitude {pole["altitude_deg"]:.4f}°).',
+        azimuth_line(found, per_turn and per_turn[0]),
+        altitude_line(found, per_turn and per_turn[1])]
+
+
+def azimuth_line(found, per_turn=None):
+    """What the bolt in azimuth has to do."""
+    error, sigma = found['azimuth_error_arcsec'], found['azimuth_sigma_arcsec']
+    # a larger azimuth is clockwise; the axis of the south goes the other way along the horizon
+    way = 'clockwise' if error < 0.0 else 'anticlockwise'
+    to = 'east' if (error < 0.0) != found['south'] else 'west'
+    return _line('Azimuth bolt', error, sigma, per_turn,
+                 f'turn the base {{}} {way}, seen from above (the axis goes {to})')
+
+
+def altitude_line(found, per_turn=None):
+    """What the bolt in altitude has to do."""
+    error, sigma = found['altitude_error_arcsec'], found['altitude_sigma_arcsec']
+    return _line('Altitude bolt', error, sigma, per_turn,
+                 f'{"raise" if error < 0.0 else "lower"} the axis by {{}}')
+
+
+def _line(bolt, error, sigma, per_turn, text):
+    size = f'{angle_text(abs(error))} ± {angle_text(sigma)}'
+    if abs(error) < _CLEAR * sigma:
+        return f'{bolt}: leave it; the axis is off by {size}, within its error.'
+    turns = f': {abs(error) / per_turn:.2f} turns' if per_turn else ''
+    return f'{bolt}: {text.format(size)}{turns}.'
+
+
+def angle_text(arcsec):
+    """An angle of any size, with its unit."""
+    size = abs(arcsec)
+    if size < 100.0:
+        return f'{size:.1f}″'
+    if size < 3600.0:
+        minutes = int(size // 60.0)
+        return f'{minutes}′ {size - 60.0 * minutes:02.0f}″'
+    degrees = int(size // 3600.0)
+    return f'{degrees}° {(size - 3600.0 * degrees) / 60.0:04.1f}′'
+
+
+def shim_line(shim, unit='mm'):
+    """What a `Shim` has to do; the tube seen from behind, forward and up."""
+    size = f'{angle_text(shim.angle / ARCSEC)} ± {angle_text(shim.sigma / ARCSEC)}'
+    if abs(shim.angle) < _CLEAR * shim.sigma:
+        return f'Cone error: no shim; {size} is within its error.'
+    return (f'Cone error: {size} to the {"left" if shim.rear else "right"}. Shim of '
+            f'{shim.thickness:.3f} ± {shim.thickness_sigma:.3f} {unit} between tube and saddle, '
+            f'at the {"rear" if shim.rear else "front"} end.')
+
+
+def feet_lines(feet, unit='mm'):
+    """How high the feet of a base have to be lifted, in sentences."""
+    lines = [f'The azimuth axis leans {angle_text(feet.tilt / ARCSEC)} toward azimuth '
+             f'{feet.toward / DEG:.1f}°.']
+    if (feet.lifts < _CLEAR * feet.sigmas).all():
+        return [*lines, 'Feet: leave them; their lifts are within their errors.']
+    return lines + [
+        f'Foot {i} (azimuth {azimuth / DEG:.0f}°): '
+        + (f'lift by {lift:.3f} ± {sigma:.3f} {unit}.' if lift else 'leave it.')
+        for i, (azimuth, lift, sigma) in enumerate(
+            zip(feet.azimuths % 6.283185307179586, feet.lifts, feet.sigmas), 1)]
+
+
+def watch_lines(told, found, near, per_turn=None):
+    """What an image tells while the bolts are turned, in sentences.
+
+    Parameters
+    ----------
+    told : telescope_mount.bolt_watch.Told
+    found : dict or None
+        Of `axis_document`.
+    near : bool
+        Whether the axis is as near to the pole as is wanted.
+    per_turn : pair of float, optional
+        As of `alignment_lines`.
+
+    Returns
+    -------
+    list of str
+    """
+    if told.kind == 'collected':
+        lines = [f'Image {told.count} of 3 is solved: '
+                 + ('turn the hour axis, and take the next.' if told.count < 3 else '')]
+        return lines + ([f'By this one image: {line}' for line in _both(found, per_turn)]
+                        if found else [])
+    if told.kind == 'stopped':
+        now = found[f'{told.bolt}_error_arcsec']
+        return [f'Stop: the error in {told.bolt} has doubled, from '
+                f'{angle_text(told.told / ARCSEC)} to {angle_text(now)}.',
+                'The bolt was turned the wrong way, or a sign of the readings is wrong. Take three '
+                'images anew.']
+    by = ('Three images are solved' if told.kind == 'three' else
+          'One image is solved; all but the bolts is held')
+    lines = [f'{by}: the axis is {angle_text(found["apart_arcsec"])} '
+             f'± {angle_text(found["apart_sigma_arcsec"])} from the {found["pole"]["which"]} pole.']
+    if told.moved:
+        az, alt = (angle_text(v / ARCSEC) for v in told.moved)
+        lines.append(f'Since the last image it moved by {az} in azimuth and {alt} in altitude.')
+    if near and told.kind == 'three' and told.again:
+        return [*lines, 'Done: measured once more after the bolts were locked.']
+    lines += _both(found, per_turn)
+    if near:
+        lines.append('Lock the bolts, then take three images with the hour axis turned between '
+                     'them.')
+    return lines
+
+
+def _both(found, per_turn):
+    return [azimuth_line(found, per_turn and per_turn[0]),
+            altitude_line(found, per_turn and per_turn[1])]

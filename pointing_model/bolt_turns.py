@@ -1,0 +1,197 @@
+"""What the bolts of an equatorial mount have done, from images between their turns.
+
+Three images at different hour angles, the second axis at rest, lie on a circle about the polar
+axis, wherever the tube points: three are enough, and no zero, cone error or declination enters.
+While the bolts are turned one image is enough: where the tube would look with these readings had
+nobody turned a bolt, and where it looks, differ by a turn about the hinge and one about the
+vertical, on a level base, which is two angles from two.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG, wrap
+
+from .alignment import axis_at
+
+#: two images of an arc are this far apart in hour angle
+APART = 5.0 * DEG
+#: by how much the second axis may be off between them
+AT_REST = 60.0 * ARCSEC
+#: turn of an arc by the images against that by the readings, for which they agree
+_AGREES = 0.05
+_STEP = 1e-6
+
+
+class Image(NamedTuple):
+    """A solved image.
+
+    Attributes
+    ----------
+    first, second : float
+        Readings of the axes, rad.
+    place : ndarray, shape (3,)
+        Where it looked: east, north, up of the observed place.
+    sigma : float
+        Of the place, an axis, rad.
+    time : float
+        UTC, s.
+    name : str
+    """
+
+    first: float
+    second: float
+    place: np.ndarray
+    sigma: float
+    time: float = 0.0
+    name: str = ''
+
+
+def turned_about(vector, axis, angle):
+    """Vectors turned about a unit vector, right-handed (Rodrigues)."""
+    vector = np.asarray(vector, float)
+    return (vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
+            + np.multiply.outer(vector @ axis, axis) * (1.0 - np.cos(angle)))
+
+
+def _normal(places, up):
+    """Unit normal of the circle on which places lie, on the side of `up`."""
+    _, _, rows = np.linalg.svd(places - places.mean(axis=0))
+    normal = rows[2] if len(places) > 2 else np.cross(*rows[:2])
+    return normal if normal @ up > 0.0 else -normal
+
+
+def _horizon(place):
+    return np.array([np.arctan2(place[0], place[1]),
+                     np.arctan2(place[2], np.hypot(place[0], place[1]))])
+
+
+def _tangents(place):
+    az, el = _horizon(place)
+    return np.array([[np.cos(az), -np.sin(az), 0.0],
+                     [-np.sin(el) * np.sin(az), -np.sin(el) * np.cos(az), np.cos(el)]])
+
+
+def axis_of_arc(images, latitude, refraction=0.0):
+    """Where the polar axis points, from images between turns of the first axis alone.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        Three or more.
+    latitude : float
+        rad.
+    refraction : float
+        Of the pole that is meant, rad.
+
+    Returns
+    -------
+    PolarAxis
+
+    Raises
+    ------
+    ValueError
+        Fewer than three, the second axis moved, or the readings turn otherwise than the images.
+    """
+    if len(images) < 3:
+        raise ValueError(f'{len(images)} images; three at different hour angles give the axis')
+    moved = np.ptp([one.second for one in images])
+    if moved > AT_REST:
+        raise ValueError(f'the declination axis moved by {moved / ARCSEC:.0f}" between the images; '
+                         'turn the hour axis alone')
+    places = np.array([one.place for one in images])
+    pole = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    if latitude < 0.0:
+        pole = -pole
+    axis = _normal(places, pole)
+    _check_turn(images, axis, latitude)
+
+    def of(shifts):
+        moved = places + np.einsum('nk,nkj->nj', shifts.reshape(-1, 2), tangents)
+        return _horizon(_normal(moved / np.linalg.norm(moved, axis=1)[:, None], pole))
+    tangents = np.array([_tangents(one) for one in places])
+    sigmas = np.repeat([one.sigma for one in images], 2)
+    slopes = np.array([wrap(of(d) - of(-d)) / (2.0 * _STEP)
+                       for d in _STEP * np.eye(2 * len(places))])
+    return axis_at(_horizon(axis), latitude, refraction,
+                   (slopes * sigmas[:, None]**2).T @ slopes)
+
+
+def _check_turn(images, axis, latitude):
+    """Refuse readings that turn otherwise than what the images show."""
+    first, last = images[0], images[-1]
+    a, b = (one.place - (one.place @ axis) * axis for one in (first, last))
+    seen = -np.arctan2(np.cross(a, b) @ axis, a @ b) * (1.0 if latitude >= 0.0 else -1.0)
+    read = wrap(last.first - first.first)
+    if abs(seen + read) < _AGREES * abs(read):
+        raise ValueError('the hour angle reads with the wrong sign: it grows as the images go '
+                         'east. Nothing is told of the bolts')
+    if abs(wrap(seen - read)) > _AGREES * abs(read):
+        raise ValueError(f'the hour axis turned by {read / DEG:.2f} deg by its readings and by '
+                         f'{seen / DEG:.2f} deg by the images: look at clock, site and readings')
+
+
+def expected(reference, axis, first, latitude):
+    """Where the tube looks once the first axis reads `first`, had nothing else moved.
+
+    Parameters
+    ----------
+    reference : Image
+    axis : PolarAxis
+    first : float
+        rad.
+    latitude : float
+        rad.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+    """
+    toward = _unit(axis.azimuth, axis.altitude)
+    # the hour angle grows clockwise, seen from above the northern pole
+    sign = -1.0 if latitude >= 0.0 else 1.0
+    return turned_about(reference.place, toward, sign * wrap(first - reference.first))
+
+
+def _unit(az, el):
+    return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
+
+
+def _turns(before, after, azimuth):
+    """Turn in azimuth and lift of the axis that bring one place to the other, rad."""
+    hinge = np.array([np.cos(azimuth), -np.sin(azimuth), 0.0])
+    upward = np.cross(hinge, before)[2]
+    size = np.hypot(before[2], upward)
+    base = np.arctan2(upward, before[2])
+    away = np.arccos(np.clip(after[2] / size, -1.0, 1.0))
+    lift = min(wrap(base + away), wrap(base - away), key=abs)
+    there = turned_about(before, hinge, lift)
+    return np.array([wrap(np.arctan2(after[0], after[1]) - np.arctan2(there[0], there[1])), lift])
+
+
+def axis_after(axis, before, image, sigma=0.0):
+    """Where the axis points after its bolts were turned, from one image.
+
+    Parameters
+    ----------
+    axis : PolarAxis
+        Before.
+    before : ndarray, shape (3,)
+        Where the tube would look with the readings of the image, had no bolt been turned.
+    image : Image
+    sigma : float
+        Of `before`, an axis, rad.
+
+    Returns
+    -------
+    PolarAxis
+    """
+    turns = _turns(before, image.place, axis.azimuth)
+    tangents = _tangents(image.place)
+    slopes = np.array([wrap(_turns(before, image.place + _STEP * t, axis.azimuth)
+                            - _turns(before, image.place - _STEP * t, axis.azimuth)) / (2.0 * _STEP)
+                       for t in tangents])
+    covariance = axis.covariance + (image.sigma**2 + sigma**2) * slopes.T @ slopes
+    return axis_at((axis.azimuth + turns[0], axis.altitude + turns[1]), axis.latitude,
+                   axis.pole - abs(axis.latitude), covariance)

@@ -1,0 +1,141 @@
+"""Images one after the other while the bolts of a mount are turned: what each of them tells."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.bolt_turns import APART, AT_REST, axis_after, axis_of_arc, expected
+from pointing_model.mounts import through_pole
+
+#: of one image: the first axis did not turn, but for a track, by more than this
+_TURNED = 3.0 * DEG
+_TRACK = 2.0 * np.pi / 86164.0905  # rad/s
+#: an error that is told is so many times its sigma
+_CLEAR = 5.0
+#: an error that grew to this many times of what was told: the wrong way
+_DOUBLE = 2.0
+THREE, ONE, COLLECTED, STOPPED = 'three', 'one', 'collected', 'stopped'
+
+
+class Told(NamedTuple):
+    """What an image tells.
+
+    Attributes
+    ----------
+    kind : str
+        `THREE` (an axis by three images), `ONE` (by one, all else held), `COLLECTED` (one of the
+        three), `STOPPED` (an error has doubled).
+    axis : PolarAxis or None
+        Of `COLLECTED` where a model is known: by this image alone.
+    count : int
+        Images that are solved for it.
+    again : bool
+        Of three: the bolts were turned before.
+    moved : tuple of float or None
+        Of three after a turn: azimuth and altitude minus what the last image had, rad.
+    bolt : str
+        Of which the error has doubled.
+    told : float
+        What it was, rad.
+    """
+
+    kind: str
+    axis: object = None
+    count: int = 1
+    again: bool = False
+    moved: tuple | None = None
+    bolt: str = ''
+    told: float = 0.0
+
+
+class BoltWatch:
+    """What is left to turn, image by image.
+
+    It begins with three images at different hour angles, or with a model. Then each image tells
+    what is left, until the first axis turns: three images more measure the axis anew.
+
+    Parameters
+    ----------
+    latitude : float
+        rad.
+    refraction : float
+        Of the pole that is meant, rad.
+    model : PointingModel, optional
+        Of the mount before the bolts are turned,
+    axis : PolarAxis, optional
+        and its axis.
+    """
+
+    def __init__(self, latitude, refraction=0.0, model=None, axis=None):
+        self.latitude, self.refraction = latitude, refraction
+        self.model, self.axis = model, axis
+        self._reference, self._arc, self._last, self._now = None, [], None, axis
+        self._turning = axis is not None
+        self._turned = False
+
+    def add(self, image):
+        """Take an image.
+
+        Parameters
+        ----------
+        image : pointing_model.bolt_turns.Image
+
+        Returns
+        -------
+        Told
+
+        Raises
+        ------
+        ValueError
+            The three images do not give an axis; they are forgotten.
+        """
+        last, self._last = self._last, image
+        if self._turning and last is not None and self._axis_turned(last, image):
+            self._turning, self._arc = False, []
+        if self._turning:
+            return self._one(image)
+        self._arc = [one for one in self._arc
+                     if abs(wrap(one.first - image.first)) > APART] + [image]
+        if len(self._arc) < 3:
+            known = self.model and axis_after(self.axis, *self._given(image))
+            return Told(COLLECTED, known, len(self._arc))
+        arc, self._arc = self._arc, []
+        found = axis_of_arc(arc, self.latitude, self.refraction)
+        moved = self._turned and (wrap(found.azimuth - self._now.azimuth),
+                                  found.altitude - self._now.altitude)
+        told = Told(THREE, found, len(arc), self._turned, moved or None)
+        # what a model has of the axis is no longer so
+        self.model, self.axis, self._reference, self._now = None, found, arc[-1], found
+        self._turning = True
+        return told
+
+    def _axis_turned(self, last, image):
+        turned = wrap(image.first - last.first)
+        track = min(max(_TRACK * (image.time - last.time), 0.0), np.pi)
+        return min(abs(turned), abs(wrap(turned - track))) > _TURNED
+
+    def _one(self, image):
+        self._now = now = axis_after(self.axis, *self._given(image))
+        self._turned = True
+        for bolt, one, was, error in zip(
+                ('azimuth', 'altitude'), (now.azimuth_error, now.altitude_error),
+                (self.axis.azimuth_error, self.axis.altitude_error), now.sigmas):
+            if abs(was) > _CLEAR * error and one * was > 0.0 \
+                    and abs(one) > _DOUBLE * abs(was) - 2.0 * error:
+                return Told(STOPPED, now, bolt=bolt, told=was)
+        return Told(ONE, now)
+
+    def _given(self, image):
+        """Where it would look with its readings, had no bolt been turned; the image; the sigma."""
+        if self.model is None:
+            if abs(wrap(image.second - self._reference.second)) > AT_REST:
+                raise ValueError('the declination axis moved since the three images: leave it, or '
+                                 'give a model')
+            return (expected(self._reference, self.axis, image.first, self.latitude), image,
+                    self._reference.sigma)
+        seen = self.model.encoder_to_sky(image.first, image.second)
+        place = self.model.mount.direction(*seen)
+        sky = through_pole(*seen, np.cos(seen[1]) < 0.0)
+        sigma = np.hypot(*self.model.sigma(*sky)) / np.sqrt(2.0)
+        return place, image, float(np.nan_to_num(sigma))

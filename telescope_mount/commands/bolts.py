@@ -1,0 +1,165 @@
+"""The command ``bolts``: which bolt, shim or foot of a mount to move, which way, how far."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'bolts', help='which bolt of the mount to turn, which way and how far',
+        description='From the terms of a model, or of a run that is fitted first: which bolts of '
+        'an equatorial mount to turn, the shim for its cone error, the feet of an alt-azimuth '
+        'mount. With --live: what is left, image by image, while they are turned.')
+    parser.add_argument('file', type=options.log_path, nargs='?', metavar='MODEL|RUN',
+                        help='a model file of ours (.json), or a run to fit; with --live it may '
+                        'be left out')
+    parser.add_argument('--pole', choices=('true', 'refracted'), default='true',
+                        help='which one is meant (default: true; the refracted one is higher)')
+    parser.add_argument('--per-turn', type=_pair, metavar='AZ,ALT', help='what one turn of the '
+                        'bolt in azimuth, and of that in altitude, moves, arcmin')
+    parser.add_argument('--saddle', type=options.real(1.0, 1e5, 'mm'), metavar='MM',
+                        help='distance of the points that carry the tube: for a shim against the '
+                        'cone error')
+    parser.add_argument('--feet', type=_feet, metavar='RADIUS,N[,AZIMUTH]', help='of an '
+                        'alt-azimuth mount: radius of the circle of feet in mm, how many, azimuth '
+                        'of the first (default: 3 feet, the first in the north)')
+    parser.add_argument('--live', type=Path, metavar='FOLDER', help='watch a folder of images, '
+                        'solved or not, and tell what is left after each')
+    parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='with --live: which '
+                        'keywords of the images are what (default: FOLDER/mount.yaml)')
+    parser.add_argument('--solver', metavar='NAME', help='with --live: solve-field, astap, or the '
+                        'path of one, for images without a solution')
+    parser.add_argument('--scale', nargs=2, type=options.real(1e-3, 3600.0, 'arcsec'),
+                        metavar=('LOW', 'HIGH'), help='with --live: arcsec a pixel, which makes a '
+                        'solver faster')
+    parser.add_argument('--every', type=options.real(0.1, 600.0, 's'), default=2.0, metavar='S',
+                        help='with --live: how often the folder is looked at (default: 2)')
+    parser.add_argument('--for', dest='patience', type=options.real(0.0, 86400.0, 's'),
+                        default=600.0, metavar='S', help='with --live: without a new image it '
+                        'ends after this (default: 600)')
+    parser.add_argument('--within', type=options.real(0.1, 36000.0, 'arcsec'), default=10.0,
+                        metavar='ARCSEC', help='with --live: it ends once the axis, by three '
+                        'images after a turn, is as near to the pole (default: 10)')
+    options.add(parser, 'encoder', 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height',
+                'pressure', 'temperature', 'equinox')
+    options.add_json(parser, 'where the axis points, and what to turn')
+
+
+def _numbers(text, least, most, words):
+    import argparse
+    try:
+        values = [float(part) for part in text.split(',')]
+    except ValueError:
+        values = []
+    if not least <= len(values) <= most or not all(abs(v) < 1e7 for v in values):
+        raise argparse.ArgumentTypeError(f'{text!r}: write {words}')
+    return values
+
+
+def _pair(text):
+    values = _numbers(text, 2, 2, 'AZ,ALT in arcmin, as 31,44')
+    if not min(values) > 0.0:
+        import argparse
+        raise argparse.ArgumentTypeError(f'{text!r}: a turn moves more than nothing')
+    return values
+
+
+def _feet(text):
+    values = [*_numbers(text, 1, 3, 'RADIUS,N,AZIMUTH, as 1200,3,0'), 3.0, 0.0]
+    radius, count, first = values[0], values[1], values[2] if text.count(',') > 1 else 0.0
+    if text.count(',') == 0:
+        count, first = 3.0, 0.0
+    if not radius > 0.0 or count < 3 or count != int(count) or count > 1000:
+        import argparse
+        raise argparse.ArgumentTypeError(f'{text!r}: a radius in mm, and three feet or more')
+    return radius, int(count), first
+
+
+def run(args):
+    """Read or fit, say what to turn."""
+    if args.live is not None:
+        from ..live_bolts import live
+        return live(args)
+    for name in ('keywords', 'solver', 'scale'):
+        if getattr(args, name) is not None:
+            raise ValueError(f'--{name} is of images: name their folder with --live')
+    if args.file is None:
+        raise ValueError('give a model or a run; or a folder of images with --live')
+    from .console import new_console, print_all, print_lines, write_outputs
+    model, notes = model_of(args)
+    document, lines = told(model, args)
+    console = new_console()
+    print_all(console, lines)
+    print_lines(console, 'note', notes)
+    write_outputs(console, args, {**document, 'lines': lines, 'notes': notes})
+    return None
+
+
+def model_of(args):
+    """The model of the file, or of a fit to the run in it; remarks."""
+    if args.file.suffix.lower() == '.json':
+        from pointing_model.model import PointingModel
+        return PointingModel.load(args.file), []
+    from calibration.analysis.run_fit import fit_run, one_of_runs
+    from calibration.report.wording import wording
+
+    from ..run_loader import load_run
+    run = load_run(args.file, **options.place_of(args))
+    found = fit_run(one_of_runs(run, None, args.file.is_dir()), encoder=args.encoder,
+                    source=args.file)
+    return found.model, list(map(wording, found.findings))
+
+
+def refraction_of(args, latitude):
+    """By how much the pole that is meant is above the true one, rad."""
+    if args.pole == 'true':
+        return 0.0
+    from dataclasses import replace
+
+    from pointing_model.sky.places import DEFAULT_WEATHER
+    from pointing_model.sky.satellite import refracted
+    given = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
+    weather = replace(DEFAULT_WEATHER, **{k: v for k, v in given.items() if v is not None})
+    return float(refracted(abs(latitude), weather) - abs(latitude))
+
+
+def told(model, args):
+    """What to move, as a document and in lines."""
+    import numpy as np
+
+    from calibration.report.alignment_wording import (
+        alignment_document,
+        alignment_lines,
+        feet_lines,
+        shim_line,
+    )
+    from pointing_model.alignment import cone_shim, foot_lifts
+    document, lines = {}, []
+    if model.mount.celestial:
+        found = alignment_document(model, refraction_of(args, model.mount.latitude))
+        if found['unknown']:
+            raise ValueError(found['unknown'])
+        document['polar_axis'] = found
+        lines += alignment_lines(found, args.per_turn and [60.0 * v for v in args.per_turn])
+    elif args.per_turn:
+        raise ValueError('--per-turn is of the bolts of an equatorial mount')
+    if args.saddle:
+        shim = cone_shim(model, args.saddle)
+        document['shim'] = {
+            'end': 'rear' if shim.rear else 'front', 'thickness_mm': shim.thickness,
+            'sigma_mm': shim.thickness_sigma}
+        lines.append(shim_line(shim))
+    if args.feet:
+        radius, count, first = args.feet
+        feet = foot_lifts(model, radius, np.deg2rad(first + 360.0 * np.arange(count) / count))
+        document['feet'] = [
+            {'azimuth_deg': float(az) % 360.0, 'lift_mm': lift, 'sigma_mm': sigma}
+            for az, lift, sigma in zip(np.rad2deg(feet.azimuths), feet.lifts.tolist(),
+                                       feet.sigmas.tolist())]
+        lines += feet_lines(feet)
+    if not lines:
+        raise ValueError('this mount has no polar axis: give the circle of its feet '
+                         '(--feet RADIUS,N,AZIMUTH), or --saddle for the cone error')
+    return document, lines
