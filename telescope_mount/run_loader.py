@@ -18,13 +18,14 @@ from pointing_model.effects import declared_graduation
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.runs.copies import copies, without_copies, written_twice
 from pointing_model.runs.formats import NoObservations, NoUsableRow, read_run, swap_encoders
+from pointing_model.runs.row_exclusion import without_excluded
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.skyline import parse_horizon
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
-             graduation=None, drivers=(), mount=None, equinox=None):
+             graduation=None, drivers=(), mount=None, equinox=None, exclude=()):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -50,6 +51,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         Of a file, in place of what it gives; see `pointing_model.mounts.parse_mount`.
     equinox : {'j2000', 'date'}, optional
         Of the catalogue places of a file, see `read_run`.
+    exclude : sequence of str
+        Rows to leave out, see `pointing_model.runs.row_exclusion.excluded_rows`.
 
     Returns
     -------
@@ -85,6 +88,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
             run.meta['site'] = site
         if encoder == 'abs':
             swap_encoders(path, run.columns, run.meta)
+    if exclude:
+        run = without_excluded(run, exclude)
     if graduation:
         run.meta['graduation'] = declared_graduation(graduation)
     if drivers:

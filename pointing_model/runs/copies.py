@@ -167,7 +167,7 @@ def without_copies(runs, seen=()):
             continue
         notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
                      f'{where} too')
-        kept.append(_left_out(run, copied, f'{SAME}a row {where}'))
+        kept.append(without_rows(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:
         raise ValueError(f'{"; ".join(notes)}; give other observations to judge by')
     return kept, notes
@@ -179,7 +179,7 @@ def written_twice(copied):
             'readings: each counts once')
 
 
-def _left_out(run, rows, reason):
+def without_rows(run, rows, reason):
     """A run without `rows` (a mask), which ``meta['excluded']`` then has with the reason."""
     out = run.select(~rows)
     out.meta = dict(run.meta)

@@ -49,7 +49,7 @@ def add(commands):
                         help='judge on these as well; only the terms of --own (or IA,IE) are '
                         'refitted there, as on a new night')
     options.add_outputs(parser, save='the model with what was found')
-    options.add(parser, 'encoder', 'azimuth-origin')
+    options.add(parser, 'exclude', 'encoder', 'azimuth-origin')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'mount',
@@ -87,7 +87,9 @@ def _run(args):
     from ..run_loader import load_runs
     console = new_console()
     place = options.place_of(args) | {'graduation': args.graduation, 'drivers': args.cause}
-    runs, empty = load_runs(args.runs, **place)
+    if args.exclude and len(args.runs) > 1:
+        raise ValueError('--exclude counts the rows of one file; give one run')
+    runs, empty = load_runs(args.runs, **place, exclude=args.exclude)
     held, empty_held = load_runs(args.holdout, runs, **place) if args.holdout else (None, [])
     print_lines(console, 'note', [*empty, *empty_held])
     for one in runs:

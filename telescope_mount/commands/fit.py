@@ -12,7 +12,7 @@ def add(commands):
     parser.add_argument('file', type=options.log_path, metavar='RUN')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount)')
-    options.add(parser, 'encoder', 'azimuth-origin', 'mount')
+    options.add(parser, 'exclude', 'encoder', 'azimuth-origin', 'mount')
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
@@ -66,8 +66,8 @@ def _run(args):
     from ..run_loader import load_run
     from .console import new_console, print_all, write_outputs
     # in logs of ours the zeros of the power-ons are known, and taken off
-    run = one_of_runs(load_run(args.file, **options.place_of(args)), args.number,
-                      args.sessions != 0.0 or args.file.is_dir()
+    run = load_run(args.file, **options.place_of(args), exclude=args.exclude)
+    run = one_of_runs(run, args.number, args.sessions != 0.0 or args.file.is_dir()
                       or args.file.suffix == '.mcap')
     base = None
     if args.base:

@@ -95,6 +95,9 @@ SHARED = {
     'encoder': {'choices': ('enc', 'abs'), 'default': 'enc',
                 'help': 'which pair of encoder columns (default: enc)'},
     'azimuth-origin': {'choices': ('N', 'S'), 'help': 'where azimuth 0 is in a TPOINT file'},
+    'exclude': {'action': 'append', 'default': [], 'metavar': 'ROWS',
+                'help': 'rows to leave out: numbers as they are printed (30), ranges (45-48), '
+                'conditions (el<20, star=HIP 5447), with commas or again'},
     'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, or free:AZ,EL[,ROLL] (where '
               'the first axis points, degrees), in place of what the file tells'},
     'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',

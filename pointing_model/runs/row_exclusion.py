@@ -1,0 +1,92 @@
+"""Rows that a person leaves out of a run: by number, by range, or by a condition on a column."""
+
+import operator
+import re
+
+import numpy as np
+
+from .copies import without_rows
+from .run import COLUMNS, column_name
+
+_ROWS = re.compile(r'(\d+)(?:-(\d+))?$')
+_CONDITION = re.compile(r'([A-Za-z_][\w.]*)\s*(<=|>=|!=|=|<|>)\s*(.+)$')
+_COMPARED = {'<': operator.lt, '>': operator.gt, '<=': operator.le, '>=': operator.ge,
+             '=': operator.eq, '!=': operator.ne}
+#: why they are left out, for people
+REASON = 'excluded by --exclude'
+
+
+def excluded_rows(run, text):
+    """Rows that a text means.
+
+    Parameters
+    ----------
+    run : PointingRun
+    text : str
+        Row numbers as messages and pages count them (``30``), ranges (``45-48``), conditions on
+        a column in the units of a file (``el<20``, ``magnitude>=9``, ``star=HIP 5447``); commas
+        between them.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+
+    Raises
+    ------
+    ValueError
+        No such row or column, or no such condition.
+    """
+    out = np.zeros(len(run), bool)
+    for part in filter(None, map(str.strip, text.split(','))):
+        numbers, condition = _ROWS.match(part), _CONDITION.match(part)
+        if numbers:
+            first, last = (int(one) for one in (numbers[1], numbers[2] or numbers[1]))
+            rows = (run.lines >= first) & (run.lines <= last)
+            if not rows.any():
+                raise ValueError(f'--exclude {part}: no such row is in use; they go from '
+                                 f'{run.lines.min()} to {run.lines.max()}')
+        elif condition:
+            rows = _where(run, *condition.groups())
+        else:
+            raise ValueError(f'--exclude {part}: write a row number, a range such as 45-48, or a '
+                             'condition such as el<20')
+        out |= rows
+    return out
+
+
+def without_excluded(run, texts):
+    """A run without the rows that some texts of `excluded_rows` mean; the rest says which."""
+    rows = np.any([excluded_rows(run, text) for text in texts], axis=0)
+    if rows.all():
+        raise ValueError('--exclude leaves no row')
+    return without_rows(run, rows, REASON) if rows.any() else run
+
+
+def _where(run, name, sign, value):
+    values, unit = _column(run, name)
+    try:
+        wanted = float(value) * unit
+    except ValueError:
+        if sign not in ('=', '!='):
+            raise ValueError(f'--exclude {name}{sign}{value}: {value} is no number') from None
+        values, wanted = np.asarray(values).astype(str), value
+    if values.dtype.kind not in 'fiub' and not isinstance(wanted, str):
+        values, wanted = values.astype(str), value
+    return np.asarray(_COMPARED[sign](values, wanted), bool)
+
+
+def _column(run, name):
+    """Values of a column by its name in memory or in a file, with or without unit, and the unit."""
+    names = run.mount.names
+    by_name = {}
+    for own, (_, unit, _) in COLUMNS.items():
+        if own in run.columns:
+            written = column_name(own, names)
+            by_name |= dict.fromkeys((own, written, written.removesuffix('_deg')), (own, unit))
+    own, unit = by_name.get(name, (name, 1.0))
+    if own not in run.columns:
+        own = f'column_{name}'
+    if own not in run.columns:
+        raise ValueError(f'--exclude: no column {name}; the run has '
+                         + ', '.join(sorted(column_name(one, names) for one in run.columns)))
+    return run.columns[own], unit

@@ -1,0 +1,44 @@
+"""Rows that a person leaves out."""
+
+import numpy as np
+import pytest
+
+from pointing_model.runs.row_exclusion import REASON, excluded_rows, without_excluded
+from pointing_model.runs.run import PointingRun
+
+N = 10
+
+
+@pytest.fixture
+def run():
+    el = np.radians(np.linspace(10.0, 82.0, N))
+    return PointingRun({'az': np.zeros(N), 'el': el, 'az_enc': np.zeros(N), 'el_enc': el,
+                        'star': np.array([f'HIP {i}' for i in range(N)]),
+                        'magnitude': np.arange(N, dtype=float),
+                        'column_focus': np.arange(N) * 2.0}, {'lines': np.arange(2, N + 2)})
+
+
+@pytest.mark.parametrize('text, rows', [
+    ('3', [1]), ('3-5, 9', [1, 2, 3, 7]), ('el<20', [0, 1]), ('el_deg>=74', [8, 9]),
+    ('star=HIP 4', [4]), ('magnitude>7,2', [0, 8, 9]), ('focus=6', [3]),
+    ('star!=HIP 0', range(1, N)),
+])
+def test_rows_are_meant_by_number_range_and_condition(run, text, rows):
+    assert np.flatnonzero(excluded_rows(run, text)).tolist() == list(rows)
+
+
+def test_the_rest_says_what_was_left_out(run):
+    left = without_excluded(run, ['3-4', 'el>80'])
+    assert len(left) == N - 3 and left.lines.tolist() == [2, 5, 6, 7, 8, 9, 10]
+    assert left.meta['excluded'] == [{'row': row, 'reason': REASON} for row in (3, 4, 11)]
+    assert without_excluded(run, ['magnitude>100']) is run
+
+
+@pytest.mark.parametrize('text, said', [
+    ('40', 'no such row is in use; they go from 2 to 11'), ('all', 'a condition such as el<20'),
+    ('wind>3', 'no column wind; the run has'), ('el<low', 'low is no number'),
+    ('el>0', 'leaves no row')])
+def test_what_cannot_be_meant_is_one_line(run, text, said):
+    with pytest.raises(ValueError, match='--exclude') as error:
+        without_excluded(run, [text])
+    assert said in str(error.value) and '\n' not in str(error.value)
