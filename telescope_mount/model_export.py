@@ -56,7 +56,7 @@ class ModelExport:
 _PARTS = 12
 
 def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
-                 **options):
+                 side=None, **options):
     """Write a model as another program reads it.
 
     Parameters
@@ -75,6 +75,9 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         By default that of the run, if it tells. INDI needs it.
     mount : Mount, optional
         That a file of another program is of; by default an alt-azimuth one.
+    side : {'east', 'west'}, optional
+        Of the pier, of a German mount, for a program whose file has none; by default that of the
+        rows of the fit, where they are on one.
     **options
         For `telescope_mount.run_loader.load_run`.
 
@@ -112,9 +115,43 @@ def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=No
         facts |= more
     if hasattr(site, 'longitude'):
         facts['site'] = site.latitude, site.longitude
-    exported = export(model, PROGRAMS[to], context, place, facts)
+    beyond, more = _beyond(model, PROGRAMS[to], side)
+    exported = export(model, PROGRAMS[to], context, place, facts, beyond)
     write_text(path, exported.text)
-    return ModelExport(path, to, exported, [*notes, *exported.notes])
+    return ModelExport(path, to, exported, [*notes, *more, *exported.notes])
+
+
+def _beyond(model, program, side):
+    """Of which side of the pier a file without one is, and what is reported of it."""
+    mount = model.mount
+    if not (mount.two_sided and program.for_mount is not None
+            and program.for_mount(mount).one_sided):
+        if side:
+            raise ValueError(f'--side {side}: models of {program.title} need none of this mount; '
+                             'leave it out')
+        return None, []
+    if side is None and model.sides is not None and 0 in model.sides:
+        side = 'east' if model.sides[0] else 'west'
+    if side:
+        return side == 'west', [f'the file is of the {side} side of the pier alone: on the other '
+                                'side load that of the other']
+    if mount.on_sky:
+        return None, []
+    # what turns over with the side
+    sizes = {name: (model.terms.get(name, 0.0), float(error)) for name, error in zip(
+        model.terms, model.sigmas) if name in ('CH', 'NP', 'ID')}
+    named = {name: f'{name} is {value / ARCSEC:+.1f} +- {error / ARCSEC:.1f} arcsec'
+             for name, (value, error) in sizes.items()}
+    large = [name for name, (value, error) in sizes.items()
+             if name != 'ID' and not abs(value) <= error]
+    if large:
+        raise ValueError(
+            f'{program.title} has no side of the pier, one CH and no NP, and here '
+            f'{", ".join(named[name] for name in large)}: write a file of each side (--side east, '
+            '--side west), or leave the corrections to the bridge of this project (docs/indi.md)')
+    return None, ['of both sides: CH and NP are within one sigma of zero'
+                  + (f'; {named["ID"]}, which turns over with the side too: set that zero on a star'
+                     if 'ID' in named and abs(sizes['ID'][0]) > sizes['ID'][1] else '')]
 
 
 def _open_notes(model):

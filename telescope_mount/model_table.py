@@ -17,6 +17,8 @@ from pointing_model.runs.run import COLUMNS, column_name
 from pointing_model.zero import active_zeros
 from pointing_model.zero_drift import KEY
 
+from .sky_columns import SKY, check_sky, is_sky, observed
+
 
 def apply_to_table(model, args):
     """Turn the directions of a table into encoder angles, or back.
@@ -40,13 +42,21 @@ def apply_to_table(model, args):
     cells = dict(zip(header, rows))
     places, readings = ([column_name(f'{axis}{part}', model.mount.names) for axis in ('az', 'el')]
                         for part in ('', '_enc'))
-    pair = readings if args.reverse else places
+    of_sky = not args.reverse and is_sky(cells, places)
+    pair = readings if args.reverse else SKY if of_sky else places
     columns, notes = _drivers(table, cells, pair, places, args)
     az, el = (_angles(table, column, cells) for column in pair)
-    _check(table, pair, az, el, args.reverse or not model.mount.vertical, cells)
+    if of_sky:
+        check_sky(table, az, el, cells)
+    else:
+        _check(table, pair, az, el, args.reverse or not model.mount.vertical, cells)
     # rows that are left out go along, somewhere, and their cells stay empty
     used = reasons == 0
     az, el = np.where(used, az, 0.0), np.where(used, el, 45.0)
+    if of_sky:
+        az, el, height = observed(model, az, el, columns, cells, used, args)
+        if (used & (height < 0.0)).any():
+            notes.append(f'below the horizon: {_rows(lines[used & (height < 0.0)])}')
     place = [None if v is None else v * DEG for v in (args.latitude, args.longitude)]
     context = Context(az * DEG, el * DEG, columns, *place, mount=model.mount)
     if 'run' in columns and used.any():
@@ -75,6 +85,9 @@ def apply_to_table(model, args):
         names = tuple(f'{n.removesuffix("_deg")}_model_deg' for n in names)
         notes.append(f'the file has angles of that side already: those of the model are in '
                      f'{", ".join(names)}')
+    if of_sky:  # where a perfect mount reads, in front of what this one does
+        names = (*(f'{n.removesuffix("_deg")}_observed_deg' for n in places), *names)
+        out = np.vstack((np.where(used, (az, el), np.nan), out))
     texts = [['' if v != v else repr(v) for v in column] for column in out.tolist()]
     if any(decimal_points(cells[column]) is not cells[column] for column in pair):
         texts = [[text.replace('.', ',') for text in column] for column in texts]

@@ -14,8 +14,9 @@ def add(commands):
         'apply', help='turn directions into encoder angles by a model, or back',
         description='Read a table with the columns az_deg, el_deg (with --reverse az_enc_deg, '
         'el_enc_deg) and write it with the angles of the other side in two further columns. '
-        'Further columns by the names of a run (time, temperature_c, approach_az, ...) drive the '
-        'effects that need them.')
+        'Or with ra_deg, dec_deg and the time of each, at a site: then with where a perfect mount '
+        'reads, too. Further columns by the names of a run (time, temperature_c, approach_az, '
+        '...) drive the effects that need them.')
     parser.add_argument('model', type=options.model_path, metavar='MODEL',
                         help='a model file of ours (.json, '
                         '.yaml), or of a program that `export --to` writes')
@@ -33,7 +34,9 @@ def add(commands):
     parser.add_argument('--zero', default='newest', metavar='WHICH', help='of the zeros that the '
                         'model carries from its night: newest (default; rows with a column run '
                         'take that of their run), none, or the number of a run')
-    options.add(parser, 'latitude', 'longitude')
+    options.add(parser, 'latitude', 'longitude', 'height', 'pressure', 'temperature')
+    options.add(parser, 'equinox', help='of ra_deg, dec_deg: J2000 (default, with the ICRS), or '
+                'apparent places of date')
     options.add(parser, 'mount', help='that a model of another program is of: equatorial, german '
                 '(with --latitude), free:AZ,EL[,ROLL]; its columns are then ha_deg, dec_deg ...')
 

@@ -36,6 +36,8 @@ def add(commands):
                         'above 20 degrees)')
     parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
                         'newest, or that of the run of this number, to its indices (default: none)')
+    parser.add_argument('--side', choices=('east', 'west'), help='of the pier, with --to indi of '
+                        'a German mount: its database has none (west: through the pole)')
     options.add_json(parser, 'what was written (with --to: what is held and lost)')
     parser.add_argument('--topics', type=options.names, metavar='NAMES',
                         help='comma-separated topics of a log, by full name or its end')
@@ -59,7 +61,7 @@ def run(args):
     if args.to:
         _run_model(args, console)
         return
-    _refuse(args, ('sky', 'zero'), 'is of models: say the program with --to')
+    _refuse(args, ('sky', 'zero', 'side'), 'is of models: say the program with --to')
     if args.topics:
         files, problems = export_topics(args.file, args.out, args.topics, form=args.format,
                                         start=args.start, end=args.end,
@@ -98,7 +100,7 @@ def _run_model(args, console):
     place = options.place_of(args) | {'mount': options.mount_of(args)}
     place['site'] = _whole_site(place.get('site'), args)
     written = model_export.export_model(args.file, args.out, args.to, sky=args.sky, zero=zero,
-                                        **place)
+                                        side=args.side, **place)
     model_export.show(written, console)
     if args.json:
         write_json(args.json, written.to_dict())

@@ -168,3 +168,48 @@ def test_cells_that_a_spreadsheet_would_run_are_made_harmless(ended, model, tmp_
     given.write_text('az_deg,el_deg,note\n10,45,=1+1\n20,50,"-2, -3"\n')
     _, out, _ = ended('apply', model[0], given)
     assert [row['note'] for row in table(out)] == ["'=1+1", "'-2, -3"]
+
+
+@pytest.mark.parametrize('kind', ['altaz', 'german'])
+def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
+    from msg_tools.iso_time import iso_seconds
+    from pointing_model.mounts import ALTAZ
+    from pointing_model.sky.places import Site, Weather, icrs_to_observed
+    mount = ALTAZ if kind == 'altaz' else Mount.equatorial(34.3 * DEG, 'german')
+    made = PointingModel({mount.names.index[0]: 412.0 * ARCSEC, mount.names.named('CA'): 1e-4},
+                         mount=mount)
+    made.save(tmp_path / 'm.json')
+    given = tmp_path / 'in.csv'
+    given.write_text('name,time,ra_deg,dec_deg,temperature_c\n'
+                     'Vega,2026-07-15T13:00:00Z,279.2347,38.7837,20\n'
+                     'Arcturus,2026-07-15T13:30:00Z,213.9153,19.1824,\n')
+    code, out, err = ended('apply', tmp_path / 'm.json', given, '--latitude', '34.3',
+                           '--longitude', '109', '--pressure', '900')
+    assert code == 0 and err == ''
+    rows = table(out)
+    weather = Weather(900.0, np.array([20.0, 10.0]))
+    az, el = icrs_to_observed(
+        np.array([279.2347, 213.9153]) * DEG, np.array([38.7837, 19.1824]) * DEG,
+        np.array([iso_seconds('2026-07-15T13:00:00Z'), iso_seconds('2026-07-15T13:30:00Z')]),
+        Site(34.3 * DEG, 109.0 * DEG, 0.0), weather)
+    first, second = (az, el) if kind == 'altaz' else mount.axes_of(az, el)
+    if kind == 'german':  # the counterweight is down: Vega is in the east
+        assert first[0] < 0.0 < first[1]
+        first, second = mount.on_travel(*mount.axes_of(az, el, first < 0.0))
+        assert [float(row['dec_observed_deg']) > 90.0 for row in rows] == [True, False]
+    one, other = mount.names.columns
+    reading = made.sky_to_encoder(first, second)
+    for got, wanted in ((f'{one}_observed_deg', first), (f'{other}_observed_deg', second),
+                        (f'{one}_enc_deg', reading[0]), (f'{other}_enc_deg', reading[1])):
+        np.testing.assert_allclose([float(row[got]) for row in rows], wanted / DEG, atol=1e-9)
+
+
+@pytest.mark.parametrize('text, options, words', [
+    ('ra_deg,dec_deg\n1,2\n', ['--latitude', '5', '--longitude', '5'], 'need the time'),
+    ('ra_deg,dec_deg\n1,2\n', ['--time', '2026-01-15T13:00:00Z'], 'need the site'),
+    ('ra_deg,dec_deg\n1,95\n', ['--time', '2026-01-15T13:00:00Z'], "'95' is no such angle"),
+])
+def test_places_of_the_sky_need_time_and_site(refused, model, tmp_path, text, options, words):
+    given = tmp_path / 'in.csv'
+    given.write_text(text)
+    assert words in refused('apply', model[0], given, *options)

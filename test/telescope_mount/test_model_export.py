@@ -160,3 +160,28 @@ def test_a_german_mount_from_the_fit_to_the_encoders(ended, refused, tmp_path):
     back = np.array([[float(c) for c in line.split(',')[4:]] for line in out.splitlines()[1:]])
     np.testing.assert_allclose(back, [[-20.0, 30.0], [160.0, 150.0]], atol=1e-9)
     assert 'say so (--mount' in refused('apply', tmp_path / 'new.mod', tmp_path / 'in.csv')
+
+
+def test_a_database_without_a_side_is_of_one_side(ended, refused, tmp_path):
+    """INDI has one CH and no NP: of both sides only where they are nothing."""
+    from pointing_model.mounts import Mount
+    mount, place = Mount.equatorial(np.radians(48.0), 'german'), tmp_path / 'out.xml'
+    where = ('--to', 'indi', '--latitude', '48', '--longitude', '11', '--overwrite')
+
+    def written(name, sides=None, **terms):
+        values = {'IH': 60.0, 'ID': 0.0, 'CH': 0.5, 'NP': -0.5, 'MA': 45.0, 'ME': -70.0, **terms}
+        PointingModel({n: v * ARCSEC for n, v in values.items()}, np.eye(6) * ARCSEC**2,
+                      mount=mount, sides=sides).save(tmp_path / name)
+        return tmp_path / name
+    large = written('large.json', CH=35.0)
+    line = refused('export', large, place, *where)
+    assert 'CH is +35.0 +- 1.0 arcsec: write a file of each side (--side east' in line
+    code, said, _ = ended('export', large, place, *where, '--side', 'west')
+    assert code == 0 and 'west of the pier' in said and 'loss: 0.' in said
+    code, said, _ = ended('export', written('small.json'), place, *where)
+    assert code == 0 and 'CH and NP are within one sigma of zero' in said and 'loss: 0.' in said
+    # all rows of the fit on one side: that side
+    code, said, _ = ended('export', written('one.json', (30, 0), CH=35.0), place, *where)
+    assert code == 0 and 'of the east side of the pier alone' in ' '.join(said.split())
+    assert 'leave it out' in refused('export', large, tmp_path / 'a.mod', '--to', 'tpoint',
+                                     '--side', 'east')

@@ -6,23 +6,31 @@ declination (deg) and the direction of the mount as a vector, and fits IA IE AN 
 first order at the mount's angles (`Pmfit`; fewer terms to fewer than six points). Those then act as
 the rotations of SPK. A model is written as points to which that fit gives its coefficients, and
 read as what INDI would fit.
+
+Of an equatorial mount the terms are IH ID ME MA CH TF, and the vector is that of the right
+ascension and declination that the mount reads. It has no side of the pier, through which ID, CH and
+NP of a German mount change their sign: so a database is of one side.
 """
 
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import erfa
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import ALTAZ, ON_SKY, sides
 
 from . import spk
-from .program import ModelFile, Program
+from .program import ModelFile, Program, for_celestial
 from .term_columns import TERM_KEYS, on_sky
 
 #: Pmfit's terms in its order -> its coefficient for a unit of ours
 _TERMS = {'IA': 1, 'IE': -1, 'AN': 1, 'AW': 1, 'CA': 1, 'TF': 1}
 _OWN = {TERM_KEYS[name]: [(name, float(sign))] for name, sign in _TERMS.items()}
+#: the same of an equatorial mount
+_EQUATORIAL = {'IH': -1, 'ID': -1, 'ME': -1, 'MA': -1, 'CH': -1, 'TF': 1}
 _HOUR = 15.0 * DEG
 #: of all points that are written: only the sidereal time follows from it
 _DATE = 2461041.5
@@ -39,28 +47,47 @@ def _sidereal(date, longitude):
 
 
 def _write(sheet):
+    latitude, longitude = _site(sheet)
+    az, el = _spread()
+    wanted = {TERM_KEYS[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
+    a, e = _made(wanted, az, el, spk.PROGRAM.encoder)
+    ha, dec = erfa.ae2hd(az, el, latitude)
+    ra = np.mod(_sidereal(_DATE, longitude) - ha, 2.0 * np.pi)
+    return _file(sheet, ra, dec, [np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def _site(sheet):
     if sheet.site is None:
         raise ValueError('INDI keeps its points in right ascension: give the site (--latitude, '
                          '--longitude)')
-    latitude, longitude = sheet.site
-    i = np.arange(_POINTS)
-    height = np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * (i + 0.5) / _POINTS
-    az, el = np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
-    wanted = {TERM_KEYS[name]: sign * sheet.terms.get(name, 0.0) for name, sign in _TERMS.items()}
+    return sheet.site
+
+
+def _spread(count=_POINTS):
+    """Directions spread over the sky."""
+    i = np.arange(count)
+    height = np.sin(_LOW) + (np.sin(_HIGH) - np.sin(_LOW)) * (i + 0.5) / count
+    return np.mod(i * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi), np.arcsin(height)
+
+
+def _made(wanted, first, second, encoder, mount=ALTAZ):
+    """Readings at which Pmfit finds the values wanted."""
     made = dict(wanted)
     for _ in range(_STEPS):
-        a, e = spk.PROGRAM.encoder(made, az, el)
-        fitted = _fitted(list(wanted), az, el, a, e)[0]
+        a, e = encoder(made, first, second)
+        fitted = _fitted(list(wanted), first, second, a, e, mount)[0]
         # a first-order fit to rotations is off by the second order: the points make up for it
         made = {key: made[key] + wanted[key] - fitted[key] for key in wanted}
-    ha, dec = erfa.ae2hd(az, el, latitude)
-    ra = np.mod(_sidereal(_DATE, longitude) - ha, 2.0 * np.pi)
-    vectors = np.stack([np.cos(e) * np.cos(a), -np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+    return a, e
+
+
+def _file(sheet, ra, dec, vectors):
+    latitude, longitude = sheet.site
     rows = ['<INDIAlignmentDatabase>',
             f'   <!-- {re.sub("-+", "-", sheet.caption)} -->',
             f"   <DatabaseReferenceLocation latitude='{latitude / DEG:.9f}' "
             f"longitude='{longitude / DEG:.9f}'/>", '   <DatabaseEntries>']
-    for point in zip(np.full(_POINTS, _DATE), ra / _HOUR, dec / DEG, *vectors.T):
+    for point in zip(np.full(len(ra), _DATE), ra / _HOUR, dec / DEG, *vectors):
         rows += ['      <DatabaseEntry>', *(f'         <{name}>{value:.14f}</{name}>'
                                             for name, value in zip(_FIELDS, point)),
                  '      </DatabaseEntry>']
@@ -108,37 +135,84 @@ def _read(path, text):
     date, ra, dec, x, y, z = rows.T
     az, el = erfa.hd2ae(_sidereal(date, longitude) - ra * _HOUR, dec * DEG, latitude)
     a, e = np.arctan2(-y, x), np.arctan2(z, np.hypot(x, y))
-    count = 2 if len(rows) < 3 else 4 if len(rows) < 5 else 5 if len(rows) < 6 else 6
-    keys = [TERM_KEYS[name] for name in list(_TERMS)[:count]]
-    values, left = _fitted(keys, az, el, a, e)
+    count = _count(len(rows))
+    keys = {TERM_KEYS[name]: (name, sign) for name, sign in list(_TERMS.items())[:count]}
+    return _file_of(path, keys, *_fitted(list(keys), az, el, a, e), len(rows),
+                    'an alt-azimuth mount; is it of an equatorial one?')
+
+
+def _count(points):
+    """Of how many terms INDI fits so many points."""
+    return 2 if points < 3 else 4 if points < 5 else 5 if points < 6 else 6
+
+
+def _file_of(path, keys, values, left, points, kind):
+    """What was fitted to the points of a database."""
     if not left < _FAR:
-        raise ValueError(f'{path}: its points are {left / DEG:.3g} degrees off any model of an '
-                         'alt-azimuth mount; is it of an equatorial one?')
-    found = ModelFile({name: float(sign * values[TERM_KEYS[name]]) for name, sign in list(
-        _TERMS.items())[:count]})
+        raise ValueError(f'{path}: its points are {left / DEG:.3g} degrees off any model of {kind}')
+    count = len(keys)
+    found = ModelFile({name: float(sign * values[key]) for key, (name, sign) in keys.items()})
     if count < 6:
-        found.notes.append(f'of {len(rows)} points INDI fits {count} terms')
+        found.notes.append(f'of {points} points INDI fits {count} terms')
     if left > ARCSEC:
-        found.notes.append(f'the {len(rows)} points are {left / ARCSEC:.1f} arcsec RMS from the '
+        found.notes.append(f'the {points} points are {left / ARCSEC:.1f} arcsec RMS from the '
                            'model that INDI fits')
     return found
 
 
-def _fitted(keys, az, el, a, e):
+def _fitted(keys, az, el, a, e, mount=ALTAZ):
     """Pmfit: values by column, and the RMS that is left, radians."""
     values = dict.fromkeys(keys, 0.0)
-    there = [on_sky(key, a, e) for key in keys]
-    here = np.stack([np.ravel(on_sky(key, az, el)) for key in keys], axis=1)
+    there = [on_sky(key, a, e, mount) for key in keys]
+    here = np.stack([np.ravel(on_sky(key, az, el, mount)) for key in keys], axis=1)
     last = np.inf
     for _ in range(_STEPS):
-        x, y = sum(v * c for v, c in zip(values.values(), there))
-        left = np.concatenate([wrap(a - x / np.cos(e) - az) * np.cos(el), e - y - el])
+        lon, lat = a, e
+        for value, (x, y) in zip(values.values(), there):  # one after the other, as there
+            lon, lat = lon - value * x / np.cos(lat), lat - value * y
+        left = np.concatenate([wrap(lon - az) * np.cos(el), lat - el])
         step = np.linalg.lstsq(here, left, rcond=1e-12)[0]
         values = {key: value + d for (key, value), d in zip(values.items(), step)}
         if step @ step >= last:
             break
         last = step @ step
     return values, float(np.sqrt(np.sum(left**2) / len(az)))
+
+
+def _for_mount(mount):
+    """INDI of an equatorial mount: what it fits acts on the sky, on whichever side of the pier."""
+    plain = spk.PROGRAM.for_mount(mount).encoder
+
+    def encoder(values, first, second):
+        here = sides(first, second)
+        a, e = plain(values, *here[:2])
+        return first + wrap(a - here[0]), second + here[2] * wrap(e - here[1])
+
+    def write(sheet):
+        latitude, longitude = _site(sheet)
+        ha, dec = erfa.ae2hd(*_spread(2 * _POINTS), latitude)
+        if sheet.beyond is not None:  # with the counterweight down
+            ha, dec = (v[(ha < 0.0) == sheet.beyond] for v in (ha, dec))
+        wanted = {(name, ()): sign * sheet.terms.get(name, 0.0)
+                  for name, sign in _EQUATORIAL.items()}
+        a, e = _made(wanted, ha, dec, encoder, mount)
+        now = _sidereal(_DATE, longitude)
+        return _file(sheet, np.mod(now - ha, 2.0 * np.pi), dec, [
+            np.cos(e) * np.cos(now - a), np.cos(e) * np.sin(now - a), np.sin(e)])
+
+    def read(path, text):
+        (_, longitude), rows = _points(path, text)
+        date, ra, dec, x, y, z = rows.T
+        now, dec = _sidereal(date, longitude), dec * DEG
+        ha = wrap(now - ra * _HOUR)
+        a, e = ha + wrap(now - np.arctan2(y, x) - ha), np.arctan2(z, np.hypot(x, y))
+        keys = {(name, ()): (name, sign)
+                for name, sign in list(_EQUATORIAL.items())[:_count(len(rows))]}
+        return _file_of(path, keys, *_fitted(list(keys), ha, dec, a, e, mount), len(rows),
+                        'an equatorial mount; is it of an alt-azimuth one?')
+    made = for_celestial(PROGRAM, mount, {name: (name, sign) for name, sign in _EQUATORIAL.items()},
+                         encoder=encoder, write=write, read=read, one_sided=mount.two_sided)
+    return replace(made, mount=mount.with_errors(ON_SKY)) if mount.two_sided else made
 
 
 def _looks_like(text):
@@ -148,4 +222,4 @@ def _looks_like(text):
 PROGRAM = Program(
     'indi', 'INDI (SPK plug-in)', 'indilib/indi, libs/alignment/SPKMathPlugin.cpp and spk/pmfit.c',
     '.xml', _OWN.get, lambda name: [(TERM_KEYS[name], float(_TERMS[name]))], tuple(_OWN),
-    spk.PROGRAM.encoder, _write, _read, _looks_like, None, '1e-9 degrees')
+    spk.PROGRAM.encoder, _write, _read, _looks_like, None, '1e-9 degrees', for_mount=_for_mount)

@@ -54,6 +54,8 @@ class Program:
         Whose axes the angles of `encoder` are.
     for_mount : callable, optional
         Mount -> the same program with the terms of that mount; None: it has none of others.
+    one_sided : bool
+        Whether its file has one model for both sides of the pier, applied on the sky.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Program:
     otherwise: tuple = ()
     mount: Mount = ALTAZ
     for_mount: Callable | None = None
+    one_sided: bool = False
 
 
 @dataclass
@@ -110,6 +113,9 @@ class Sheet:
         Of the fit, 0 where it is not known.
     site : pair of float, optional
         Latitude and longitude, radians, north and east positive.
+    beyond : bool, optional
+        On which side of the pier the file is of, of a German mount: through the pole or not; None:
+        both.
     """
 
     terms: dict
@@ -118,6 +124,7 @@ class Sheet:
     observations: int = 0
     rms_arcsec: float = 0.0
     site: tuple | None = None
+    beyond: bool | None = None
 
 
 def first_order(values, az, el, mount=ALTAZ):

@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
-from pointing_model.mounts import ALTAZ, through_pole
+from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 from pointing_model.pointing_terms import stacked_design
 
 from .program import Program, Sheet, model_of, rotations
@@ -144,7 +144,7 @@ class Exported:
                 'notes': self.notes}
 
 
-def export(model, program, sky=None, sky_name='', facts=None):
+def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     """A model in the terms of a program, refitted where it has to be.
 
     Parameters
@@ -158,6 +158,8 @@ def export(model, program, sky=None, sky_name='', facts=None):
         What that sky is, for people.
     facts : dict, optional
         Of `program.Sheet`, for the file.
+    beyond : bool, optional
+        Of one side of the pier alone: through the pole or not.
 
     Returns
     -------
@@ -169,14 +171,19 @@ def export(model, program, sky=None, sky_name='', facts=None):
         The program has no terms of the model's mount, its terms go through the pole with the mount
         and those of the model do not, or the model reaches no direction.
     """
-    if model.mount.on_sky:
+    program, given = program_for(program, model.mount), sky is not None
+    if model.mount.on_sky and not program.one_sided:
         raise ValueError(f'{program.title} takes the terms of a German mount for those of its '
                          'parts, which go through the pole with it, and those of this model act '
                          'on the sky, the same on both sides of the pier: keep it in a file of '
                          'ours (--to model, or --to table)')
-    program, given = program_for(program, model.mount), sky is not None
+    whole = uniform_sky(mount=model.mount)
     if not given:
-        sky, sky_name = uniform_sky(mount=model.mount), 'a uniform sky above 20 degrees'
+        sky, sky_name = whole, 'a uniform sky above 20 degrees'
+    if beyond is not None:
+        sky, whole = (one.select(is_beyond(one.el) == beyond) for one in (sky, whole))
+        sky_name += f', {"west" if beyond else "east"} of the pier'
+        facts = {**(facts or {}), 'beyond': beyond}
     target = np.stack(model.sky_to_encoder(sky.az, sky.el, sky))
     good = np.isfinite(target).all(axis=0)
     sky, target = sky.select(good), target[:, good]
@@ -218,7 +225,6 @@ def export(model, program, sky=None, sky_name='', facts=None):
     read = _column_values(program, found.terms)
     loss, elsewhere = loss_of(target, program, read, sky), None
     if given:
-        whole = uniform_sky(mount=model.mount)
         elsewhere = loss_of(np.stack(still.sky_to_encoder(whole.az, whole.el)), program, read,
                             whole)
     notes = list(found.notes)

@@ -437,3 +437,71 @@ def test_a_bad_file_is_one_line(tmp_path, text, words):
     with pytest.raises(ValueError, match=words) as caught:
         read_model(path)
     assert '\n' not in str(caught.value) and str(path) in str(caught.value)
+
+
+# ------------------------------------------------------- INDI's database of an equatorial mount
+
+def pmfit(points, latitude):
+    """indilib libs/alignment/spk/pmfit.c and SPKMathPlugin.cpp, mount 'E', written once more."""
+    date, ra, dec, *vector = np.array(points).T
+    lst = erfa.gst94(2400000.5, date - 2400000.5) + SITE[1]
+    h, d = np.mod(lst - ra * np.pi / 12.0 + np.pi, 2 * np.pi) - np.pi, np.radians(dec)
+    seen = np.arctan2(vector[1], vector[0]), np.arcsin(vector[2])
+    he, de = np.mod(lst - seen[0] + np.pi, 2 * np.pi) - np.pi, seen[1]
+
+    def basis(h, d):
+        sh, ch, sd, cd = np.sin(h), np.cos(h), np.sin(d), np.cos(d)
+        sp, cp, one, no = np.sin(latitude), np.cos(latitude), np.ones_like(h), np.zeros_like(h)
+        return np.array([(cd, no), (no, one), (sh * sd, ch), (-ch * sd, sh), (one, no),
+                         (cp * sh, cp * ch * sd - sp * cd)])
+    pm = np.zeros(6)
+    for _ in range(20):
+        lon, lat = he, de
+        for value, (x, y) in zip(pm, basis(he, de)):
+            lon, lat = lon + value * x / np.cos(lat), lat + value * y
+        left = np.concatenate([wrap(h - lon) * np.cos(d), wrap(d - lat)])
+        pm = pm + np.linalg.lstsq(basis(h, d).reshape(6, -1).T, left, rcond=None)[0]
+    return dict(zip(('IH', 'ID', 'ME', 'MA', 'CH', 'TF'), pm / ARCSEC))
+
+
+SITE = np.radians(48.0), np.radians(11.0)
+GERMAN = {'IH': 60.0, 'ID': -40.0, 'CH': 35.0, 'NP': 0.0, 'MA': 45.0, 'ME': -70.0, 'TF': 20.0}
+
+
+def german(errors='mount', latitude=SITE[0], **terms):
+    from pointing_model.mounts import Mount
+    return PointingModel({n: v * ARCSEC for n, v in {**GERMAN, **terms}.items()},
+                         np.eye(7) * ARCSEC**2,
+                         mount=Mount.equatorial(latitude, 'german').with_errors(errors))
+
+
+@pytest.mark.parametrize('beyond', [False, True])
+@pytest.mark.parametrize('latitude', [SITE[0], -0.5])
+def test_indi_fits_a_german_mount_back_from_the_points_of_a_side(tmp_path, beyond, latitude):
+    from pointing_model.mounts import is_beyond
+    model = german(latitude=latitude)
+    exported = export(model, PROGRAMS['indi'], facts={'site': (latitude, SITE[1])}, beyond=beyond)
+    points = [[float(cell.text) for cell in entry] for entry in
+              ElementTree.fromstring(exported.text).iter('DatabaseEntry')]
+    fitted = pmfit(points, latitude)
+    for name, value, _ in exported.listed():
+        assert fitted[name] == pytest.approx(value, abs=1e-5), name
+    # through the pole the zero in declination and the collimation turn over
+    side = -1.0 if beyond else 1.0
+    assert fitted['ID'] == pytest.approx(side * 40.0, abs=0.1)
+    assert fitted['CH'] == pytest.approx(side * -35.0, abs=0.3)
+    assert fitted['MA'] == pytest.approx(-45.0, abs=0.1)
+    assert exported.loss.largest < 0.1 and 200 < exported.loss.directions < 400
+    path = tmp_path / 'points.xml'
+    path.write_text(exported.text)
+    ours = read_model(path, model.mount).model
+    sky = uniform_sky(300, model.mount)
+    sky = sky.select(is_beyond(sky.el) == beyond)
+    there, here = (one.sky_to_encoder(sky.az, sky.el) for one in (model, ours))
+    assert apart(there, here, sky.el) < 0.15
+
+
+def test_indi_takes_errors_that_act_on_the_sky_on_both_sides():
+    exported = export(german('sky'), PROGRAMS['indi'], facts={'site': SITE})
+    assert exported.loss.rms < 0.02 and exported.loss.directions == 600
+    assert dict(row[:2] for row in exported.listed())['CH'] == pytest.approx(-35.0, abs=0.3)
