@@ -104,6 +104,12 @@ class Effect:
         Members of one scan (unknown time of a step, ...) share this name: one of them is meant.
     scanned : int
         Parameters that the scan tries: each costs an extra ln n.
+    searched : tuple of str
+        Names of these parameters: what is found is refined between the members that are tried next
+        to it.
+    share : str
+        A key of `select.SHARES`, the part of the false alarms that it may use: 'dictionary', or
+        'scans' of what is tried at many places, widths, periods or lags.
     kind : {'effect', 'smooth', 'known'}
         'smooth': a curve without a cause; 'known': an amount that is not fitted.
     size : tuple of float, optional
@@ -137,6 +143,8 @@ class Effect:
     mechanism: str | None = None
     scan: str | None = None
     scanned: int = 1
+    searched: tuple = ()
+    share: str = 'dictionary'
     kind: str = 'effect'
     size: tuple | None = None
     effort: int = 1
@@ -350,6 +358,7 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
                  **{name: words for names, words in (
                      (('approach_az', 'approach_el'), 'direction of approach'),
                      (('travel_az', 'travel_el'), 'way travelled to the star'),
+                     (('unwrapped_az', 'unwrapped_el'), 'angle counted in turns'),
                      (('before_az', 'before_el'), 'approach before that'),
                      (('reading_az', 'reading_el'), 'encoder reading'),
                      (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),
@@ -423,6 +432,8 @@ def coefficient_word(effect, name):
     """A coefficient of an effect for people."""
     if effect.kind != 'smooth':
         return _COEFFICIENTS.get(name, name)
+    if name in ('cos', 'sin'):
+        return name
     shape, number = effect.parameters.get('shape'), int(name[1:])
     if shape != 'fourier':
         return {'sawtooth': 'height of a tooth', 'bump': 'height'}.get(shape, f'part {number}')
