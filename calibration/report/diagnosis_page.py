@@ -90,7 +90,7 @@ def _effect_table(effects, first=0):
     return html.table(
         ('', 'effect', 'peak to peak', 'RMS removed', 'likely causes', 'check first'),
         ((str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec), one.causes_text,
-          one.check) for i, one in list(enumerate(effects, 1))[first:]), 'folding')
+          one.check) for i, one in list(enumerate(effects, 1))[first:]), 'folding stack')
 
 
 def _size(value):

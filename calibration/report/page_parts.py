@@ -195,7 +195,7 @@ def table(header, rows, kind='', caption='', keys=None):
     rows : iterable of sequence
         None is a dash.
     kind : str
-        Class.
+        Class; of ``stack`` the cells stand below each other where the window is narrow.
     caption : str
         For readers that do not see it.
     keys : sequence of str, optional
@@ -203,8 +203,10 @@ def table(header, rows, kind='', caption='', keys=None):
     """
     head = ''.join(f'<th scope="col">{cell_of(cell)}</th>' for cell in header)
     marks = iter(() if keys is None else (f' data-i="{key}"' for key in keys))
-    body = ''.join(f'<tr{next(marks, "")}>' + ''.join(f'<td>{cell_of(cell)}</td>' for cell in row)
-                   + '</tr>' for row in rows)
+    cells = [f'<td data-h="{clean(name)}">' if 'stack' in kind else '<td>' for name in header]
+    body = ''.join(f'<tr{next(marks, "")}>' + ''.join(
+        f'{cell}{cell_of(value)}</td>' for cell, value in zip(cells, row)) + '</tr>'
+        for row in rows)
     caption = f'<caption>{clean(caption)}</caption>' if caption else ''
     kind = f' class="{kind}"' if kind else ''
     return (f'<div class="scroll"><table{kind}>{caption}<thead><tr>{head}</tr></thead><tbody>'

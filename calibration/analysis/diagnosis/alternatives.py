@@ -148,7 +148,8 @@ def near_alternatives(problem, choice, i):
         if shares[g] < NEAR:
             break
         cause = bank.effects[g].cause_summary
-        if cause not in taken and np.isfinite(own.every[g]):
+        # a shape is no cause: it explains all that has it
+        if cause not in taken and np.isfinite(own.every[g]) and bank.effects[g].kind != 'smooth':
             out.setdefault(cause, int(g))
     return list(out.values())
 
