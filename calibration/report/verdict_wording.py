@@ -138,7 +138,8 @@ def _statements(document, effects, caution):
             'Neighbouring rows err alike: the zero drifts, or the model lacks an effect of the '
             'direction', 'Observe once more in an order that mixes the sky.') \
             if correlation.get('along_the_sky') else (
-            'The zero drifts, or an effect that these rows cannot separate from it'
+            'The zero drifts, or another effect is present that these rows cannot separate from '
+            'a drift'
             if correlation.get('like') else 'The zero drifts; the cause is unknown',
             'The model states how far the zero drifts: set it anew as often as that requires.')
         return (f'{what}{_drifts(document)}', [*_correlation(document), *odd],

@@ -88,7 +88,7 @@ def test_the_page_of_a_night_has_every_part(night):
     assert headings[1:] == [
         'Residuals on the sky', 'Target', 'Residuals in time', 'Residuals by axis', 'Histograms',
         'Zero by power-on',
-        'Encoders and instruments', 'Stars', 'Terms of the model', 'Models that were compared',
+        'Encoders and instruments', 'Stars', 'Terms of the model', 'Models compared',
         'What the model lacks', 'Notes', 'Where this comes from']
     last = next(step for step in night.report['steps'] if step['step'] == '7 physical terms')
     assert headings[0].startswith('Stars held out: from ') and headings[0].endswith(
@@ -278,7 +278,7 @@ def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):
             term['value_arcsec'], abs=0.051 * term['sigma_arcsec'])
         assert float(terms[term['name']][2]) == pytest.approx(term['sigma_arcsec'], rel=0.051)
     models = {row[0].removesuffix(' ← published'): row
-              for row in tables['Models that were compared']}
+              for row in tables['Models compared']}
     for step in night.report['steps']:
         shown = list(map(float, models[step['step']][1:]))
         assert shown == pytest.approx([step[half][key] for half in ('used', 'held_out') for key in (
