@@ -126,7 +126,7 @@ def _effects(view):
             page.alternatives(effect.ranking)))
     parts.append(page.words(' '.join(f'{e.name} {e.text}' for e in view.effects)))
     return html.folded_section('Effects in detail', *parts, note=' '.join(filter(None, [
-        'In the order of what each takes off.' if len(parts) > 2 else '', view.axes_note])))
+        'By RMS removed.' if len(parts) > 2 else '', view.axes_note])))
 
 
 def _offsets(view):

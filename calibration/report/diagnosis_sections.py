@@ -35,15 +35,10 @@ WORDS = {
                'recorded moves with it',
     'from lowest to highest': 'of an effect: over the rows of this run, beyond what the terms '
                               'could take up, on the axis where that is larger',
-    'stretches of rows left out': 'neighbours in time are left out together, so that none of them '
-                                  'tells of the others',
     'ΔBIC': 'how much better an effect explains the rows than its coefficients cost; 6 is strong '
             'evidence',
-    'noise floor': 'what is left on the rows fitted, made larger for the coefficients that were '
-                   'fitted: seeing, and all that nothing here describes',
-    'rows held out': 'runs that were kept aside altogether, such as other nights',
-    'rows left out': 'rows that neither the fit nor the choice of effects has seen: '
-                     'cross-validation',
+    'noise floor': 'RMS of the fit residuals, corrected for degrees of freedom: seeing, and all '
+                   'that nothing here describes',
     'line of sight': 'where the tube looks: it swings where what holds the tube bends or turns, '
                      'and no encoder is wrong then',
     'nods': 'the tube goes up and down as the mount turns, and no encoder is wrong',
@@ -77,10 +72,9 @@ def gain_bars(view):
 
 def _floor_note(document):
     """What the last bar is."""
-    return ('The last bar is what is left on the rows fitted, made larger for the coefficients '
-            'that were fitted: ' + ('noise of each row, and what wanders.' if (
-                document.get('wander') or {}).get('slow') else
-                'seeing, and all that nothing here describes.'))
+    return ('The last bar is the RMS of the fit residuals, corrected for degrees of freedom: '
+            + ('noise of each row, and drift.' if (document.get('wander') or {}).get('slow') else
+               'seeing, and all that nothing here describes.'))
 
 
 def explained(text):

@@ -19,8 +19,8 @@ _MOST_OUTLIERS, _REASONS = 3, 2
 #: why a row is excluded, where that is said elsewhere
 _EXPLAINED = ('outlier', 'commented out')
 _HEADLINES = {
-    'none': 'No significant error beyond {model}.',
-    'wanders': 'No effect found beyond {model}. The noise is correlated: the zero drifts.',
+    'none': 'No significant error{beyond}.',
+    'wanders': 'No effect found{beyond}. The noise is correlated: the zero drifts.',
     'undecided': 'Undecided: an error is significant, but these rows cannot test its cause.',
     'refused': 'Nothing is concluded: too few of the rows are usable.',
     'withheld': 'No change: with the effects that were found the model points worse.',
@@ -124,17 +124,17 @@ def _terms(document):
     return f'with {counted(len(document.get("base_terms") or ()), "term")}'
 
 
-def _model(document):
+def _beyond(document):
     terms = len(document.get('base_terms') or ())
-    return f'the {terms}-term model of {kind_of(document).words}' if terms else 'no model'
+    return f' beyond the {terms}-term model of {kind_of(document).words}' * bool(terms)
 
 
 def _headline(document, effects):
     text = _HEADLINES.get(document['verdict'])
     if text:
-        return text.format(model=_model(document))
+        return text.format(beyond=_beyond(document))
     if not effects:
-        return f'An error remains beyond {_model(document)}; its cause is unknown.'
+        return f'An error remains{_beyond(document)}; its cause is unknown.'
     first = effects[0]
     text = f'{first.name}, {first.size.split(", ")[0]}' if first.size else first.name
     text += f' ({first.stability})' * bool(first.stability)
@@ -143,7 +143,7 @@ def _headline(document, effects):
         return f'Correlated noise, {size} RMS, is the largest error; its cause is unknown. {text}.'
     count = len(effects)
     return f'{text}. ' + ('The only' if count == 1 else f'Largest of {counted(count, "")[:-1]}'
-                          ).strip() + f' error{"s" * (count > 1)} beyond {_model(document)}.'
+                          ).strip() + f' error{"s" * (count > 1)}{_beyond(document) or " found"}.'
 
 
 def _line(document, row, name, reach):

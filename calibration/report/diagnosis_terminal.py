@@ -56,7 +56,7 @@ def diagnosis_tables(view):
     out = [view.used, *(f'  {sentence}' for sentence in view.sentences), '', _errors(view)]
     spread = document['after']['cv_spread']
     if spread and spread['partitions'] > 1:
-        out.append(f'mean of {spread["partitions"]} partitions; after from '
+        out.append(f'mean of {spread["partitions"]} partitions; after: '
                    f'{decimals(spread["min_arcsec"])} to {decimals(spread["max_arcsec"])} arcsec')
     out += filter(None, [view.choice, view.expected])
     out.append(f'{view.floor}: {decimals(document["noise_floor_arcsec"])} arcsec radial '

@@ -11,7 +11,7 @@ from pointing_model.effects.base import arcsec, coefficient_word, readable
 from pointing_model.mounts import is_beyond
 
 from . import figure_wording, observation_wording, row_wording
-from .cause_wording import counted, open_causes, plain_name, still_open
+from .cause_wording import open_causes, plain_name, still_open
 from .diagnosis_summary import DiagnosisSummary, summary_of
 from .documents import diagnosis_document
 from .effect_wording import effect_summary, effect_title
@@ -100,12 +100,10 @@ class DiagnosisView:
         Class and word of the verdict, as far as its causes are open.
     word, said : str
         What the verdict is called; all that is said of it and of the noise.
-    numbers : list of (float or str, str)
-        The large ones of the page.
     meta, used, model, floor, spread, choice, expected : str
         On what it rests: in short, rows used, the declared terms; what the noise floor is called;
-        how far figures of rows left out depend on which are, and on the choice; the error on
-        fresh stars.
+        how far cross-validated figures depend on the folds, and on the choice; the error on new
+        stars.
     notes, page_notes, signs, left_out : list of str
         What is noted, for the page alone too, of the signs of columns, and of rows left out.
     proposals : list of (str, list of dict, str)
@@ -138,7 +136,6 @@ class DiagnosisView:
     badge: tuple = ('', '')
     word: str = ''
     said: str = ''
-    numbers: list = ()
     meta: str = ''
     used: str = ''
     model: str = ''
@@ -197,7 +194,7 @@ def view_of(diagnosis, document=None):
         _without_headline(verdict, document, effects),
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),
-        said=' '.join((verdict.headline, *verdict.sentences, floor)), numbers=_numbers(document),
+        said=' '.join((verdict.headline, *verdict.sentences, floor)),
         meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),
         model=figure_wording.model_words(document, whose=False), floor=floor,
         spread=figure_wording.spread_sentence(document),
@@ -245,20 +242,6 @@ def _meta(document, sources):
     base = document['base_terms']
     return ' · '.join([text, *([', '.join(sources)] if sources else []),
                        f'model: {", ".join(map(str, base))}' if base else 'no model'])
-
-
-def _numbers(document):
-    """What the large numbers say."""
-    label, before, after = figure_wording.best_pair(document)
-    read, stays = document['as_read_rms_arcsec'], document['verdict'] in figure_wording.STAYS
-    quote = '' if label == figure_wording.FITTED else ': quote this'
-    terms = figure_wording.model_words(document, whose=False)
-    numbers = [(read and figure_wording.way_size(read), 'raw'),
-               (before, f'with {terms}, {label}{quote * stays}')]
-    if not stays:
-        numbers.append((after, f'with {counted(len(document["effects"]), "effect")} more, '
-                        f'{label}{quote}'))
-    return numbers
 
 
 def _residuals(diagnosis, document):
@@ -410,7 +393,7 @@ def _facts(found, context, several):
                       f'least{f" in {where}" if where else ""}, the others refitted and the choice '
                       'not repeated'))
     if found.removes_arcsec is not None:
-        facts.append(('Takes off', f'{arcsec(found.removes_arcsec)} RMS on the sky'))
+        facts.append(('RMS removed', f'{arcsec(found.removes_arcsec)} on the sky'))
     if found.aliases:
         facts.append(('The same curve in this run', '; '.join(
             plain_name(name, context.mount.kind) for name in found.aliases)))

@@ -35,8 +35,13 @@ def model_words(document, whose=True):
     return f'{usual}{counted(len(terms), "term")}{of}'
 
 
+def beyond(document, whose=True):
+    """Beyond which terms, after a space; '' where there are none."""
+    return f' beyond {model_words(document, whose)}' * bool(document.get('base_terms'))
+
+
 def way(document):
-    """From what the encoders read, over the terms, to the effects: RMS on the sky.
+    """Raw, with the terms, with the effects: RMS on the sky.
 
     Parameters
     ----------
@@ -46,7 +51,7 @@ def way(document):
     Returns
     -------
     str
-        '' where it is not known what the encoders read.
+        '' where the raw error is not known.
     """
     read = document.get('as_read_rms_arcsec')
     if read is None or document['verdict'] == 'refused':
@@ -144,7 +149,7 @@ def spread_sentence(document):
     spread = document['after'].get('cv_spread') or {}
     if spread.get('partitions', 0) < 2:
         return ''
-    return (f'Cross-validated: mean of {spread["partitions"]} partitions, after from '
+    return (f'Cross-validated: mean of {spread["partitions"]} partitions; after: '
             f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}.')
 
 

@@ -194,7 +194,7 @@ def models_section(report):
     out += subsection('External check', table(
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
-    return section('Models that were compared', out, note='Half of the stars fit each model, the '
+    return section('Models compared', out, note='Half of the stars fit each model, the '
                    'other half judges it. RMS on the sky, arcsec.')
 
 

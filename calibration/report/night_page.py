@@ -205,7 +205,7 @@ def _verdict(report, data):
     if headline is None:
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
-            f'Nothing was fitted; {data.after_text} the stars are missed by {size:.2f}″'
+            f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
     return verdict('alarm' if alarms else '', headline, lines, cards(numbers),
                    'alarm' if alarms else '', gains(bars, *_noise(report)))
 

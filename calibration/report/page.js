@@ -117,6 +117,8 @@ if (group) {
     if (told) { told.textContent = group.selectedOptions[0].dataset.say || ''; }
   });
 }
+all('details').forEach(function (e) {
+  e.addEventListener('toggle', function () { var key = shown; shown = ''; light(key, false); }); });
 doc.addEventListener('keydown', function (event) {
   if (event.key === 'Escape') { pinned = ''; light(''); } });
 addEventListener('beforeprint', function () {

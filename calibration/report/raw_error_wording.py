@@ -68,7 +68,8 @@ def _of_which_fit(document, rows):
                    key=lambda row: -abs(row['beside_effects_arcsec'] - row['value_arcsec']))
     changes = []
     for row in moved[:_MOST_MOVED]:
-        text = f'{row["name"]} becomes {_signed(row["beside_effects_arcsec"])}'
+        text = (f'{row["name"]} from {_signed(row["value_arcsec"])} to '
+                f'{_signed(row["beside_effects_arcsec"])}')
         if abs(row.get('correlation') or 0.0) > _RESEMBLES:
             text += (f' (correlated with {readable(row["resembles"])}, r = '
                      f'{row["correlation"]:.2f})').replace('-', '\u2212')
@@ -78,7 +79,8 @@ def _of_which_fit(document, rows):
         # then that fit does not follow what wanders, and the one of the terms alone does
         beside = ' and correlated noise' * bool(
             correlation and correlation.get('along_the_sky') is None)
-        sentences.append(f'With the effect{"s" * (effects > 1)}{beside} {"; ".join(changes)}')
+        sentences.append(f'With the effect{"s" * (effects > 1)}{beside} the terms change: '
+                         f'{"; ".join(changes)}')
     return sentences
 
 

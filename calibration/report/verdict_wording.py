@@ -7,7 +7,7 @@ from pointing_model.mount_kinds import kind_of
 
 from .cause_wording import counted, first_check, open_causes
 from .diagnosis_wording import limit_words
-from .figure_wording import STAYS, best_pair, figures_sentence, model_words, repeat_sentence, way
+from .figure_wording import STAYS, best_pair, beyond, figures_sentence, repeat_sentence, way
 from .fit_wording import implausible_term
 from .noise_wording import correlation_sentence, drift_words
 from .observation_wording import next_sentence
@@ -67,7 +67,7 @@ class Verdict:
     smaller : list of Statement
         Effects beyond those in `ranked`.
     way : str
-        Where large numbers do not show it: RMS as the encoders read, with the terms, with effects.
+        Where large numbers do not show it: RMS raw, with the terms, with effects.
     raw : str
         What the first of these consists of.
     """
@@ -135,10 +135,11 @@ def _statements(document, effects, caution):
     if verdict == 'wanders':
         correlation = document['wander']
         what, then = (
-            'Neighbouring rows err alike: the zero drifts, or an error of the direction has no '
-            'effect in the model', 'Observe once more in an order that mixes the sky.') \
+            'Neighbouring rows err alike: the zero drifts, or the model lacks an effect of the '
+            'direction', 'Observe once more in an order that mixes the sky.') \
             if correlation.get('along_the_sky') else (
-            'The zero drifts, or an effect that these rows cannot separate from it'
+            'The zero drifts, or another effect is present that these rows cannot separate from '
+            'a drift'
             if correlation.get('like') else 'The zero drifts; the cause is unknown',
             'The model states how far the zero drifts: set it anew as often as that requires.')
         return (f'{what}{_drifts(document)}', [*_correlation(document), *odd],
@@ -170,7 +171,7 @@ def _nothing(document, caution, odd, last):
     if not caution and (left or 0.0) > _ABSURD:
         caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
                    'signs and the zero of azimuth.')
-    headline = f'No significant error beyond {model_words(document)}'
+    headline = f'No significant error{beyond(document)}'
     label, before, _ = best_pair(document)
     if before is not None and not caution:
         headline += f': {arcsec(before)} remain, {label}'
@@ -266,7 +267,7 @@ def count_sentence(document):
     count = len(effects)
     if document['verdict'] in STAYS:
         return ''
-    text = f'{counted(count, "effect").capitalize()} beyond {model_words(document, whose=False)}'
+    text = f'{counted(count, "effect").capitalize()}{beyond(document, whose=False) or " found"}'
     if unclear:
         them = '' if count == 1 else f' of {"all" if unclear == count else unclear}'
         text += f'; the cause{them} is open'

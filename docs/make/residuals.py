@@ -47,7 +47,7 @@ def main():
     against.legend(frameon=False, title='RMS on the sky')
     path = ROOT / 'docs' / 'pictures' / 'residuals.svg'
     figure.savefig(path, metadata={'Date': None, 'Creator': None}, facecolor='white')
-    print(path, path.stat().st_size, f'{fit(run).rms_before_arcsec:.2f} as the encoders read')
+    print(path, path.stat().st_size, f'{fit(run).rms_before_arcsec:.2f} raw')
 
 
 if __name__ == '__main__':

@@ -72,7 +72,7 @@ def test_the_report_is_of_this_night(report):
 def test_calibration_brings_the_held_out_error_down(report):
     held_out = [step['held_out']['radial'] for step in report['steps']]
     assert [step['step'] for step in report['steps']][::2] == [
-        'as the encoders read', '7 physical terms']
+        'raw', '7 physical terms']
     assert held_out[0] > 100 > held_out[1] > 10 > 4 > held_out[2]
     checks = report['external_check']
     assert checks[1]['radial'] < checks[0]['radial']

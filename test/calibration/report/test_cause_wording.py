@@ -75,7 +75,7 @@ def test_a_cause_that_takes_more_effects_is_the_last_and_is_not_checked_first():
     assert told.endswith('; or scale (with three effects more beside it).')
     said = first_check({}, row)
     assert said.startswith(f'Check first: {CAUSES[1]["look_at"]}.')
-    assert 'the other stands only with more effects beside it' in said
+    assert 'the other needs more effects beside it' in said
 
 
 def test_the_cheapest_check_is_advice():
@@ -83,13 +83,14 @@ def test_the_cheapest_check_is_advice():
     row = {**told['effects'][0], 'axes': 'el', 'driver': 'elevation'}
     text = first_check(told, row)
     assert text.startswith('It bears on the same curve as TF (above): check that first. Then: ')
-    assert text.endswith('and takes a look at the mount, with nothing taken apart; the other takes '
-                         'more. Which is likelier these rows do not say.')
+    assert text.endswith(': visual inspection, no disassembly; the other takes more effort. The '
+                         'data cannot distinguish the causes.')
     assert first_check(document(CAUSES), row).startswith('Check first: bolts')
     equal = causes_of([effect('nod', order=1), effect('bearing_wobble', order=1)], [9.0, 8.0])
     text = first_check(document(equal), {'name': 'elevation_nod_1', 'causes': equal})
-    assert text.startswith('Check first: wheels') and 'the other takes as much' in text
-    assert first_check(told, {'name': 'smooth_of_x', 'causes': equal[:1]}).endswith('not beyond.')
+    assert text.startswith('Check first: wheels') and 'the other takes as much effort' in text
+    assert first_check(told, {'name': 'smooth_of_x', 'causes': equal[:1]}).endswith(
+        'valid within these rows only.')
     assert first_check(told, {'name': 'a', 'alternatives': ['b']}) == ''
 
 
@@ -101,7 +102,7 @@ def test_a_check_tests_all_causes_that_it_looks_at():
     text = first_check(document(four), {'name': 'declination_nod_2', 'causes': four})
     for one in four[:2]:
         assert f'"{one["cause"]}"' in text.split('; ')[0]
-    assert '; the others take more.' in text
+    assert '; the others take more effort.' in text
     text = first_check(document(four[:2]), {'name': 'declination_nod_2', 'causes': four[:2]})
     assert 'other' not in text
     # where nothing goes over a pier, and what a polar axis carries
@@ -117,15 +118,15 @@ def test_what_contends_with_an_effect_is_named_and_why_it_lost():
     row = contended()
     told = document([], mount='equatorial')
     text = alternatives_sentence(row, row['causes'][0]['cause'])
-    assert 'Line of sight swings is not excluded: alone it explains the rows as well (ΔBIC 111, ' \
-        'against 110) and it was chosen instead 50 of the 150 times' in text
-    assert text.endswith('but with all effects in the model it is 45 behind in ΔBIC.')
+    assert 'Line of sight swings is not excluded: alone it fits as well (ΔBIC 111, against ' \
+        '110) and it was chosen instead in 50 of 150 resamples, ' in text
+    assert text.endswith('but with all effects in the model its ΔBIC is 45 worse.')
     assert open_causes(row) == 2
     assert 'for "line of sight swings": what turns with the polar axis' in first_check(told, row)
     closed = contended(open=False, instead=0)
     assert open_causes(closed) == 1 and 'swings' not in first_check(told, closed)
     assert alternatives_sentence(closed, '').startswith(
-        'Line of sight swings lost its place: alone')
+        'Line of sight swings fits worse: alone')
     assert alternatives_sentence({'contenders': []}, '') == ''
 
 

@@ -126,11 +126,11 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'Effects in detail', 'Notes on the data', 'Residuals by driver', 'Candidate effects',
         'Histograms', 'Terms', 'Stars', 'Excluded rows', 'Not testable in this run']
     assert f'lowest to highest, {arcsec(found.size_arcsec)} RMS on the sky).' in found.lead
-    assert (f'With it in the model {after} remain on the rows fitted ({before} without, ') in page
+    assert f'RMS {after} with it, on the fitted rows ({before} without, ' in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>raw' in page
     # what the headline has said is not said again
-    assert 'One effect was found beyond' not in page and page.count(f'<b>{found.lead}') == 0
+    assert 'One effect beyond' not in page and page.count(f'<b>{found.lead}') == 0
     assert '<summary>Correlations of the terms</summary>' in page
     assert 'model: IA, IE' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
@@ -208,7 +208,8 @@ def test_a_clean_run_says_so():
     clean = diagnose(sky(50, 3, size=0.0), flips=199, cross_validation=False)
     assert clean.verdict == 'none'
     text = render(view_of(clean))
-    assert 'Nothing is wrong beyond the seven terms of an alt-azimuth mount that these' in text
+    assert 'No significant error beyond the seven terms of an alt-azimuth mount: ' in text
+    assert 'No significant error beyond the 7-term model of an alt-azimuth mount.' in text
     assert 'What was added' not in text and 'What to observe next' not in text
     assert 'what the added effects take away' not in text
     ElementTree.fromstring(text.split('\n', 1)[1])
@@ -286,19 +287,19 @@ def test_every_form_has_words():
 def test_the_most_honest_pair_is_quoted():
     before = {'rms_arcsec': 5.0, 'cv_rms_arcsec': 6.0, 'holdout_rms_arcsec': 7.0}
     after = {'rms_arcsec': 1.0, 'cv_rms_arcsec': 2.0, 'holdout_rms_arcsec': 3.5}
-    assert best_pair({'before': before, 'after': after}) == ('on rows held out', 7.0, 3.5)
+    assert best_pair({'before': before, 'after': after}) == ('on held-out runs', 7.0, 3.5)
     after['holdout_rms_arcsec'] = None
     assert best_pair({'before': before, 'after': after})[1:] == (6.0, 2.0)
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
     headline, sentences = verdict_sentences(document, [Statement('A is off.')])
-    assert headline == ('A is off, the only error found beyond the terms of the model. With it in '
-                        'the model 2.00″ remain on rows left out (6.00″ without, −67 %)')
+    assert headline == ('A is off, the only error found beyond the terms of the model. RMS 2.00″ '
+                        'with it, cross-validated (6.00″ without, −67 %)')
     assert sentences[:2] == [
-        'One effect was found beyond no terms; more than one cause would explain it.',
+        'One effect found; the cause is open.',
         'A is off. With these observations it could as well be: azimuth encoder, 2 per turn; or '
         'c.']
-    # the one that takes off most is told first
+    # the one that removes most is told first
     document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
                            for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
     told = verdict_sentences(document, [Statement(f'{name}.') for name in 'ABC'], limit=2)
@@ -389,7 +390,7 @@ def test_tables():
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}]))
     assert 'anticlockwise, upward' in text and 'Tells a b from c' in text and 'hours' not in text
-    assert 'The evidence between them (ΔBIC), 2.0 now, would be 9.2 with it.' in text
+    assert 'ΔBIC between them is 2.0, expected 9.2 with it.' in text
     assert next_observations([]) == ''
 
 

@@ -54,4 +54,5 @@ def test_what_contends_is_in_the_head():
     assert effect_title(found, mount.names.axes) == (
         'hour angle: a wave of the hour angle, twice per turn')
     closed, *_ = told(64.0, [{**entry, 'open': False}])
-    assert 'is read wrong twice per turn' in closed.lead and 'lost its place' in closed.text
+    assert 'is read wrong twice per turn' in closed.lead
+    assert 'Line of sight swings fits worse: ' in closed.text

@@ -18,23 +18,23 @@ from pointing_model.runs.run import PointingRun
 
 
 @pytest.mark.parametrize('kind, values, said', [
-    ('german', [-1059, 30, 5, 2, 3, -256, 60], 'Most of what the encoders read is IH −1059″ (zero '
-     'of the hour angle). The polar axis points 4.3′ too low (ME) and 3″ west of the pole (MA).'),
-    ('altaz', [-60, 30, 5, 2, -24, 19, 600], 'Most of what the encoders read is TF +600″ (the tube '
-     'bends). The azimuth axis leans 24″ to the south (AN) and 19″ to the west (AW).'),
-    ('free', [900, 30, 5, 2, 3, 4, 5], 'Most of what the encoders read is I1 +900″ (zero of the '
-     'first axis).')])
+    ('german', [-1059, 30, 5, 2, 3, -256, 60], 'The raw error is mostly IH −1059″ (zero of the '
+     'hour angle). The polar axis points 4.3′ too low (ME) and 3″ west of the pole (MA).'),
+    ('altaz', [-60, 30, 5, 2, -24, 19, 600], 'The raw error is mostly TF +600″ (the tube bends). '
+     'The azimuth axis tilts 24″ to the south (AN) and 19″ to the west (AW).'),
+    ('free', [900, 30, 5, 2, 3, 4, 5], 'The raw error is mostly I1 +900″ (zero of the first '
+     'axis).')])
 def test_what_the_errors_as_read_consist_of(kind, values, said):
     rows = [{'name': name, 'value_arcsec': float(v), 'rms_arcsec': 0.8 * abs(v)}
             for name, v in zip(KINDS[kind].physical, values)]
     told = document(CAUSES, mount=kind, as_read_rms_arcsec=850.0, as_read_terms=sorted(
         rows, key=lambda row: -row['rms_arcsec']))
     assert raw_error_sentence({**told, 'effects': []}) == said
-    said += ' These values are of the terms fitted alone, without the effect.'
+    said += ' Values from the fit of the 7 terms alone.'
     assert raw_error_sentence(told) == said
     assert raw_error_sentence({**told, 'as_read_rms_arcsec': 9.0}) == ''
     sentences = verdict_summary(told, [Statement('A.')]).sentences
-    assert sentences[2].endswith(f'rows left out. {said}')
+    assert sentences[2].endswith(f'; cross-validated. {said}')
     if kind == 'german':  # the other pole
         assert 'too high (ME) and 3″ east' in raw_error_sentence({**told, 'south': True})
 
@@ -46,17 +46,17 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
             for name, v in values.items()]
     told = document(CAUSES, mount='german', as_read_rms_arcsec=9384.0, as_read_terms=rows)
     text = raw_error_sentence(told)
-    assert 'and ID −7192″ (zero of the declination). Beyond the zeros it is CH +1284″ ' \
+    assert 'and ID −7192″ (zero of the declination). Beyond the zeros: CH +1284″ ' \
         '(collimation, the cone error; 1027″ RMS on the sky) and ME +594″ (the tilt of the polar ' \
         'axis; 475″ RMS on the sky). The polar axis' in text
-    assert text.endswith('terms fitted alone, without the effect.')
+    assert text.endswith('Values from the fit of the 7 terms alone.')
     rows[2].update(beside_effects_arcsec=1046.0, resembles='declination_axis_flexure',
                    correlation=-0.97)
     rows[5].update(beside_effects_arcsec=620.0, resembles='declination_axis_flexure',
                    correlation=0.2)
     assert raw_error_sentence(told).endswith(
-        'Beside it CH is +1046″ in place of +1284″, for it resembles declination axis flexure '
-        '(correlation −0.97); ME is +620″ in place of +594″.')
+        'With the effect the terms change: CH from +1284″ to +1046″ (correlated with declination '
+        'axis flexure, r = −0.97); ME from +594″ to +620″.')
     rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
     assert 'Beyond the zeros' not in raw_error_sentence(told)
     # rows come by their size on the sky: what is larger there is said first
@@ -140,7 +140,7 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     assert verdict_summary(told, [Statement('A.')]).first[0].more in text
     told.update(verdict='none', effects=[])
     headline, sentences = verdict_sentences(told)
-    assert headline.endswith('But look at TF, which is negative') and sentences[0] == text
+    assert headline.endswith('But check TF, which is negative') and sentences[0] == text
 
 
 def test_sizes_that_no_mount_has():

@@ -54,17 +54,16 @@ def test_the_headline_says_what_is_wrong_and_what_remains():
     headline, sentences = verdict_sentences(told, [WAVE])
     assert headline == (
         'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
-        'model. With it in the model 4.30″ remain on rows left out (5.67″ without, −24 %)')
-    assert sentences[0] == ('One effect was found beyond the seven declared terms; more than one '
-                            'cause would explain it.')
+        'model. RMS 4.30″ with it, cross-validated (5.67″ without, −24 %)')
+    assert sentences[0] == 'One effect beyond the seven declared terms; the cause is open.'
     assert way(told) in sentences and way(told).startswith(
-        'RMS on the sky: 134.7″ as the encoders read, 5.67″ with the seven declared terms, 4.30″')
+        'RMS on the sky: 134.7″ raw, 5.67″ with the seven declared terms, 4.30″')
     assert way({**told, 'as_read_rms_arcsec': None}) == ''
     held = {'holdout_rms_arcsec': 5.0}
     told['before'], told['after'] = {**told['before'], **held}, {**told['after'], **held}
     headline, sentences = verdict_sentences(told, [WAVE])
-    assert headline.endswith('on rows held out (5.00″ without, +0 %): that is no gain')
-    assert 'Rows left out of the runs fitted are missed by 4.30″' in sentences[-1]
+    assert headline.endswith('on held-out runs (5.00″ without, +0 %): that is no gain')
+    assert 'Cross-validated within the fitted runs it is 4.30″: ' in sentences[-1]
 
 
 def slow(size, **more):
@@ -82,8 +81,8 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
     assert headline == (
         'The largest error moves slowly, with time or over the sky, and its cause is not known '
         '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
-        'has a wave (3.50″ RMS on the sky). With it in the model 5.30″ remain on rows left out '
-        '(5.67″ without, −7 %): most of the error stays unexplained')
+        'has a wave (3.50″ RMS on the sky). RMS 5.30″ with it, cross-validated (5.67″ without, '
+        '−7 %): most of the error is unexplained')
     assert sentences[0] == 'Neighbouring rows err alike.'
     small = {**told, 'wander': slow(3.0)}
     headline, sentences = verdict_sentences(small, [WAVE])
@@ -95,10 +94,10 @@ def test_a_zero_that_wanders_evenly_has_its_rate_in_the_headline():
     told = {**document([]), 'verdict': 'wanders', 'effects': [], 'wander': slow(62.6)}
     headline, _ = verdict_sentences(told)
     assert headline.endswith(
-        'an error that no effect describes: the elevation error falls by 226″ an hour')
+        'the model lacks an effect of the direction: the elevation error falls by 226″ an hour')
     headline, _ = verdict_sentences({**told, 'wander': {**slow(62.6), 'along_the_sky': None}})
-    assert headline == ('The zero wanders, and what moves it is not known: the elevation error '
-                        'falls by 226″ an hour')
+    assert headline == ('The zero drifts; the cause is unknown: the elevation error falls by 226″ '
+                        'an hour')
 
 
 def test_the_terms_are_called_by_the_mount_that_has_them():
@@ -113,20 +112,22 @@ def test_the_terms_are_called_by_the_mount_that_has_them():
 
 
 @pytest.mark.parametrize('figures, wanders, said', [
-    ((3.7, 3.1, 5.2), True, 'the zero moves less by then than over the whole run, and the '
+    ((3.7, 3.1, 5.2), True, 'the zero drifts less by then than over the whole run, and the '
      'difference is within its uncertainty.'),
-    ((3.0, 2.5, 3.5), False, 'rows late in the run may scatter less than the others.'),
-    ((4.2, 3.1, 5.2), True, 'in the ten rows after the last row.')])
+    ((3.0, 2.5, 3.5), False, 'late rows may scatter less than the others.'),
+    ((4.2, 3.1, 5.2), True, 'in the ten rows after the last row: 4.20″ (3.10″ to 5.20″, 90 %).')])
 def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
     told = document(CAUSES, noise_floor_arcsec=3.9, wander={'slow': wanders}, expected=dict(
         zip(('rms_arcsec', 'low_arcsec', 'high_arcsec'), figures), within='ten rows'))
     text = figures_sentence(told)
-    assert text.startswith('Quote 4.30″, on rows left out') and text.endswith(said)
-    assert ('over the whole run is in it' in text) == wanders
-    assert ('The noise floor, ' in text) != wanders
+    assert text.startswith('Use 4.30″ RMS (cross-validated). ') and text.endswith(said)
+    assert 'Fit RMS corrected for degrees of freedom: 3.90″' in text
+    assert ('includes the drift of the zero, so it is no noise floor' in text) == wanders
+    assert ('3.90″ (noise floor)' in text) != wanders
     assert ('It can be below ' in text) == (figures[0] < 3.9)
     fitted = {'before': {'rms_arcsec': 5.4}, 'after': {'rms_arcsec': 3.7}}
-    assert figures_sentence({**told, **fitted}).startswith('3.70″ is of the rows fitted alone')
+    assert figures_sentence({**told, **fitted}).startswith(
+        '3.70″ is the RMS of the fitted rows only')
 
 
 @pytest.mark.parametrize('slow, apart, quoted', [(True, 5.3, '5.30'), (False, 5.3, '4.30'),
@@ -135,11 +136,11 @@ def test_where_neighbours_err_alike_the_larger_figure_is_quoted_everywhere(slow,
     told = document(CAUSES, wander={'slow': slow, 'text': 'it wanders'},
                     cv_contiguous={'before': 6.1, 'after': apart})
     headline, sentences = verdict_sentences(told, [Statement('A.')])
-    where = 'stretches of rows left out' if quoted == '5.30' else 'rows left out'
-    assert f'{quoted}″ remain on {where} (' in headline
-    assert figures_sentence(told).startswith(f'Quote {quoted}″, on {where}, ')
-    assert f'{quoted}″ with one effect more; the terms judged on {where}.' in way(told)
-    assert ('at random, is less than it should be' in figures_sentence(told)) == (
+    where = 'cross-validated' + ' in blocks of time' * (quoted == '5.30')
+    assert f'RMS {quoted}″ with it, {where} (' in headline
+    assert figures_sentence(told).startswith(f'Use {quoted}″ RMS ({where})')
+    assert f'{quoted}″ with one effect more; {where}.' in way(told)
+    assert ('4.30″, cross-validated in random folds, is too low' in figures_sentence(told)) == (
         quoted == '5.30')
 
 
@@ -161,18 +162,17 @@ def test_whether_the_choice_repeats_is_told():
     assert choice_sentence(told) == spread_sentence(told) == ''
     told['after'] = {**told['after'], 'cv_spread': spread}
     assert choice_sentence(told) == (
-        'With a part of the rows left out the choice was repeated 160 times. Of what was found it '
-        'had saddle cross term 90 times. Of other effects it had a 70 times; b 50 times; c twice; '
-        'and 2 more. It had no effect at all once.')
-    assert spread_sentence(told).endswith('15 ways to leave them out, after from 76.0″ to 102″.')
+        'In 160 resamples, found: saddle cross term 90 times. Other effects: a 70 times; b 50 '
+        'times; c twice; and 2 more. No effect at all: once.')
+    assert spread_sentence(told).endswith('mean of 15 partitions; after: 76.0″ to 102″.')
     two = {'folds': 7, 'same_choice': 0, 'chosen': {'x': 0, 'y': 7}}
     assert choice_sentence({**told, 'after': {'cv_spread': two}}).endswith(
-        'found it had y each time; x never; all of it and nothing else never.')
+        'found: y each time; x never; exactly these never.')
     assert choice_sentence({**told, 'verdict': 'none'}) == ''
     # what repeats is the set of equal causes: another one of it is no other effect
     spread |= {'chosen_set': {'fork_cross_term': 155}, 'others_set': {'b': 2}}
-    assert ('had saddle cross term 155 times (65 times by an equal cause). Of other effects it had '
-            'b twice. It') in choice_sentence(told)
+    assert ('found: saddle cross term 155 times (65 times by an equal cause). Other effects: b '
+            'twice. No') in choice_sentence(told)
 
 
 def test_effects_are_ranked_with_their_size():
@@ -191,8 +191,8 @@ def test_proposals_that_do_not_serve_the_largest_effect_say_so():
             'separation_before': 0.7, 'separation_after': 5.9}
     told = {**document([], next_observations=[star]), 'effects': [contended(open=False), small]}
     text = serves_sentence(told)
-    assert 'Of the largest, hour angle encoder, 2 per turn (4.60″ RMS on the sky)' in text
-    assert 'one cause was left' in text
+    assert 'The largest is hour angle encoder, 2 per turn (4.60″ RMS on the sky): ' in text
+    assert 'it has one likely cause' in text
     star['separates'][0] = 'hour_angle_encoder_2'
     assert serves_sentence(told) == '' == serves_sentence({**told, 'next_observations': []})
 
@@ -201,20 +201,18 @@ def test_how_often_all_was_chosen_stands_beside_what_was_found():
     told = document(CAUSES)
     told['after'] = {**told['after'], 'cv_spread': {
         'folds': 150, 'same_choice': 37, 'chosen': {'elevation_encoder_2': 99}}}
-    assert repeat_sentence(told) == ('With a part of the rows left out, this effect and no other '
-                                     'was found 37 of 150 times.')
+    assert repeat_sentence(told) == 'Stability: exactly this effect in 37 of 150 resamples.'
     told['effects'] = [{**told['effects'][0], 'removes_rms_arcsec': 2.0}, {'name': 'b'}]
-    assert repeat_sentence(told).endswith('were found 37 of 150 times, the largest 99 times.')
+    assert repeat_sentence(told).endswith(
+        'these two effects in 37 of 150 resamples; the largest in 99.')
     told['after']['cv_spread'] |= {'same_set': 120, 'chosen_set': {'elevation_encoder_2': 148}}
     assert repeat_sentence(told).endswith(
-        ', by one or another of the causes, and no other were found 120 of 150 times, '
-        'the largest 148 times.')
+        'exactly these two effects in 120 of 150 resamples; the largest in 148.')
     told['after']['cv_spread'] |= {'same_choice': 0, 'same_set': 0, 'chosen_set': None}
-    assert ' were found in none of 150 times, the largest 99 times.' in repeat_sentence(told)
+    assert 'in 0 of 150 resamples; the largest in 99.' in repeat_sentence(told)
     told['after']['cv_spread'] |= {'runs': 5, 'runs_set': {'elevation_encoder_2': 4, 'b': 0}}
     assert repeat_sentence(told).endswith(
-        'Of 5 runs or sessions, each taken alone, 4 show the largest, by one or another of the '
-        'causes.')
+        'Of 5 runs or sessions, each alone, 4 show the largest.')
     assert repeat_sentence(document(CAUSES)) == ''
 
 
@@ -229,10 +227,10 @@ def test_a_star_for_the_largest_effect_or_none():
         'time); ' in next_sentence(later, later['effects'][0])
     told = document(CAUSES, no_star=[row['separates']])
     assert next_sentence(told, told['effects'][0]).startswith(
-        f'No star tells {CAUSES[1]["cause"]} from the other')
+        f'No star separates {CAUSES[1]["cause"]} from the other')
     sentence, = no_star_sentences(told).values()
     assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})['a'].startswith(
-        'No star tells a from b or c:')
+        'No star separates a from b or c;')
     assert 'second flexure of the tube' in sentence and '_' not in sentence
     assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''
 
@@ -254,8 +252,7 @@ def test_signs_in_words():
 
 def test_words_are_in_the_glossary():
     glossary = (ROOT / 'docs' / 'glossary.md').read_text(encoding='utf-8').lower()
-    others = {'wanders': '**wander**', 'rows left out': '**left out**',
-              'rows held out': '**held out**'}
+    others = {'wanders': '**wander**'}
     for word in WORDS:
         assert others.get(word, f'**{word.lower()}**') in glossary, word
     assert dict(explained('A sawtooth'))['sawtooth'] == WORDS['sawtooth']

@@ -66,6 +66,7 @@ def test_what_would_have_been_found_is_said():
     document = {'verdict': 'none', 'effects': [], 'before': {'rms_arcsec': 1.4}, 'after': {},
                 'noise_floor_arcsec': 1.4, 'detectable': list(rows.values())}
     headline, sentences = verdict_sentences(document)
-    assert 'Nothing is wrong' in headline
+    assert headline == 'No significant error'
+    assert sentences[2].startswith('Detection limits (90 %): ')
     assert f'drifts by {drift["amplitude_arcsec"]:.2f}″ an hour' in sentences[2]
     assert verdict_sentences({**document, 'detectable': None})[1][1].startswith('The model')
