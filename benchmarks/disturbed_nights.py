@@ -1,4 +1,4 @@
-"""Nights of mounts that no model can hold: does an effect of a wrong name stay, does it point worse?
+"""Nights of mounts that no model can hold: does a wrong name stay, does a model point worse?
 
     python benchmarks/disturbed_nights.py [--seeds N] [--first N] [--scenarios 'mount_*'] [--keep F]
 
@@ -47,8 +47,8 @@ def table(nights):
     for one in wrong:
         print(f'  {one["found"]}: {one["scenario"]}, seed {one["seed"]}: {one["effects"]}')
     limit = beta.ppf(0.95, len(wrong) + 1, len(done) - len(wrong))
-    print(f'a wrong name, or harm, in {len(wrong)} of {len(done)} nights; below {100 * limit:.1f} % '
-          f'(95 %); {len(nights) - len(done)} failed')
+    print(f'a wrong name, or harm, in {len(wrong)} of {len(done)} nights; below '
+          f'{100 * limit:.1f} % (95 %); {len(nights) - len(done)} failed')
 
 
 def main():

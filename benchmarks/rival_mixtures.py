@@ -1,13 +1,14 @@
-"""Bars off their places beside noise, unequal pixels and another blur: which mixtures paper 001 had.
+"""Bars off their places, noise, unequal pixels and blur: which mixtures paper 001 may have had.
 
     python benchmarks/rival_mixtures.py [--turns N] [--pitch 48|60] [--seed N]
 
 Paper 001 prints 26.77" for the centroid, 16.93" for the parabola, 4.57" and an R-square of 0.6 to
-0.7 for the sine. Each disturbance alone stands in docs/absolute_encoder.md; here they are mixed: for
-each blur and each error of the bars' places the noise and the inequality of the pixels of a grid. A
-mixture is possible where the true sigma of each method lies within the 95 % that 23 readings leave
-about the printed one, and the R-square within what is printed. Printed are, for each blur and
-error of the places, how many mixtures are possible, and the one nearest to the printed figures.
+0.7 for the sine. Each disturbance alone stands in docs/absolute_encoder.md; here they are mixed:
+for each blur and each error of the bars' places the noise and the inequality of the pixels of a
+grid. A mixture is possible where the true sigma of each method lies within the 95 % that 23
+readings leave about the printed one, and the R-square within what is printed. Printed are, for each
+blur and error of the places, how many mixtures are possible, and the one nearest to the printed
+figures.
 """
 
 import argparse
@@ -25,7 +26,8 @@ METHODS = {'centroid': 'centroid', 'parabola': 'parabola', 'paper_by_centres': '
 PLACES = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # um RMS
 NOISE = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0)  # grey levels
 UNEQUAL = (0.0, 0.04, 0.08, 0.12)
-BLUR = (-2.0, 0.0, 2.0)  # px, beside that of the scale
+#: px, beside that of the scale; with 2 more the bars do not decode
+BLUR = (-2.0, -1.0, 0.0, 1.0)
 R_SQUARE = 0.6, 0.7
 
 
@@ -45,7 +47,7 @@ def judged(found, r_square):
     """Whether a mixture is possible, and how far it is from the printed figures, in logarithms."""
     low, high = (v / PRINTED_STD['paper'] for v in sigma_interval(PRINTED_STD['paper'], 23))
     ratios = [found[name] / PRINTED_STD[name] for name in PRINTED_STD]
-    far = float(np.sqrt(np.sum(np.log(ratios)**2)))
+    far = float(np.nan_to_num(np.sqrt(np.sum(np.log(ratios)**2)), nan=np.inf))
     # the printed one is the estimate, the shown one the truth
     possible = all(low <= ratio <= high for ratio in ratios)
     return possible and R_SQUARE[0] <= r_square <= R_SQUARE[1], far
