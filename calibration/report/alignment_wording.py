@@ -1,5 +1,7 @@
 """Words for the way back to the bolts: which one, which way, how far."""
 
+import numpy as np
+
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
 
@@ -99,14 +101,11 @@ def _line(bolt, error, sigma, per_turn, text):
 
 def angle_text(arcsec):
     """An angle of any size, with its unit."""
-    size = abs(arcsec)
-    if size < 100.0:
-        return f'{size:.1f}″'
-    if size < 3600.0:
-        minutes = int(size // 60.0)
-        return f'{minutes}′ {size - 60.0 * minutes:02.0f}″'
-    degrees = int(size // 3600.0)
-    return f'{degrees}° {(size - 3600.0 * degrees) / 60.0:04.1f}′'
+    if round(abs(arcsec), 1) < 100.0:
+        return f'{abs(arcsec):.1f}″'
+    minutes, seconds = divmod(round(abs(arcsec)), 60)
+    degrees, minutes = divmod(minutes, 60)
+    return f'{degrees}° ' * (degrees > 0) + f'{minutes}′ {seconds:02d}″'
 
 
 def shim_line(shim, unit='mm'):
@@ -129,7 +128,7 @@ def feet_lines(feet, unit='mm'):
         f'Foot {i} (azimuth {azimuth / DEG:.0f}°): '
         + (f'lift by {lift:.3f} ± {sigma:.3f} {unit}.' if lift else 'leave it.')
         for i, (azimuth, lift, sigma) in enumerate(
-            zip(feet.azimuths % 6.283185307179586, feet.lifts, feet.sigmas), 1)]
+            zip(np.mod(feet.azimuths, 2.0 * np.pi), feet.lifts, feet.sigmas), 1)]
 
 
 def watch_lines(told, found, near, per_turn=None):

@@ -9,6 +9,7 @@ from calibration.analysis.term_fit import fit_terms
 from calibration.report.alignment_wording import (
     alignment_document,
     alignment_lines,
+    angle_text,
     feet_lines,
     shim_line,
 )
@@ -133,3 +134,10 @@ def test_the_angle_that_is_left_is_that_between_the_directions():
     assert polar_axis(model).apart[0] == pytest.approx(bolted.off(), abs=0.01 * ARCSEC)
     turned(model, bolted)
     assert bolted.off() < 0.01 * ARCSEC
+
+
+@pytest.mark.parametrize(('arcsec', 'text'), [
+    (0.04, '0.0″'), (-99.94, '99.9″'), (99.96, '1′ 40″'), (3599.7, '1° 0′ 00″'),
+    (10799.8, '3° 0′ 00″'), (17657.0, '4° 54′ 17″')])
+def test_angles_carry_what_is_rounded_up(arcsec, text):
+    assert angle_text(arcsec) == text
