@@ -24,8 +24,8 @@ def alignment_document(model, refraction=0.0):
     dict or None
         None of a mount without a polar axis. ``unknown`` says why nothing is known; else
         ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (which
-        one is meant, and its altitude), ``south``, and the errors of the axis, axis - pole, with
-        their sigmas: ``azimuth_…``, ``altitude_…`` and ``apart_…`` (the angle between both).
+        one is meant, its altitude and refraction), ``south``, and the errors of the axis, axis -
+        pole, with their sigmas: ``azimuth_…``, ``altitude_…``, ``apart_…`` (the angle between).
     """
     if not model.mount.celestial:
         return None
@@ -40,7 +40,8 @@ def axis_document(axis, refracted=False):
     sigma_az, sigma_alt = axis.sigmas
     size, sigma = axis.apart
     return {'unknown': None, 'south': axis.south,
-            'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG},
+            'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG,
+                     'refraction_arcsec': (axis.pole - abs(axis.latitude)) / ARCSEC},
             'axis_azimuth_deg': axis.azimuth / DEG, 'axis_altitude_deg': axis.altitude / DEG,
             'apart_arcsec': size / ARCSEC, 'apart_sigma_arcsec': sigma / ARCSEC,
             'azimuth_error_arcsec': axis.azimuth_error / ARCSEC,
@@ -69,7 +70,9 @@ def alignment_lines(found, per_turn=None):
     return [
         f'The polar axis points {angle_text(found["apart_arcsec"])} '
         f'± {angle_text(found["apart_sigma_arcsec"])} from the {pole["which"]} pole '
-        f'(altitude {pole["altitude_deg"]:.4f}°).',
+        f'(altitude {pole["altitude_deg"]:.4f}°'
+        + f', {pole["refraction_arcsec"]:.0f}″ above the true one' * (pole['which'] == REFRACTED)
+        + ').',
         azimuth_line(found, per_turn and per_turn[0]),
         altitude_line(found, per_turn and per_turn[1])]
 

@@ -82,7 +82,7 @@ def test_the_refracted_pole_is_higher_by_what_is_said():
     found = alignment_document(model, 98.0 * ARCSEC)
     assert found['altitude_error_arcsec'] == pytest.approx(-98.0)
     lines = alignment_lines(found, (600.0, 600.0))
-    assert 'from the refracted pole (altitude 30.0272°)' in lines[0]
+    assert 'from the refracted pole (altitude 30.0272°, 98″ above the true one)' in lines[0]
     assert lines[1].startswith('Azimuth bolt: leave it')
     assert lines[2] == 'Altitude bolt: raise the axis by 98.0″ ± 1.0″: 0.16 turns.'
 
