@@ -10,7 +10,7 @@ _CLEAR = 2.0
 TRUE, REFRACTED = 'true', 'refracted'
 
 
-def alignment_document(model, refraction=0.0):
+def alignment_document(model, refraction=0.0, equinox=None):
     """Where the polar axis of a model points, for JSON.
 
     Parameters
@@ -18,6 +18,8 @@ def alignment_document(model, refraction=0.0):
     model : PointingModel
     refraction : float
         Of the pole that is meant, rad; 0: the true one.
+    equinox : dict, optional
+        What the rows say of the equinox of their catalogue, ``meta['equinox_taken']`` of a run.
 
     Returns
     -------
@@ -25,12 +27,14 @@ def alignment_document(model, refraction=0.0):
         None of a mount without a polar axis. ``unknown`` says why nothing is known; else
         ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (which
         one is meant, its altitude and refraction), ``south``, and the errors of the axis, axis -
-        pole, with their sigmas: ``azimuth_…``, ``altitude_…``, ``apart_…`` (the angle between).
+        pole, with their sigmas: ``azimuth_…``, ``altitude_…``, ``apart_…`` (the angle between);
+        ``equinox``, where it is a guess.
     """
     if not model.mount.celestial:
         return None
     try:
-        return axis_document(polar_axis(model, refraction), bool(refraction))
+        return {**axis_document(polar_axis(model, refraction), bool(refraction)),
+                'equinox': None if equinox is None or equinox['told'] else equinox}
     except ValueError as error:
         return {'unknown': str(error)}
 
@@ -68,6 +72,7 @@ def alignment_lines(found, per_turn=None):
         return [f'how to turn the bolts is not known: {found["unknown"]}']
     pole = found['pole']
     return [
+        *_if_so(found.get('equinox')),
         f'The polar axis points {angle_text(found["apart_arcsec"])} '
         f'± {angle_text(found["apart_sigma_arcsec"])} from the {pole["which"]} pole '
         f'(altitude {pole["altitude_deg"]:.4f}°'
@@ -75,6 +80,18 @@ def alignment_lines(found, per_turn=None):
         + ').',
         azimuth_line(found, per_turn and per_turn[0]),
         altitude_line(found, per_turn and per_turn[1])]
+
+
+def _if_so(equinox):
+    """A warning where the places of the stars are a guess."""
+    if not equinox:
+        return []
+    taken, other = (equinox['polar_axis_arcsec'].get(equinox[k], {}) for k in ('taken', 'other'))
+    moved = ', '.join(f'{name} by {angle_text(other[name] - value)}'
+                      for name, value in taken.items() if name in other)
+    return [f'Say the equinox of the catalogue before a bolt is turned (--equinox): '
+            f'{equinox["taken"]} is a guess; {equinox["other"]} moves '
+            f'{moved or "the axis"}.']
 
 
 def azimuth_line(found, per_turn=None):

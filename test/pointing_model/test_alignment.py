@@ -141,3 +141,15 @@ def test_the_angle_that_is_left_is_that_between_the_directions():
     (10799.8, '3° 0′ 00″'), (17657.0, '4° 54′ 17″')])
 def test_angles_carry_what_is_rounded_up(arcsec, text):
     assert angle_text(arcsec) == text
+
+
+def test_a_guessed_equinox_is_said_before_a_bolt_is_turned():
+    model = PointingModel({'MA': 1e-3, 'ME': 1e-3}, np.eye(2) * ARCSEC**2,
+                          mount=Mount.equatorial(0.7))
+    guess = {'told': False, 'taken': 'J2000', 'other': 'of date', 'polar_axis_arcsec': {
+        'J2000': {'MA': 10.0, 'ME': 20.0}, 'of date': {'MA': 170.0, 'ME': -460.0}}}
+    assert alignment_lines(alignment_document(model, equinox=guess))[0] == (
+        'Say the equinox of the catalogue before a bolt is turned (--equinox): J2000 is a guess; '
+        'of date moves MA by 2\u2032 40\u2033, ME by 8\u2032 00\u2033.')
+    known = alignment_document(model, equinox={**guess, 'told': True})
+    assert len(alignment_lines(known)) == 3
