@@ -1,6 +1,6 @@
 """Mounts that are off their pole, measured, turned by their bolts as told, measured again.
 
-    python benchmarks/bolts.py [--mounts N] [--rows N] [--noise ARCSEC]
+    python benchmarks/bolts.py [--mounts N] [--rows N] [--noise ARCSEC] [--first-order]
 
 A mount here is a base with a bolt in azimuth, about its own vertical, and one in altitude, about a
 hinge that the first one carries; on it stand the axes of `encoder_sim`, with zeros, a cone error,
@@ -97,11 +97,15 @@ class Bolted:
                             'az_enc': first + x / np.cos(second)}, {'mount': self.mount})
 
 
-def turned(model, bolted, refraction=0.0):
-    """Turn both bolts as the model says; the `PolarAxis` before."""
-    axis = polar_axis(model, refraction)
-    bolted.turn_azimuth(-axis.azimuth_error)
-    bolted.raise_axis(-axis.altitude_error)
+def turned(model, bolted, first_order=False):
+    """Turn both bolts as the model says, or by MA / cos(latitude) and ME; the axis before."""
+    axis = polar_axis(model)
+    if first_order:
+        bolted.turn_azimuth(model.terms['MA'] / np.cos(bolted.latitude))
+        bolted.raise_axis(-model.terms['ME'] * (1.0 if bolted.latitude > 0.0 else -1.0))
+    else:
+        bolted.turn_azimuth(-axis.azimuth_error)
+        bolted.raise_axis(-axis.altitude_error)
     return axis
 
 
@@ -120,7 +124,7 @@ def made(rng, latitude, kind, off, unlevel):
 
 
 def rounds(rng, latitude, kind='german', off=5.0 * DEG, unlevel=0.0, count=3, rows=40,
-           noise=2.0 * ARCSEC):
+           noise=2.0 * ARCSEC, first_order=False):
     """How far an axis is from its pole, before and after each round, and the sigma of each fit.
 
     Returns
@@ -132,7 +136,7 @@ def rounds(rng, latitude, kind='german', off=5.0 * DEG, unlevel=0.0, count=3, ro
     apart, sigmas = [bolted.off()], []
     for _ in range(count):
         fitted = fit_terms(bolted.run(rows, noise, rng), bolted.mount.names.physical).model
-        axis = turned(fitted, bolted)
+        axis = turned(fitted, bolted, first_order)
         variance = axis.covariance * np.outer(*2 * [[np.cos(bolted.latitude), 1.0]])
         sigmas.append(np.sqrt(np.trace(variance)))
         apart.append(bolted.off())
@@ -146,6 +150,7 @@ def main():
     parser.add_argument('--rows', type=int, default=40)
     parser.add_argument('--noise', type=float, default=2.0, help='arcsec, an axis')
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--first-order', action='store_true', help='turn by MA / cos(latitude)')
     args = parser.parse_args()
     print('largest angle from axis to pole, arcsec\n'
           f'{"latitude":>8s} {"base":>10s} {"mounts":>6s}  '
@@ -155,7 +160,7 @@ def main():
         for latitude in LATITUDES:
             rng = np.random.default_rng([args.seed, int(latitude) + 90, judged])
             done = [rounds(rng, latitude * DEG, kind, unlevel=unlevel, rows=args.rows,
-                           noise=args.noise * ARCSEC)
+                           noise=args.noise * ARCSEC, first_order=args.first_order)
                     for kind in ('german', 'equatorial') for _ in range(args.mounts)]
             apart, sigma = (np.array(v) / ARCSEC for v in zip(*done))
             over = np.sum(apart[:, judged] > 10.0 + 3.0 * sigma[:, judged - 1])

@@ -15,6 +15,7 @@ _DRIVERS = {csv_name: (name, unit) for name, (csv_name, unit, _) in COLUMNS.item
 #: zeros by name, in place of the number of a run
 NEWEST, NO_ZEROS = 'newest', 'none'
 _ROUNDS, _SETTLED = 100, 1e-7 * ARCSEC
+_SAME_LATITUDE = 0.01  # deg
 
 
 def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=None,
@@ -66,6 +67,61 @@ def apply(model, az_deg, el_deg, *, reverse=False, zero=NEWEST, latitude_deg=Non
     zeros = zeros_of_rows(model, zero, columns.get('run'))[0]
     out = turned(model, context, zeros, reverse)
     return tuple(v.reshape(az.shape) / DEG for v in out)
+
+
+def axis_angles(mount, ra_deg, dec_deg, time, *, longitude_deg, latitude_deg=None, height_m=0.0,
+                pressure_hpa=None, temperature_c=None, of_date=False, beyond=None):
+    """Angles of the axes at which a perfect mount looks at places of the sky: without a model.
+
+    Parameters
+    ----------
+    mount : Mount or PointingModel
+    ra_deg, dec_deg : float or array_like, shape (n,)
+        ICRS (J2000), or apparent places with `of_date`, degrees.
+    time : float or array_like, shape (n,)
+        UTC, seconds since 1970.
+    longitude_deg, latitude_deg, height_m : float
+        Of the site; the latitude of an equatorial mount is its own.
+    pressure_hpa, temperature_c : float or array_like, optional
+        Of the air, for the refraction; pressure 0: none. By default that of `DEFAULT_WEATHER`.
+    of_date : bool
+    beyond : bool or array_like of bool, optional
+        Whether a German mount looks through the pole; by default as its counterweight is down.
+
+    Returns
+    -------
+    first, second, height : ndarray, shape (n,)
+        Degrees; azimuth from 0 to 360, other angles on the travel of the mount. The height is that
+        above the horizon.
+
+    Raises
+    ------
+    ValueError
+        No latitude, or another one than that of the mount; a site, time or air out of range.
+    """
+    from .runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
+    from .sky.places import DEFAULT_WEATHER, Site, Weather, observed_directions
+    mount = getattr(mount, 'mount', mount)
+    if mount.celestial:
+        own = mount.latitude / DEG
+        if latitude_deg is not None and abs(latitude_deg - own) > _SAME_LATITUDE:
+            raise ValueError(f'latitude {latitude_deg:g} is not that of the mount ({own:.4f})')
+        latitude_deg = own
+    if latitude_deg is None:
+        raise ValueError('places of the sky need the latitude of the site')
+    ra, dec, time = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (
+        ra_deg, dec_deg, time)))
+    icrs = to_icrs(ra * DEG, dec * DEG, OF_DATE if of_date else ICRS, time)
+    weather = Weather(DEFAULT_WEATHER.pressure_hpa if pressure_hpa is None else pressure_hpa,
+                      DEFAULT_WEATHER.temperature_c if temperature_c is None else temperature_c)
+    seen = observed_directions(*icrs, time, Site(latitude_deg * DEG, longitude_deg * DEG, height_m),
+                               weather)
+    if beyond is None:
+        beyond = mount.side_for(*mount.axes_of(seen.az, seen.el), 0.0, False)
+    first, second = mount.on_travel(*mount.axes_of(seen.az, seen.el, beyond))
+    if mount.vertical:
+        first = np.mod(first, 2.0 * np.pi)
+    return first / DEG, second / DEG, seen.el / DEG
 
 
 def turned(model, context, zero=(0.0, 0.0), reverse=False):

@@ -133,6 +133,12 @@ class LiveFolder:
             except NotThere:
                 pass
             self._solver = find_solver(None, _TIMEOUT, self._args.scale and tuple(self._args.scale))
+        if self._solver.kind == 'solve-field':
+            try:
+                return replace(self._solver, quick=True).solve(path, self.mapping.boresight)
+            except NotSolved as error:
+                if error.hung:
+                    raise
         return self._solver.solve(path, self.mapping.boresight)
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.runs.plate_solves.frames import ICRS, OF_DATE, to_icrs
-from pointing_model.sky.places import DEFAULT_WEATHER, Site, Weather, observed_directions
+from pointing_model.model_application import axis_angles
+from pointing_model.mounts import is_beyond
+from pointing_model.sky.places import DEFAULT_WEATHER
 
 #: columns of such a table
 SKY = ('ra_deg', 'dec_deg')
@@ -54,38 +55,25 @@ def observed(model, ra, dec, columns, cells, used, args):
     ValueError
         No time or site, or another latitude than the mount's.
     """
-    mount = model.mount
     if 'time' not in columns:
         raise ValueError('ra_deg, dec_deg need the time: a column time, or --time UTC')
-    latitude = args.latitude
-    if mount.celestial:
-        own = mount.latitude / DEG
-        if latitude is not None and abs(latitude - own) > 0.01:
-            raise ValueError(f'--latitude {latitude:g} is not that of the model ({own:.4f})')
-        latitude = own if latitude is None else latitude
-    if latitude is None or args.longitude is None:
+    if args.longitude is None or (args.latitude is None and not model.mount.celestial):
         raise ValueError('ra_deg, dec_deg need the site: --latitude and --longitude')
     time = columns['time']
     if not np.isfinite(time[used]).all():
         raise ValueError('ra_deg, dec_deg need the time of every row')
+    how = {'longitude_deg': args.longitude, 'latitude_deg': args.latitude,
+           'height_m': args.height or 0.0, 'of_date': args.equinox == 'date',
+           'pressure_hpa': _air(columns, 'pressure', args.pressure, DEFAULT_WEATHER.pressure_hpa),
+           'temperature_c': _air(columns, 'temperature', args.temperature,
+                                 DEFAULT_WEATHER.temperature_c)}
     time = np.where(used, time, time[used][0] if used.any() else 0.0)
-    frame = OF_DATE if args.equinox == 'date' else ICRS
-    icrs = to_icrs(ra * DEG, dec * DEG, frame, time)
-    weather = Weather(*(_air(columns, name, given, usual) for name, given, usual in (
-        ('pressure', args.pressure, DEFAULT_WEATHER.pressure_hpa),
-        ('temperature', args.temperature, DEFAULT_WEATHER.temperature_c))))
-    seen = observed_directions(*icrs, time, Site(latitude * DEG, args.longitude * DEG,
-                                                 args.height or 0.0), weather)
-    first, second = mount.axes_of(seen.az, seen.el)
-    beyond = mount.side_for(first, second, 0.0, False)
-    if mount.two_sided and 'pier_side' in cells:
-        words = [str(cell).strip().lower().removeprefix('pier').lstrip(' _')
-                 for cell in cells['pier_side']]
-        beyond = np.array([_SIDES.get(word, down) for word, down in zip(words, beyond)])
-    first, second = mount.on_travel(*mount.axes_of(seen.az, seen.el, beyond))
-    if mount.vertical:
-        first = np.mod(first, 2.0 * np.pi)
-    return first / DEG, second / DEG, seen.el / DEG
+    found = axis_angles(model, ra, dec, time, **how)
+    if not (model.mount.two_sided and 'pier_side' in cells):
+        return found
+    sides = [_SIDES.get(str(cell).strip().lower().removeprefix('pier').lstrip(' _'), down)
+             for cell, down in zip(cells['pier_side'], is_beyond(found[1] * DEG))]
+    return axis_angles(model, ra, dec, time, beyond=np.array(sides), **how)
 
 
 def _air(columns, name, given, usual):

@@ -1,5 +1,7 @@
 """Words for the way back to the bolts: which one, which way, how far."""
 
+import numpy as np
+
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
 
@@ -8,7 +10,7 @@ _CLEAR = 2.0
 TRUE, REFRACTED = 'true', 'refracted'
 
 
-def alignment_document(model, refraction=0.0):
+def alignment_document(model, refraction=0.0, equinox=None):
     """Where the polar axis of a model points, for JSON.
 
     Parameters
@@ -16,19 +18,23 @@ def alignment_document(model, refraction=0.0):
     model : PointingModel
     refraction : float
         Of the pole that is meant, rad; 0: the true one.
+    equinox : dict, optional
+        What the rows say of the equinox of their catalogue, ``meta['equinox_taken']`` of a run.
 
     Returns
     -------
     dict or None
         None of a mount without a polar axis. ``unknown`` says why nothing is known; else
         ``axis_azimuth_deg`` and ``axis_altitude_deg`` of the end above the horizon, ``pole`` (which
-        one is meant, and its altitude), ``south``, and the errors of the axis, axis - pole, with
-        their sigmas: ``azimuth_…``, ``altitude_…`` and ``apart_…`` (the angle between both).
+        one is meant, its altitude and refraction), ``south``, and the errors of the axis, axis -
+        pole, with their sigmas: ``azimuth_…``, ``altitude_…``, ``apart_…`` (the angle between);
+        ``equinox``, where it is a guess.
     """
     if not model.mount.celestial:
         return None
     try:
-        return axis_document(polar_axis(model, refraction), bool(refraction))
+        return {**axis_document(polar_axis(model, refraction), bool(refraction)),
+                'equinox': None if equinox is None or equinox['told'] else equinox}
     except ValueError as error:
         return {'unknown': str(error)}
 
@@ -38,7 +44,8 @@ def axis_document(axis, refracted=False):
     sigma_az, sigma_alt = axis.sigmas
     size, sigma = axis.apart
     return {'unknown': None, 'south': axis.south,
-            'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG},
+            'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG,
+                     'refraction_arcsec': (axis.pole - abs(axis.latitude)) / ARCSEC},
             'axis_azimuth_deg': axis.azimuth / DEG, 'axis_altitude_deg': axis.altitude / DEG,
             'apart_arcsec': size / ARCSEC, 'apart_sigma_arcsec': sigma / ARCSEC,
             'azimuth_error_arcsec': axis.azimuth_error / ARCSEC,
@@ -65,11 +72,26 @@ def alignment_lines(found, per_turn=None):
         return [f'how to turn the bolts is not known: {found["unknown"]}']
     pole = found['pole']
     return [
+        *_if_so(found.get('equinox')),
         f'The polar axis points {angle_text(found["apart_arcsec"])} '
         f'± {angle_text(found["apart_sigma_arcsec"])} from the {pole["which"]} pole '
-        f'(altitude {pole["altitude_deg"]:.4f}°).',
+        f'(altitude {pole["altitude_deg"]:.4f}°'
+        + f', {pole["refraction_arcsec"]:.0f}″ above the true one' * (pole['which'] == REFRACTED)
+        + ').',
         azimuth_line(found, per_turn and per_turn[0]),
         altitude_line(found, per_turn and per_turn[1])]
+
+
+def _if_so(equinox):
+    """A warning where the places of the stars are a guess."""
+    if not equinox:
+        return []
+    taken, other = (equinox['polar_axis_arcsec'].get(equinox[k], {}) for k in ('taken', 'other'))
+    moved = ', '.join(f'{name} by {angle_text(other[name] - value)}'
+                      for name, value in taken.items() if name in other)
+    return [f'Say the equinox of the catalogue before a bolt is turned (--equinox): '
+            f'{equinox["taken"]} is a guess; {equinox["other"]} moves '
+            f'{moved or "the axis"}.']
 
 
 def azimuth_line(found, per_turn=None):
@@ -99,14 +121,11 @@ def _line(bolt, error, sigma, per_turn, text):
 
 def angle_text(arcsec):
     """An angle of any size, with its unit."""
-    size = abs(arcsec)
-    if size < 100.0:
-        return f'{size:.1f}″'
-    if size < 3600.0:
-        minutes = int(size // 60.0)
-        return f'{minutes}′ {size - 60.0 * minutes:02.0f}″'
-    degrees = int(size // 3600.0)
-    return f'{degrees}° {(size - 3600.0 * degrees) / 60.0:04.1f}′'
+    if round(abs(arcsec), 1) < 100.0:
+        return f'{abs(arcsec):.1f}″'
+    minutes, seconds = divmod(round(abs(arcsec)), 60)
+    degrees, minutes = divmod(minutes, 60)
+    return f'{degrees}° ' * (degrees > 0) + f'{minutes}′ {seconds:02d}″'
 
 
 def shim_line(shim, unit='mm'):
@@ -129,7 +148,7 @@ def feet_lines(feet, unit='mm'):
         f'Foot {i} (azimuth {azimuth / DEG:.0f}°): '
         + (f'lift by {lift:.3f} ± {sigma:.3f} {unit}.' if lift else 'leave it.')
         for i, (azimuth, lift, sigma) in enumerate(
-            zip(feet.azimuths % 6.283185307179586, feet.lifts, feet.sigmas), 1)]
+            zip(np.mod(feet.azimuths, 2.0 * np.pi), feet.lifts, feet.sigmas), 1)]
 
 
 def watch_lines(told, found, near, per_turn=None):

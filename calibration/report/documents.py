@@ -54,7 +54,8 @@ def fit_document(found):
         'predicted': found.predicted and predicted_document(found.predicted),
         'base_model': base and base.compared(found.plain),
         'origin_of_errors': found.origin and found.origin.document(),
-        'polar_axis': alignment_document(found.plain)}
+        'polar_axis': alignment_document(
+            found.plain, equinox=run.meta.get('equinox_taken'))}
 
 
 def refused_fit(error):

@@ -88,8 +88,8 @@ def run(args):
     if args.file is None:
         raise ValueError('give a model or a run; or a folder of images with --live')
     from .console import new_console, print_all, print_lines, write_outputs
-    model, notes = model_of(args)
-    document, lines = told(model, args)
+    model, notes, equinox = model_of(args)
+    document, lines = told(model, args, equinox)
     console = new_console()
     print_all(console, lines)
     print_lines(console, 'note', notes)
@@ -98,10 +98,10 @@ def run(args):
 
 
 def model_of(args):
-    """The model of the file, or of a fit to the run in it; remarks."""
+    """The model of the file, or of a fit to the run in it; remarks; of a run its equinox."""
     if args.file.suffix.lower() == '.json':
         from pointing_model.model import PointingModel
-        return PointingModel.load(args.file), []
+        return PointingModel.load(args.file), [], None
     from calibration.analysis.run_fit import fit_run, one_of_runs
     from calibration.report.wording import wording
 
@@ -109,7 +109,7 @@ def model_of(args):
     run = load_run(args.file, **options.place_of(args))
     found = fit_run(one_of_runs(run, None, args.file.is_dir()), encoder=args.encoder,
                     source=args.file)
-    return found.model, list(map(wording, found.findings))
+    return found.model, list(map(wording, found.findings)), run.meta.get('equinox_taken')
 
 
 def refraction_of(args, latitude):
@@ -125,7 +125,7 @@ def refraction_of(args, latitude):
     return float(refracted(abs(latitude), weather) - abs(latitude))
 
 
-def told(model, args):
+def told(model, args, equinox=None):
     """What to move, as a document and in lines."""
     import numpy as np
 
@@ -138,7 +138,8 @@ def told(model, args):
     from pointing_model.alignment import cone_shim, foot_lifts
     document, lines = {}, []
     if model.mount.celestial:
-        found = alignment_document(model, refraction_of(args, model.mount.latitude))
+        found = alignment_document(model, refraction_of(args, model.mount.latitude),
+                                   equinox)
         if found['unknown']:
             raise ValueError(found['unknown'])
         document['polar_axis'] = found

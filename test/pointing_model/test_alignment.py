@@ -9,6 +9,7 @@ from calibration.analysis.term_fit import fit_terms
 from calibration.report.alignment_wording import (
     alignment_document,
     alignment_lines,
+    angle_text,
     feet_lines,
     shim_line,
 )
@@ -81,7 +82,7 @@ def test_the_refracted_pole_is_higher_by_what_is_said():
     found = alignment_document(model, 98.0 * ARCSEC)
     assert found['altitude_error_arcsec'] == pytest.approx(-98.0)
     lines = alignment_lines(found, (600.0, 600.0))
-    assert 'from the refracted pole (altitude 30.0272°)' in lines[0]
+    assert 'from the refracted pole (altitude 30.0272°, 98″ above the true one)' in lines[0]
     assert lines[1].startswith('Azimuth bolt: leave it')
     assert lines[2] == 'Altitude bolt: raise the axis by 98.0″ ± 1.0″: 0.16 turns.'
 
@@ -133,3 +134,22 @@ def test_the_angle_that_is_left_is_that_between_the_directions():
     assert polar_axis(model).apart[0] == pytest.approx(bolted.off(), abs=0.01 * ARCSEC)
     turned(model, bolted)
     assert bolted.off() < 0.01 * ARCSEC
+
+
+@pytest.mark.parametrize(('arcsec', 'text'), [
+    (0.04, '0.0″'), (-99.94, '99.9″'), (99.96, '1′ 40″'), (3599.7, '1° 0′ 00″'),
+    (10799.8, '3° 0′ 00″'), (17657.0, '4° 54′ 17″')])
+def test_angles_carry_what_is_rounded_up(arcsec, text):
+    assert angle_text(arcsec) == text
+
+
+def test_a_guessed_equinox_is_said_before_a_bolt_is_turned():
+    model = PointingModel({'MA': 1e-3, 'ME': 1e-3}, np.eye(2) * ARCSEC**2,
+                          mount=Mount.equatorial(0.7))
+    guess = {'told': False, 'taken': 'J2000', 'other': 'of date', 'polar_axis_arcsec': {
+        'J2000': {'MA': 10.0, 'ME': 20.0}, 'of date': {'MA': 170.0, 'ME': -460.0}}}
+    assert alignment_lines(alignment_document(model, equinox=guess))[0] == (
+        'Say the equinox of the catalogue before a bolt is turned (--equinox): J2000 is a guess; '
+        'of date moves MA by 2\u2032 40\u2033, ME by 8\u2032 00\u2033.')
+    known = alignment_document(model, equinox={**guess, 'told': True})
+    assert len(alignment_lines(known)) == 3

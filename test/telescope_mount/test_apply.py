@@ -202,6 +202,11 @@ def test_places_of_the_sky_with_and_without_the_model(ended, tmp_path, kind):
     for got, wanted in ((f'{one}_observed_deg', first), (f'{other}_observed_deg', second),
                         (f'{one}_enc_deg', reading[0]), (f'{other}_enc_deg', reading[1])):
         np.testing.assert_allclose([float(row[got]) for row in rows], wanted / DEG, atol=1e-9)
+    if kind == 'german':  # on the side that the file says
+        given.write_text('time,ra_deg,dec_deg,pier_side\n'
+                         '2026-07-15T13:00:00Z,279.2347,38.7837,east\n')
+        row, = table(ended('apply', tmp_path / 'm.json', given, '--longitude', '109')[1])
+        assert float(row['dec_observed_deg']) < 90.0
 
 
 @pytest.mark.parametrize('text, options, words', [

@@ -139,6 +139,9 @@ def test_erratum_5_two_groups_after_calibration():
     # eleven numbers of one normal, and of one even distribution
     normal, even = chance_of_groups('after_az_arcsec', 20000)
     assert normal < 0.002 and even < 0.01
+    # four columns were looked at, and this is the cleanest of them
+    normal, even = chance_of_groups('after_az_arcsec', 8000, looked_at=4)
+    assert 0.001 < normal < 0.005 and 0.015 < even < 0.04
     assert min(chance_of_groups('after_el_arcsec', 20000)) > 0.1
     radial = [np.sqrt(np.mean(columns[f'{part}_az_arcsec'] ** 2
                               + columns[f'{part}_el_arcsec'] ** 2)) for part in ('before', 'after')]

@@ -1,0 +1,77 @@
+"""Nights of mounts that no model can hold: does a wrong name stay, does a model point worse?
+
+    python benchmarks/disturbed_nights.py [--seeds N] [--first N] [--scenarios 'mount_*'] [--keep F]
+
+Each is a night of `close-the-loop` through the whole graph (some fifteen seconds each), seed after
+seed, so that a run that is ended counts as far as it came. `found` is what the command says of it:
+docs/closing_the_loop.md. A wrong name is `wrong`: a cause was claimed that is none of the
+scenario's, and fresh stars did not take it back. Printed at the end: nights by scenario and by what
+was found, and the 95 % limit of the part of nights with a wrong name (exact binomial).
+"""
+
+import argparse
+import json
+import tempfile
+from collections import Counter
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from scipy.stats import beta
+
+from telescope_mount.loop import close_the_loop
+from telescope_mount.simulation import scenario_names
+from telescope_mount.whole_night import NightFailed
+
+WRONG, FAILED = ('wrong', 'harmful'), 'failed'
+
+
+def one_night(name, seed):
+    """What the command says of a night, with the effects that it added."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            report = close_the_loop(Path(folder) / 'night', scenario=name, seed=seed)
+        except NightFailed as error:
+            return {'scenario': name, 'seed': seed, 'found': FAILED, 'effects': [str(error)]}
+    return {'scenario': name, 'seed': seed, 'found': report['found'],
+            'effects': [one['effect'] if isinstance(one, dict) and 'effect' in one else str(one)
+                        for one in report['applied'] or ()]}
+
+
+def table(nights):
+    """Print nights by scenario, and the limit."""
+    for name in sorted({one['scenario'] for one in nights}):
+        counts = Counter(one['found'] for one in nights if one['scenario'] == name)
+        print(f'{name:30s} ' + ', '.join(f'{found} {n}' for found, n in counts.most_common()))
+    done = [one for one in nights if one['found'] != FAILED]
+    wrong = [one for one in done if any(word in str(one['found']) for word in WRONG)]
+    for one in wrong:
+        print(f'  {one["found"]}: {one["scenario"]}, seed {one["seed"]}: {one["effects"]}')
+    limit = beta.ppf(0.95, len(wrong) + 1, len(done) - len(wrong))
+    print(f'a wrong name, or harm, in {len(wrong)} of {len(done)} nights; below '
+          f'{100 * limit:.1f} % (95 %); {len(nights) - len(done)} failed')
+
+
+def main():
+    """Run the nights, then print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--seeds', type=int, default=2)
+    parser.add_argument('--first', type=int, default=1)
+    parser.add_argument('--scenarios', default='mount_*')
+    parser.add_argument('--keep', type=Path, help='a line of JSON a night is appended to it')
+    args = parser.parse_args()
+    nights = []
+    try:
+        for seed in range(args.first, args.first + args.seeds):
+            for name in scenario_names():
+                if fnmatchcase(name, args.scenarios):
+                    nights.append(one_night(name, seed))
+                    if args.keep:
+                        with open(args.keep, 'a', encoding='utf-8') as stream:
+                            stream.write(json.dumps(nights[-1]) + '\n')
+    finally:
+        if nights:
+            table(nights)
+
+
+if __name__ == '__main__':
+    main()
