@@ -173,8 +173,9 @@ def _tried(problem, choice, i, g, near, alpha, chance, partitions):
     bank, own, other = problem.dictionary, choice.chosen[i], CandidateGroup(g)
     # the found one and its other alternatives would only share the lead
     causes = {bank.effects[k].cause_summary for k in (own.group, *near) if k != g}
-    out = [*(CandidateGroup(k) for k, e in enumerate(bank.effects) if e.cause_summary in causes),
-           *choice.dropped_by_cv]
+    # and a wave without a cause would take the place of any of them
+    out = [*(CandidateGroup(k) for k, e in enumerate(bank.effects)
+             if e.cause_summary in causes or e.kind == 'smooth'), *choice.dropped_by_cv]
     if other in out:
         return None
     model = search(problem, alpha, chance, out, first=(other,))
