@@ -1,7 +1,8 @@
-"""The folder of images that ``bolts --live`` watches: each is solved, and what is left is told."""
+"""The images of ``bolts --live``, of a folder or a camera: each is solved, and tells the rest."""
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from calibration.report.alignment_wording import axis_document, watch_lines
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
 from pointing_model.bolt_turns import Image
-from pointing_model.mounts import Mount, parse_mount, through_pole
+from pointing_model.mounts import through_pole
 from pointing_model.runs.formats.images import common_site, one_image
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
@@ -17,7 +18,7 @@ from pointing_model.runs.plate_solves.mapping import load_mapping
 from pointing_model.runs.plate_solves.solvers import NotSolved, find_solver
 from pointing_model.sky.places import DEFAULT_WEATHER, Site, observed_directions
 
-from .bolt_watch import STOPPED, THREE, BoltWatch
+from .bolt_watch import COLLECTED, STOPPED, THREE, BoltWatch
 
 #: of a solution without a sigma, as a part of a pixel
 _SIGMA = 0.3
@@ -31,15 +32,16 @@ class LiveFolder:
 
     Parameters
     ----------
+    folder : Path
     args : argparse.Namespace
         Of the command.
     latitude : float, optional
         Of the model, rad: where neither options nor images give it.
     """
 
-    def __init__(self, args, latitude=None):
-        self.folder, self._args, self._latitude = args.live, args, latitude
-        path = args.keywords or args.live / 'mount.yaml'
+    def __init__(self, folder, args, latitude=None):
+        self.folder, self._args, self._latitude = folder, args, latitude
+        path = args.keywords or folder / 'mount.yaml'
         if not path.exists():
             raise ValueError(f'{path} is not there: it says which keywords of the images are what '
                              '(docs/plate_solved.md has one to copy); --keywords names another')
@@ -56,7 +58,8 @@ class LiveFolder:
 
         Yields
         ------
-        path, image, reason : Path, Image or None, str or None
+        name, written, image, reason : str, float, Image or None, str or None
+            `written` is when the file came, s since 1970.
         """
         rows = []
         for path in self._files():
@@ -73,13 +76,14 @@ class LiveFolder:
             self.site = self.site or self._site_of(path, header)
             rows.append((row.get('time', np.inf), path, (header, row), reason))
         for _, path, found, reason in sorted(rows, key=lambda row: (row[0], row[1].name)):
+            written = self._seen[path.name][1] * 1e-9
             if reason is None:
                 try:
-                    yield path, self._image(path, *found), None
+                    yield path.name, written, self._image(path, *found), None
                     continue
                 except (NotThere, NotSolved) as error:
                     reason = str(error)
-            yield path, None, reason
+            yield path.name, written, None, reason
 
     def _files(self):
         try:
@@ -102,25 +106,14 @@ class LiveFolder:
 
     def _image(self, path, header, row):
         solution, sigma = self._solved(path, header)
-        sigma = row.get('sigma_arcsec', sigma)
-        if not (sigma is not None and np.isfinite(sigma)):
-            sigma = _SIGMA * solution.scale_arcsec_px
-        ra, dec = to_icrs(*(np.atleast_1d(v * DEG) for v in (solution.ra_deg, solution.dec_deg)),
-                          self.mapping.frame or solution.frame or ICRS, np.atleast_1d(row['time']))
-        weather = {name: value for name, value in (
-            ('pressure_hpa', _first(self._args.pressure, row.get('pressure_hpa'))),
-            ('temperature_c', _first(self._args.temperature, row.get('temperature_c'))))
-            if value is not None}
-        seen = observed_directions(ra, dec, np.atleast_1d(row['time']), self.site,
-                                   replace(DEFAULT_WEATHER, **weather))
-        az, el = float(seen.az[0]), float(seen.el[0])
         first, second = row['ha_enc_deg'] * DEG, row['dec_enc_deg'] * DEG
         side = str(row.get('pier_side', '')).strip().lower().removeprefix('pier').lstrip('_ ')
         if side in ('west', 'w') and np.cos(second) > 0.0:
             first, second = (float(v) for v in through_pole(first, second, True))
-        place = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
-        return Image(first, second, place, float(np.hypot(sigma * ARCSEC, _SEEING)),
-                     row['time'], path.name)
+        air = {name: _first(getattr(self._args, option), row.get(name)) for name, option in (
+            ('pressure_hpa', 'pressure'), ('temperature_c', 'temperature'))}
+        return image_of(solution, row.get('sigma_arcsec', sigma), row['time'], first, second,
+                        self.site, path.name, air, self.mapping.frame)
 
     def _solved(self, path, header):
         """The solution in the header, or of the solver."""
@@ -129,17 +122,57 @@ class LiveFolder:
                 found, _ = one_image(header, self.mapping)[:2]
                 if 'ra_deg' in found:
                     from pointing_model.runs.plate_solves.fits_images import solution_of
-                    return solution_of(header, self.mapping.boresight), None
+                    return solution_of(header, self.mapping.boresight), np.nan
             except NotThere:
                 pass
             self._solver = find_solver(None, _TIMEOUT, self._args.scale and tuple(self._args.scale))
-        if self._solver.kind == 'solve-field':
-            try:
-                return replace(self._solver, quick=True).solve(path, self.mapping.boresight)
-            except NotSolved as error:
-                if error.hung:
-                    raise
-        return self._solver.solve(path, self.mapping.boresight)
+        return solved(self._solver, path, self.mapping.boresight)
+
+
+def solved(solver, path, boresight=None):
+    """An image through a solver, the quick way where it can: as `PlateSolver.solve`."""
+    if solver.kind == 'solve-field':
+        try:
+            return replace(solver, quick=True).solve(path, boresight)
+        except NotSolved as error:
+            if error.hung:
+                raise
+    return solver.solve(path, boresight)
+
+
+def image_of(solution, sigma, moment, first, second, site, name, air=None, frame=None):
+    """A solution as an `Image`.
+
+    Parameters
+    ----------
+    solution : PlateSolution
+    sigma : float
+        arcsec, an axis; NaN where the solver gives none.
+    moment : float
+        UTC, s.
+    first, second : float
+        Readings, rad.
+    site : Site
+    name : str
+    air : dict, optional
+        Fields of a `Weather`, where they are known.
+    frame : Frame, optional
+        In place of that of the solution.
+
+    Returns
+    -------
+    pointing_model.bolt_turns.Image
+    """
+    if not np.isfinite(sigma):
+        sigma = _SIGMA * solution.scale_arcsec_px
+    time_of = np.atleast_1d(moment)
+    icrs = to_icrs(*(np.atleast_1d(v * DEG) for v in (solution.ra_deg, solution.dec_deg)),
+                   frame or solution.frame or ICRS, time_of)
+    known = {key: value for key, value in (air or {}).items() if value is not None}
+    seen = observed_directions(*icrs, time_of, site, replace(DEFAULT_WEATHER, **known))
+    az, el = float(seen.az[0]), float(seen.el[0])
+    place = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
+    return Image(first, second, place, float(np.hypot(sigma * ARCSEC, _SEEING)), moment, name)
 
 
 def _first(*values):
@@ -147,42 +180,61 @@ def _first(*values):
 
 
 def live(args):
-    """Watch the folder until the axis is on the pole, an error doubles, or nothing comes."""
+    """Take images until the axis is on the pole, an error doubles, or nothing comes."""
     from .commands import bolts as command
-    from .commands.console import new_console, write_outputs
-    if not args.live.is_dir():
-        raise ValueError(f'{args.live} is no folder of images')
     model = command.model_of(args)[0] if args.file is not None else None
     if model is not None and not model.mount.celestial:
         raise ValueError(f'a mount that is {model.mount.kind} has no polar axis')
-    folder = LiveFolder(args, model and model.mount.latitude)
-    console, watch, told = new_console(), None, []
+    if not args.live.startswith('indi:'):
+        folder = Path(args.live)
+        if not folder.is_dir():
+            raise ValueError(f'{folder} is no folder of images')
+        return _watched(LiveFolder(folder, args, model and model.mount.latitude), args, model)
+    from .bridges.indi.bolt_camera import BoltCamera
+    solver = find_solver(args.solver, _TIMEOUT, args.scale and tuple(args.scale))
+    air = {'pressure_hpa': args.pressure, 'temperature_c': args.temperature}
+    site = {name: getattr(args, name) for name in ('latitude', 'longitude', 'height')}
+    if model is not None and site['latitude'] is None:
+        site['latitude'] = model.mount.latitude / DEG
+    with BoltCamera(args.live, args.exposure, lambda path: solved(solver, path),
+                    lambda *of: image_of(*of, air), site) as camera:
+        return _watched(camera, args, model)
+
+
+def _watched(source, args, model):
+    """Tell of the images of a folder or camera; the exit code."""
+    from .commands import bolts as command
+    from .commands.console import new_console, write_outputs
+    console, watch, told, last = new_console(), None, [], None
     per_turn = args.per_turn and [60.0 * v for v in args.per_turn]
     console.print('Three images first: turn the hour axis alone by 15 degrees or more between '
                   'them.' if model is None else 'What is left is told after each image.')
     quiet, code = time.monotonic(), 1
     while time.monotonic() - quiet < args.patience and not (told and told[-1].get('end')):
-        for path, image, reason in folder.new_images():
+        for name, written, image, reason in source.new_images():
             quiet = time.monotonic()
-            if watch is None and folder.site is not None:
-                watch = _watch(folder, args, model, command)
+            if watch is None and source.site is not None:
+                watch = _watch(source, args, model, command)
             if reason is None:
                 try:
                     found = watch.add(image)
                 except ValueError as error:
                     reason = str(error)
             if reason is not None:
-                console.print(f'{path.name}: left out, {reason}', soft_wrap=True)
+                console.print(f'{name}: left out, {reason}', soft_wrap=True)
                 continue
             entry = axis_document(found.axis, args.pole != 'true') if found.axis else None
-            late = time.time() - path.stat().st_mtime
+            late = time.time() - written
             near = entry and entry['apart_arcsec'] < max(
                 args.within, 2.0 * entry['apart_sigma_arcsec'])
             done = near and found.kind == THREE and found.again
-            console.print(f'{path.name}, {late:.1f} s after it was written:', soft_wrap=True)
-            for line in watch_lines(found, entry, near, per_turn):
-                console.print(f'  {line}', soft_wrap=True)
-            told.append({'image': path.name, 'by': found.kind, 'images': found.count,
+            lines = watch_lines(found, entry, near, per_turn)
+            if found.kind != COLLECTED or lines != last:  # a camera goes on while nothing turns
+                console.print(f'{name}, {late:.1f} s after it was written:', soft_wrap=True)
+                for line in lines:
+                    console.print(f'  {line}', soft_wrap=True)
+            last = lines
+            told.append({'image': name, 'by': found.kind, 'images': found.count,
                          'seconds': late, 'polar_axis': entry,
                          'end': bool(done) or found.kind == STOPPED})
             code = 0 if done else 1
@@ -196,11 +248,9 @@ def live(args):
     return code
 
 
-def _watch(folder, args, model, command):
+def _watch(source, args, model, command):
     """The watch, once the site is known."""
-    latitude = folder.site.latitude if model is None else model.mount.latitude
-    kind = folder.mapping.mount or 'equatorial'
-    Mount.equatorial(latitude, parse_mount(kind, latitude).kind)
+    latitude = source.site.latitude if model is None else model.mount.latitude
     refraction = command.refraction_of(args, latitude)
     return BoltWatch(latitude, refraction, model,
                      None if model is None else polar_axis(model, refraction))

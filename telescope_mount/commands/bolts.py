@@ -25,8 +25,11 @@ def add(commands):
     parser.add_argument('--feet', type=_feet, metavar='RADIUS,N[,AZIMUTH]', help='of an '
                         'alt-azimuth mount: radius of the circle of feet in mm, how many, azimuth '
                         'of the first (default: 3 feet, the first in the north)')
-    parser.add_argument('--live', type=Path, metavar='FOLDER', help='watch a folder of images, '
-                        'solved or not, and tell what is left after each')
+    parser.add_argument('--live', metavar='FOLDER', help='watch a folder of images, '
+                        'solved or not, and tell what is left after each; '
+                        'indi:HOST[:PORT[:CAMERA]] takes them with a camera of an INDI server')
+    parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), default=1.0,
+                        metavar='S', help='of that camera (default: 1)')
     parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='with --live: which '
                         'keywords of the images are what (default: FOLDER/mount.yaml)')
     parser.add_argument('--solver', metavar='NAME', help='with --live: solve-field, astap, or the '

@@ -175,10 +175,10 @@ while [ $# -gt 1 ]; do [ "$1" = --dir ] && dir=$2; shift; done
 cp {tmp_path}/truth.wcs "$dir/solved.wcs"
 ''')
     program.chmod(0o755)
-    folder = LiveFolder(Namespace(
-        live=tmp_path, keywords=None, solver=str(program), scale=None, latitude=None,
+    folder = LiveFolder(tmp_path, Namespace(
+        keywords=None, solver=str(program), scale=None, latitude=None,
         longitude=None, height=None, pressure=None, temperature=None))
-    (_, image, reason), = folder.new_images()
+    (_, _, image, reason), = folder.new_images()
     assert reason is None and len((tmp_path / 'called').read_text().splitlines()) == 2
     assert np.linalg.norm(image.place - place) < 0.1 * ARCSEC
     assert image.sigma == pytest.approx(1.05 * ARCSEC, rel=0.01)

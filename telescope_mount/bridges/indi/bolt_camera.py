@@ -1,0 +1,125 @@
+"""Images of an INDI camera for ``bolts --live``: exposures one by one, with the readings."""
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mounts import through_pole
+from pointing_model.runs.plate_solves.solvers import NotSolved
+from pointing_model.sky.places import Site, sidereal_time
+
+from .client import PATIENCE, IndiClient, IndiError
+from .indi_camera import IndiCamera
+from .indi_telescope import IndiTelescope, find_device
+
+PORT = 7624
+
+
+def server_of(text):
+    """Host, port and camera of ``indi:HOST[:PORT[:CAMERA]]``; ValueError: it is none."""
+    _, host, *rest = [*text.split(':', 3), ''][:4]
+    try:
+        port = int(rest[0]) if rest and rest[0] else PORT
+    except ValueError:
+        port = 0
+    if not host or not 0 < port < 65536:
+        raise ValueError(f'{text}: write indi:HOST, indi:HOST:PORT or indi:HOST:PORT:CAMERA')
+    return host, port, rest[1] if len(rest) > 1 else ''
+
+
+class BoltCamera:
+    """A camera of an INDI server beside the mount that carries it.
+
+    Parameters
+    ----------
+    where : str
+        As of `server_of`.
+    exposure : float
+        s.
+    solve : callable
+        ``solve(path)`` -> `PlateSolution`, sigma in arcsec or NaN; raises NotSolved.
+    place : callable
+        ``place(solution, sigma, time, first, second, site, name)`` -> `bolt_turns.Image`.
+    site : dict
+        ``latitude``, ``longitude`` in degrees and ``height``, where they are given, in place of
+        what the driver has.
+
+    Attributes
+    ----------
+    site : Site
+    kind : str
+        Of the mount, '' where the driver does not say.
+    """
+
+    def __init__(self, where, exposure, solve, place, site):
+        self._exposure, self._solve, self._place = exposure, solve, place
+        host, port, camera = server_of(where)
+        self._client = IndiClient(host, port, blob=lambda *of: self._camera.take(*of))
+        self._camera = IndiCamera(self._client, camera)
+        self._count, self._given = 0, site
+        self.site, self.kind, self._telescope = None, '', None
+
+    def __enter__(self):
+        self._client.start()
+        try:
+            self._client.wait(lambda: self._client.connected,
+                              f'no INDI server at {self._client.host}:{self._client.port}',
+                              PATIENCE)
+            self._telescope = telescope = IndiTelescope(self._client, find_device(self._client))
+            telescope.connect()
+            self._camera.connect()
+            self.kind = telescope.kind
+            if self.kind == 'altaz':
+                raise ValueError(f'{telescope.device} is an alt-azimuth mount: it has no bolts of '
+                                 'a polar axis')
+            own = dict(zip(('latitude', 'longitude', 'height'), telescope.site or ()))
+            own = {name: value if name == 'height' else value / DEG for name, value in own.items()}
+            own.update({name: value for name, value in self._given.items() if value is not None})
+            if not {'latitude', 'longitude'} <= set(own):
+                raise ValueError('the driver tells no site: --latitude and --longitude')
+            self.site = Site(own['latitude'] * DEG, own['longitude'] * DEG,
+                             own.get('height', 0.0))
+        except BaseException:
+            self._client.close()
+            raise
+        return self
+
+    def __exit__(self, *_):
+        self._client.close()
+
+    def new_images(self):
+        """One exposure, as `live_bolts.LiveFolder.new_images`; none while the mount slews."""
+        if self._telescope.slewing:
+            return
+        image = self._camera.expose(self._exposure)
+        if self._telescope.slewing:
+            return
+        came, self._count = time.time(), self._count + 1
+        name, moment = f'image {self._count}', image.middle * 1e-9
+        try:
+            with tempfile.TemporaryDirectory(prefix='bolts_') as folder:
+                path = Path(folder) / 'image.fits'
+                path.write_bytes(image.data)
+                solution, sigma = self._solve(path)
+            yield name, came, self._place(solution, sigma, moment, *self._readings(moment),
+                                          self.site, name), None
+        except NotSolved as error:
+            yield name, came, None, str(error)
+
+    def _readings(self, moment):
+        """Hour angle and declination that the mount told, rad, at a moment."""
+        telescope = self._telescope
+        if telescope.has_axes:
+            return telescope.axes[0].tolist()
+        if telescope.place is None:
+            raise IndiError(f'{telescope.device} does not tell where it looks')
+        (ra, dec), received = telescope.place
+        # of a mount that stands the right ascension is that of when it was told
+        at = moment if telescope.tracks else received * 1e-9
+        hour = float(wrap(sidereal_time(np.array([at]), self.site)[0] - ra))
+        if telescope.beyond:
+            return [float(v) for v in through_pole(hour, dec, True)]
+        return hour, float(dec)
