@@ -9,6 +9,7 @@ from .candidates import CandidateBank, CandidateGroup
 from .correlated_noise import AxisNoise, Sequence, likely_memories
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
+from .periodogram import PeriodBank
 
 #: fits that are kept: a search comes back to the ones before
 _KEPT = 64
@@ -32,6 +33,8 @@ class SelectionProblem:
         Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
         CandidateBank; ``finer(group)``, the members of its scan between those that are tried next
         to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+    periods : PeriodBank
+        Waves of unknown period.
     """
 
     base: GroupColumns
@@ -41,6 +44,7 @@ class SelectionProblem:
     curves: CandidateBank
     sequence: Sequence | None = None
     variants: object = None
+    periods: PeriodBank = field(default_factory=lambda: PeriodBank([]))
     _memories: dict = field(default_factory=dict, repr=False)
     _fits: dict = field(default_factory=dict, repr=False)
 
@@ -62,7 +66,7 @@ class SelectionProblem:
                                 self.dictionary.rows(rows), self.curves.rows(rows),
                                 None if self.sequence is None else self.sequence.rows(rows),
                                 None if self.variants is None else self.variants.rows(rows),
-                                ChainMap({}, self._memories))
+                                self.periods.rows(rows), ChainMap({}, self._memories))
 
     def replace(self, group, effect, columns):
         """Put another effect in the place of a group of the dictionary."""
@@ -70,11 +74,17 @@ class SelectionProblem:
         self._memories.clear()  # they were estimated with the other one
         self._fits.clear()
 
+    def tune(self, group, rate):
+        """Let a wave of unknown period have another rate."""
+        self.periods.tune(group, rate)
+        self._memories.clear()
+        self._fits.clear()
+
     def only(self, chosen):
         """The same with the columns of a choice in the base, and nothing to choose from."""
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
-                                self.sequence, None, {} if known is None else {frozenset(): known})
+                                self.sequence, None, _memories={} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
         """Fit of the base and the chosen groups.
