@@ -30,8 +30,8 @@ SET_WIDTH = 6.0
 #: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
 ALIAS = 0.98
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
-#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are conservative: together
-#: they stay below it (measured, benchmarks/diagnosis.py).
+#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
+#: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.15, 'curves': 0.3}
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5

@@ -84,7 +84,8 @@ class SelectionProblem:
         """The same with the columns of a choice in the base, and nothing to choose from."""
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
-                                self.sequence, None, _memories={} if known is None else {frozenset(): known})
+                                self.sequence, None,
+                                _memories={} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
         """Fit of the base and the chosen groups.

@@ -44,8 +44,9 @@ from .residual_patterns import (
     visit_findings,
 )
 from .row_counts import diagnosis_row_counts, refused_if_few, row_word
-from .row_facts import repeats, unequal_scatter, worst_rows
+from .row_facts import repeats, worst_rows
 from .run_problem import RunProblem
+from .scatter import unequal_axes, unequal_scatter
 from .sessions import arrange, split
 from .validation import FOLDS, cross_validated, hold_out, mark_undecided, partitions_of
 
@@ -139,6 +140,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     add_page_figures(result)
     result.counts = diagnosis_row_counts(result).to_dict()
     result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
+    result.unequal_axes = unequal_axes(result)
     result.columns_alike = checked.alike
     if obs.whole:
         result.notes.append(Finding('rows searched', len(obs), unit='rows',
@@ -187,6 +189,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
     choice = choose(problem, alpha, chance, partitions)
+    settle_periods(problem, choice)
     if first_answer:
         first_answer(_first_answer(problem, choice))
     choice = compare_alternatives(problem, choice, alpha, chance, partitions)

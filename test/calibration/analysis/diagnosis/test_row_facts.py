@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_facts import nights_held_out, unequal_scatter
-from calibration.report.row_wording import bad_nights, scatter_sentence, worst_sentence
+from calibration.analysis.diagnosis.row_facts import nights_held_out
+from calibration.analysis.diagnosis.scatter import unequal_axes, unequal_scatter
+from calibration.report.row_wording import bad_nights, worst_sentence
+from calibration.report.scatter_wording import axes_sentence, scatter_sentence
 from msg_tools.units import ARCSEC
 
 
