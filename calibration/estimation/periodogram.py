@@ -24,9 +24,9 @@ OVERSAMPLED = 4
 SHAPES = ((1,), (1, 2), (1, 2, 3))
 #: longer periods, whose harmonic a wave may be
 _LONGER = (1, 2, 3)
-#: BIC by which a further harmonic, or a longer period, must be better. Two columns are by chance in
-#: 3 of 1000 tries of 60 rows
-_SHAPE_MARGIN = 3.0
+#: BIC by which a further harmonic, or a longer period, must be better: "strong" evidence, as
+#: of one effect over another
+_SHAPE_MARGIN = 6.0
 #: of waves that would be as large by chance, how many are expected, from where no flips are asked
 _PLAINLY_CHANCE = 0.3
 #: waves that a part of the rows is offered: the best of all rows, and those beside them

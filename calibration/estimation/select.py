@@ -267,7 +267,8 @@ def _beside_memory(problem, chosen, i, plain):
     memory, too.
     """
     others = chosen[:i] + chosen[i + 1:]
-    if not MemoryMask.of(problem, others, problem.periods, plain).covers(chosen[i].group):
+    if problem.sequence is None or not MemoryMask.of(
+            problem, others, problem.periods, plain).covers(chosen[i].group):
         return None
     return problem.fit(chosen, plain.weights, without=i, memory=problem.fit(chosen).memory)
 
