@@ -32,7 +32,7 @@ ALIAS = 0.98
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
 #: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
 #: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.15, 'curves': 0.3}
+SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.2, 'curves': 0.3}
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -454,7 +454,7 @@ def significance(problem, choice, i, chance, alpha, alone=False):
         fit = _beside_memory(problem, chosen, i, fit) or fit
     if masked:
         fit = mask.fit
-    groups = [g] if alone else None
+    groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
     scores = bank.score(fit, groups)
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
     if masked and p > alpha and scores.dof[g]:

@@ -8,7 +8,7 @@ import numpy as np
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
-from .graduation import BY_COLUMN
+from .graduation import BY_COLUMN, is_gear
 
 _TURN = 2.0 * np.pi
 #: seconds in which the sky turns once
@@ -18,6 +18,13 @@ FEWEST, MOST = 10.0, 1000.0
 #: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
 #: turn of the wave generator, which has two lobes, and once where it is off its centre
 STRAIN_WAVE = (50, 80, 100, 120, 160)
+#: up to how many periods a turn what has them, of the parts of a drive
+_WHEELS = (36.0, 'rollers, poles of a motor or a gear'), (np.inf, 'worm or gear')
+_LOOK_AT = {
+    _WHEELS[0][1]: 'rollers of the bearing, poles and torque ripple of a motor on the axis, gears',
+    _WHEELS[1][1]: 'mesh, bearings and end play of the worm, the gears before it; measure it while '
+                   'tracking and record a correction (PEC)'}
+_SIGNALS = '; of an encoder with so many lines the offset, amplitude and phase of its signals'
 #: part of the declared lines by which those of a tape on a drum may differ
 TAPE_MARGIN = 0.01
 
@@ -101,12 +108,12 @@ def period_words(turns, names, axis, clock=False):
 
 
 @form
-def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False, tape=None,
-              mount=USUAL):
+def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False, lines=False,
+              tape=None, mount=USUAL):
     """Waves of an axis, so many in a turn of it (or of the sky: ``of='time'`` from `origin`, s).
 
-    ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time'; ``tape``: declared lines of
-    an encoder's tape.
+    ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time'; ``lines``: declared as those
+    of an encoder; ``tape``: declared lines of an encoder's tape.
     """
     names, word, key = KINDS[mount], KINDS[mount].word(axis), KINDS[mount].key(axis)
     clock = of == 'time'
@@ -119,7 +126,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                 for f in (np.cos, np.sin)]
 
     period = period_words(turns, names, axis, clock)
-    place = _TURN / turns
+    place, wheel = _TURN / turns, _wheel(turns)
 
     def against(c):
         angle = driver_angle(c, axis, of, origin)
@@ -135,7 +142,7 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
 
     cause = (f'each line of the tape of the {word} encoder is divided unevenly, {turns:.7g} lines '
              'per turn' if tape else f'periodic error of {word}, {period}' + (
-                 ' in time' if clock else ': worm or gear'))
+                 ' in time' if clock else f': {wheel}'))
     # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
     return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
                   + ('' if orders == (1,) else f'_orders_{len(orders)}'),
@@ -145,15 +152,19 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
                   'height of the reading head over the tape, and its joint' if tape else
                   'what comes back so often: a drive that runs with the clock, a heater, a pump'
                   if clock else
-                  'mesh, bearings and end play of the worm, the gears before it; measure it while '
-                  'tracking and record a correction (PEC)',
+                  _LOOK_AT[wheel] + _SIGNALS * lines,
                   f'a wave of the {word}, {period}',
                   f'tape of the {word} encoder' if tape else
                   f'something that comes back {period} in {word}' if clock else
-                  f'periodic error of a worm or gear of {word}, {period}',
+                  f'periodic error of {word}, {period}: {wheel}',
                   requires=() if of == 'angle' else (driver,), figure=against,
                   scan=None if declared else f'{"tape" if tape else "period"}_{of}_{axis}',
                   share='dictionary' if declared else 'periods')
+
+
+def _wheel(turns):
+    """What may come back so often a turn."""
+    return next(words for most, words in _WHEELS if turns <= most)
 
 
 def driver_angle(context, axis, of, origin=0.0):
@@ -167,8 +178,10 @@ def driver_angle(context, axis, of, origin=0.0):
 
 
 def propose(context, lacking, own):
-    """Of a worm whose teeth are declared; others are searched."""
-    for axis, turns in context.worms.items():
+    """Of a worm whose teeth are declared, or a grating with so few lines; others are searched."""
+    few = {axis: kinds['grating'] for axis, kinds in context.graduation.items()
+           if is_gear('grating', kinds.get('grating'))}
+    for axis, turns in {**few, **context.worms}.items():
         of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
         yield Offer('periodic', [effect('periodic', axis=axis, turns=turns, orders=orders, of=of,
-                                        declared=True) for orders in ((1,), (1, 2))], axis=axis)
+                                        declared=True, lines=axis in few) for orders in ((1,), (1, 2))], axis=axis)

@@ -17,6 +17,8 @@ PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
 #: axes by the names of their columns in files
 BY_COLUMN = {column: axis for names in KINDS.values() for axis, column in zip(AXES, names.columns)}
 _FEWEST, _MOST = 16, 10**7  # lines in a turn that a graduation may have
+#: lines in a turn up to which they may be teeth
+FEW_LINES = 1000
 _ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
 _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
 _ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
@@ -71,6 +73,11 @@ def declared_graduation(given):
 def period_of(graduation, lines=None):
     """Period of a graduation, radians."""
     return PERIODS[graduation] if lines is None else _TURN / int(lines)
+
+
+def is_gear(graduation, lines):
+    """Whether a wheel may have so few lines: then teeth make the same error, and are likelier."""
+    return graduation == 'grating' and lines is not None and lines <= FEW_LINES
 
 
 @form
@@ -141,8 +148,8 @@ def propose(context, lacking, own):
         place = context.az if axis == 'az' else context.el
         declared = context.graduation.get(axis) or dict.fromkeys(PERIODS)
         for graduation, lines in declared.items():
-            if graduation not in PERIODS:
-                continue  # of a tape how many there are is searched, see `gears`
+            if graduation not in PERIODS or is_gear(graduation, lines):
+                continue  # see `gears`: of a tape how many there are is searched
             against = _not_spread(word, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
                 effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)
