@@ -1,9 +1,11 @@
 """The page of a diagnosis: one HTML file that opens from disk, offline, and prints."""
 
+from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
 
 from . import diagnosis_sections as page
 from . import page_parts as html
+from .diagnosis_summary import MOST_EFFECTS
 from .drawing import clean
 from .provenance import provenance_section
 from .residual_figures import controls, histograms, sky_maps, targets
@@ -27,56 +29,82 @@ def render(view, files=None):
     document, data = view.document, view.residuals
     title = 'Pointing diagnosis' + f': {view.about}' * bool(view.about)
     body = [
-        f'<h1>{clean(title)}</h1>', html.paragraph(view.meta, 'meta'), controls(data),
-        _verdict(view),
-        html.section('Error before and after', page.gain_bars(view),
-                     page.held_out(document, data.axes)),
-        html.section('Where the residuals are on the sky', sky_maps(data)),
-        html.section('Target', targets(data)),
-        _effects(view),
-        html.section(
-            'What to observe next', page.next_observations(view.proposals, data.mount),
+        f'<h1>{clean(title)}</h1>', html.paragraph(view.meta, 'meta'), _summary(view),
+        controls(data),
+        html.section('Residuals on the sky', sky_maps(data)),
+        html.section('Outliers', page.outliers(document)),
+        html.folded_section('Verdict in full', _verdict(view)),
+        html.folded_section('Error before and after', page.gain_bars(view),
+                            page.held_out(document, data.axes)),
+        html.folded_section('Target', targets(data)),
+        html.folded_section(
+            'Next observations', page.next_observations(view.proposals, data.mount),
             html.paragraph(view.serves), *map(html.paragraph, view.no_star.values()),
             note='Observations that would best tell causes apart. They are no lower than the rows: '
                  'where the mount may go lower, stars there tell more of what follows the '
                  'elevation.'),
-        html.section('Notes on the data', html.listed(
+        _effects(view),
+        html.folded_section('Notes on the data', html.listed(
             [*view.notes, *view.page_notes, *view.signs])),
-        html.section('Residual against each driver', page.legend(view.changed),
-                     page.driver_figures(view), note=view.axes_note),
-        html.section('Ranking of the candidate effects', page.ranking(
+        html.folded_section('Residuals by driver', page.legend(view.changed),
+                            page.driver_figures(view), note=view.axes_note),
+        html.folded_section('Candidate effects', page.ranking(
             view.ranking, (document.get('wander') or {}).get('like', ())),
-                     note=f'Each alone, on what {view.model} leave.'),
-        html.section('Distribution of the residuals', histograms(data)),
-        html.section('Terms of the model', terms_table(view.terms),
-                     page.run_terms_table(view.run_terms),
-                     html.folded('Correlations of the terms',
-                            correlation_table(view.correlated, view.correlations)),
-                     note='Encoder − catalogue, σ from the fit, each axis weighed by its own '
-                     'scatter; `fit` weighs both alike and has no effects, so its terms may '
-                     f'differ. {_tpoint_signs(document)}'),
-        html.section('Stars', stars_table(data), note='Point at a star: it lights up everywhere.'),
-        html.section('What was left out, and why', page.exclusions(
+                            note=f'Each alone, on what {view.model} leave.'),
+        html.folded_section('Histograms', histograms(data)),
+        html.folded_section(
+            'Terms', terms_table(view.terms), page.run_terms_table(view.run_terms),
+            html.folded('Correlations of the terms',
+                        correlation_table(view.correlated, view.correlations)),
+            note='Encoder − catalogue, σ from the fit, each axis weighed by its own scatter; '
+            '`fit` weighs both alike and has no effects, so its terms may differ. '
+            f'{_tpoint_signs(document)}'),
+        html.folded_section('Stars', stars_table(data),
+                            note='Point at a star: it lights up everywhere.'),
+        html.folded_section('Excluded rows', page.exclusions(
             document.get('excluded') or (), document.get('rows_are') or 'row')
-            or html.paragraph('Nothing was left out.')),
-        html.section('What these observations cannot show', page.untestable(view.untestable)),
+            or html.paragraph('No row was excluded.')),
+        html.folded_section('Not testable in this run',
+                            page.untestable(view.untestable)),
         '' if files is None else provenance_section([], files),
-        f'<footer>All offsets are encoder − catalogue, {_offsets(view)}, in seconds of '
-        'arc on the sky (arcsec, ″). RMS values are radial unless an axis is named.</footer>',
+        f'<footer>Offsets: encoder − catalogue, {_offsets(view)}, arcsec on the sky.</footer>',
     ]
     return html.whole(f'{title} ({view.word})', body,
                       'Pointing diagnosis of a telescope mount')
 
 
-def _verdict(view):
-    found = view.verdict
-    headline, _, then = found.headline.partition('. ')
+def _summary(view):
+    """What is read in five seconds, and in a minute."""
+    summary = view.summary
     return html.verdict(
-        view.badge[1], headline, [], html.cards(view.numbers), view.badge[0],
-        page.words(view.said),
-        html.statements(found.first) + html.statements(found.ranked, True)
-        + html.folded(f'And {len(found.smaller)} more, smaller', html.statements(found.smaller))
-        + html.listed([found.raw]) + html.statements(found.rest), then)
+        view.badge[1], summary.headline, [], html.cards(summary.numbers), view.badge[0],
+        html.listed([*summary.cautions, summary.todo]),
+        html.paragraph(f'RMS on the sky, {summary.validation}.' * bool(summary.numbers), 'note')
+        + _effect_table(summary.effects[:MOST_EFFECTS])
+        + html.folded(f'And {len(summary.effects) - MOST_EFFECTS} smaller',
+                      _effect_table(summary.effects, MOST_EFFECTS)))
+
+
+def _effect_table(effects, first=0):
+    """The ranked table of effects, from the one that is to come first."""
+    return html.table(
+        ('', 'effect', 'peak to peak', 'RMS removed', 'likely causes', 'check first'),
+        ((str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec), one.causes_text,
+          one.check) for i, one in list(enumerate(effects, 1))[first:]), 'folding')
+
+
+def _size(value):
+    return None if value is None else arcsec(value)
+
+
+def _verdict(view):
+    """All that is to be said, in sentences."""
+    found = view.verdict
+    return (html.paragraph(found.headline) + html.statements(found.first)
+            + html.statements(found.ranked, True)
+            + html.folded(f'And {len(found.smaller)} more, smaller',
+                          html.statements(found.smaller))
+            + html.listed([found.raw]) + html.statements(found.rest) + page.words(view.said))
 
 
 def _tpoint_signs(document):
@@ -97,7 +125,7 @@ def _effects(view):
             f'<div class="{kind}">{html.definitions(effect.facts)}{drawing}</div>',
             page.alternatives(effect.ranking)))
     parts.append(page.words(' '.join(f'{e.name} {e.text}' for e in view.effects)))
-    return html.section('What was added to the model', *parts, note=' '.join(filter(None, [
+    return html.folded_section('Effects in detail', *parts, note=' '.join(filter(None, [
         'In the order of what each takes off.' if len(parts) > 2 else '', view.axes_note])))
 
 

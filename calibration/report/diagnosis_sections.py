@@ -271,6 +271,18 @@ def alternatives(rows, limit=6):
 
 # ------------------------------------------------------------------------ exclusions, proposals
 
+def outliers(document, limit=8):
+    """Outliers, the farthest first; nothing where there is none."""
+    rows = sorted(document.get('outliers') or (),
+                  key=lambda row: -np.hypot(row['x_arcsec'], row['y_arcsec']))
+    word = document.get('rows_are') or 'row'
+    return html.table((word, 'star', 'off on the sky'), (
+        (f'{row.get("source", "")} {row["row"]}'.strip(), row.get('star'),
+         arcsec(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]),
+        'numbers') + html.paragraph(
+            f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')
+
+
 def exclusions(excluded, word='row', limit=12):
     """What was left out, by reason, with the rows."""
     reasons = {}

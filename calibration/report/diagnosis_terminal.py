@@ -1,10 +1,43 @@
 """What people see of a diagnosis on the terminal."""
 
+from rich.padding import Padding
 from rich.text import Text
 
 from pointing_model.effects.base import driver_word
 
+from .diagnosis_summary import MOST_EFFECTS
 from .terminal_tables import decimals, new_table
+
+#: cautions that are listed
+_MOST_CAUTIONS = 4
+
+
+def summary_lines(view):
+    """What the command says first: within 24 lines of 80 columns, as a rule.
+
+    Parameters
+    ----------
+    view : DiagnosisView
+
+    Returns
+    -------
+    list
+        As of `diagnosis_tables`.
+    """
+    summary = view.summary
+    out = [Text(summary.headline, 'bold')]
+    if summary.numbers:
+        out.append('RMS on the sky: ' + ', '.join(
+            f'{value} {word}' for value, word in summary.numbers) + f' ({summary.validation})')
+    for i, one in enumerate(summary.effects[:MOST_EFFECTS], 1):
+        out.append(f'{i}. {one.name}, {one.size}')
+        out += [Padding(f'{word}: {text}', (0, 0, 0, 3), expand=False) for word, text in (
+            ('cause', one.causes_text), ('check', one.check)) if text]
+    smaller = len(summary.effects) - MOST_EFFECTS
+    out += [f'{MOST_EFFECTS + 1}. and {smaller} smaller'] if smaller > 0 else []
+    out += [f'caution: {text}' for text in summary.cautions[:_MOST_CAUTIONS]]
+    out += [summary.todo, f'{view.used}; all details: --verbose']
+    return [part for part in out if part]
 
 
 def diagnosis_tables(view):
@@ -20,9 +53,7 @@ def diagnosis_tables(view):
         What `rich.console.Console.print` takes: tables and lines of text.
     """
     document = view.document
-    headline, *sentences = view.sentences
-    out = [view.used, Text(headline, 'bold'), *(f'  {sentence}' for sentence in sentences), '',
-           _errors(view)]
+    out = [view.used, *(f'  {sentence}' for sentence in view.sentences), '', _errors(view)]
     spread = document['after']['cv_spread']
     if spread and spread['partitions'] > 1:
         out.append(f'mean of {spread["partitions"]} ways to leave rows out; after goes from '

@@ -5,12 +5,14 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.analysis.diagnosis.residual_patterns import is_pattern
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, coefficient_word, readable
 from pointing_model.mounts import is_beyond
 
 from . import figure_wording, observation_wording, row_wording
 from .cause_wording import counted, open_causes, plain_name, still_open
+from .diagnosis_summary import DiagnosisSummary, summary_of
 from .documents import diagnosis_document
 from .effect_wording import effect_summary, effect_title
 from .page_parts import value_and_error
@@ -88,6 +90,8 @@ class DiagnosisView:
     correlated : list of str
     correlations : ndarray, shape (k, k), optional
         Of the coefficients in `correlated`.
+    summary : DiagnosisSummary
+        What is read first.
     verdict : Verdict
         For the page, without what its headline says already.
     sentences : list of str
@@ -128,6 +132,7 @@ class DiagnosisView:
     effects: list
     ranking: list
     terms: list
+    summary: DiagnosisSummary
     verdict: Verdict
     sentences: list = ()
     badge: tuple = ('', '')
@@ -185,7 +190,11 @@ def view_of(diagnosis, document=None):
     return DiagnosisView(
         {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
         _drivers(diagnosis, effects), effects, _in_words(diagnosis.ranking, context.mount),
-        _terms(diagnosis), _without_headline(verdict, document, effects),
+        _terms(diagnosis),
+        summary_of(document, [e.title for e in effects], [one.reach_arcsec for one in summaries],
+                   [*filter(None, [caution]),
+                    *(wording(one) for one in diagnosis.notes if is_pattern(one))]),
+        _without_headline(verdict, document, effects),
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),
         said=' '.join((verdict.headline, *verdict.sentences, floor)), numbers=_numbers(document),
@@ -235,8 +244,7 @@ def _meta(document, sources):
     sources = sources[:3] + ([f'and {len(sources) - 3} more'] if len(sources) > 3 else [])
     base = document['base_terms']
     return ' · '.join([text, *([', '.join(sources)] if sources else []),
-                       f'model: {figure_wording.model_words(document)}'
-                       + (f' ({", ".join(map(str, base))})' if base else '')])
+                       f'model: {", ".join(map(str, base))}' if base else 'no model'])
 
 
 def _numbers(document):
@@ -262,8 +270,8 @@ def _residuals(diagnosis, document):
         np.where(used, 'used', 'outlier: not used'), **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True), groups=_groups(obs),
         noise=None if floor is None else (floor / np.sqrt(2.0),) * 2,
-        before_text='with the terms alone',
-        after_text='with what was found' if np.any(np.abs(before - after) > 1e-9) else 'after',
+        before_text='terms alone',
+        after_text='with the effects' if np.any(np.abs(before - after) > 1e-9) else 'after',
         noise_text='all that the model leaves'
         if (document.get('wander') or {}).get('slow') else 'noise of the fit')
 

@@ -2,14 +2,16 @@
 
 from pointing_model.effects.base import driver_word, readable, the
 
+_FIRST = 2  # effects that a first answer names
+
 
 def _first_answer(found):
-    rms = f'RMS of the rows fitted {found.before:.2f} arcsec'
+    rms = f'fit RMS {found.before:.2f}″'
     if not found.causes:
-        return f'first answer: nothing found beyond chance; {rms}. Rows left out follow'
-    return (f'first answer: {"; ".join(map(readable, found.causes))}. {rms}, with '
-            f'{"it" if len(found.causes) == 1 else "them"} {found.after:.2f}. Not yet tried on '
-            'rows left out')
+        return f'first answer, not yet validated: no effect found; {rms}'
+    named, more = found.causes[:_FIRST], len(found.causes) - _FIRST
+    return (f'first answer, not yet validated: {"; ".join(map(readable, named))}'
+            f'{f"; {more} more" if more > 0 else ""}; {rms} without, {found.after:.2f}″ with')
 
 
 def limit_words(kind):

@@ -77,8 +77,9 @@ def effect_summary(diagnosis, found):
                     f'within {memory:g}° of motion (its memory)'
                     + (', or sooner or later: these rows do not tell.' if open_
                        else ': a short move shows less of it.'))
-    return Statement(_lead(seen, rms, float(np.ptp(values)) if len(values) else 0.0, own),
-                     ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms)
+    reach = float(np.ptp(values)) if len(values) else 0.0
+    return Statement(_lead(seen, rms, reach, own),
+                     ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms, reach)
 
 
 def _lead(seen, rms, reach, own):

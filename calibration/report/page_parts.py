@@ -80,6 +80,15 @@ def section(title, *parts, note=''):
     return f'<section><h2>{clean(title)}</h2>{paragraph(note, "note")}{body}</section>'
 
 
+def folded_section(title, *parts, note=''):
+    """A part of the page that opens on a click; nothing if there is nothing in it."""
+    body = ''.join(part for part in parts if part)
+    if not body:
+        return ''
+    inside = folded(f'<h2>{clean(title)}</h2>', paragraph(note, 'note') + body)
+    return f'<section class="fold">{inside}</section>'
+
+
 def subsection(title, *parts):
     """A part of a section with a heading; nothing if there is nothing in it."""
     body = ''.join(parts)

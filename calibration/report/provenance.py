@@ -13,7 +13,7 @@ from msg_tools.units import DEG
 from pointing_model.runs.run import known_site
 
 from .drawing import clean
-from .page_parts import Markup, definitions, section, table
+from .page_parts import Markup, definitions, folded_section, table
 
 #: a file larger than this is not summed up, bytes
 _LARGEST = 500_000_000
@@ -43,7 +43,7 @@ def provenance_section(rows, files=()):
     now = datetime.now(timezone.utc)
     facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
-    return section('Where this comes from', definitions(
+    return folded_section('Where this comes from', definitions(
         [row for row in facts if row[1] not in ('', None)]), _files(files))
 
 

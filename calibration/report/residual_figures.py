@@ -246,16 +246,15 @@ def sky_maps(data):
         left, low = 12 - margins[0], 388 + margins[3]
         sky.parts.append(f'<path class="{when} key" d="M{left:g} {low:g}h{unit * size:.1f}"/>'
                          + text(left, low - 6, f'{unit:g}″', anchor='start'))
-        what = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} radial RMS{more}'
+        what = f'{data.text_of(when).capitalize()}: {arcsec(data.radial(when))} RMS{more}'
         longer = f' {sky.shortened} of the arrows {"is" if sky.shortened == 1 else "are"} ' \
             'longer than drawn.' if sky.shortened else ''
         out.append(figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}', 'link', margins),
-            f'{what}. Zenith in the middle, rim at {lowest:g}° elevation{dashed}.{longer}',
-            when))
+            f'{what}.{longer}', when))
     some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
-    return pair(out) + ('<p class="note">Arrows show where the encoders read beyond the model; '
-                        f'before and after on one scale.{some}</p>')
+    return pair(out) + ('<p class="note">Arrows: encoder minus model. Zenith in the middle, rim at '
+                        f'{lowest:g}° elevation{dashed}.{some}</p>')
 
 
 def targets(data):

@@ -40,13 +40,14 @@ class Statement:
         What it is.
     more : str
         Why, what to do about it, what it rests on.
-    size_arcsec : float, optional
-        Of an effect: RMS on the sky.
+    size_arcsec, reach_arcsec : float, optional
+        Of an effect: RMS on the sky, and peak to peak.
     """
 
     lead: str
     more: str = ''
     size_arcsec: float | None = None
+    reach_arcsec: float | None = None
 
     @property
     def text(self):

@@ -60,6 +60,8 @@ def add(commands):
                 'equinox')
     options.add(parser, 'seed', default=0, help='of the resampling (default: 0)')
     options.add(parser, 'jobs')
+    parser.add_argument('--verbose', action='store_true', help='print all details too: evidence, '
+                        'figures of each axis, notes on the file, what to observe next')
 
 
 def run(args):
@@ -78,7 +80,7 @@ def _run(args):
     from calibration.analysis.diagnosis import check_columns, diagnose
     from calibration.analysis.sky_model import settled_together
     from calibration.report.diagnosis_page import render
-    from calibration.report.diagnosis_terminal import diagnosis_tables
+    from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
     from calibration.report.diagnosis_view import view_of
     from calibration.report.documents import run_diagnosis_document
     from calibration.report.fit_wording import origin_sentence
@@ -114,7 +116,9 @@ def _run(args):
     found.whole = not (base and base.held is not None)
     document = run_diagnosis_document(found)
     view = view_of(found, document)
-    print_all(console, diagnosis_tables(view))
+    print_all(console, summary_lines(view))
+    if args.verbose:
+        print_all(console, ['', *diagnosis_tables(view)])
     if base:
         console.print(base_table(base, found.model))
         print_lines(console, 'note', map(wording, base.notes))

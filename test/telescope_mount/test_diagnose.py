@@ -75,7 +75,9 @@ def test_the_page_and_the_model_are_written(found):
 
 def test_a_clean_run_is_left_alone(tmp_path, capsys):
     assert main(['diagnose', night(tmp_path / 'clean.csv', 5)]) == 0
-    assert 'Nothing is wrong beyond the seven terms' in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert 'No significant error beyond the 7-term model of an alt-azimuth mount.' in out
+    assert 'Nothing is wrong beyond the seven terms' not in out
 
 
 def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
@@ -86,9 +88,9 @@ def test_rows_left_out_and_every_judgement_are_printed(tmp_path, capsys):
         cells = lines[k].split(',')
         lines[k] = ','.join([*cells[:column], 'nan', *cells[column + 1:]])
     path.write_text('\n'.join(lines) + '\n')
-    assert main(['diagnose', str(path)]) == 0
+    assert main(['diagnose', str(path), '--verbose']) == 0
     out = capsys.readouterr().out
-    assert 'lines 6-8, 21 left out: ' in out and out.count('left out: ') == 1
+    assert 'lines 6-8, 21 left out: ' in out and out.count('left out: ') == 2
     assert 'rows left out (the choice repeated)' in out and 'stretches of time left out' in out
     # nothing is cut short, whatever the width
     assert '…' not in out
@@ -104,7 +106,7 @@ def test_days_in_one_file_are_told_apart(tmp_path, capsys):
     write_csv(run, path)
     for option in ([], ['--sessions', '3']):
         assert main(['diagnose', path, *option, '--json', str(tmp_path / 'd.json'),
-                     '--overwrite']) == 0
+                     '--overwrite', '--verbose']) == 0
         out = capsys.readouterr().out
         assert 'Nothing is wrong' in out and 'days.csv: 4 sessions, at gaps of more than 3 h' in out
         result = json.loads((tmp_path / 'd.json').read_text())
@@ -152,9 +154,10 @@ def test_an_outlier_is_named_by_its_line_and_does_not_set_the_headline(tmp_path,
     for command in (['diagnose', run], ['fit', run]):
         assert main(command) == 0
         out = capsys.readouterr().out
-        first = out.startswith('first answer: nothing found beyond chance; RMS of the rows')
-        assert first == (command[0] == 'diagnose') and '59 of 60 rows used\n' in out
-        assert 'An outlier, left out: line 30 (169' in out and 'RMS with it 21' in out
+        first = out.startswith('first answer, not yet validated: no effect found; fit RMS')
+        assert first == (command[0] == 'diagnose') and '59 of 60 rows used' in out
+        assert ('1 outlier excluded: line 30 (169' if first else
+                'An outlier, left out: line 30 (169') in out
         assert '218.' not in out.replace('RMS with it 218.', '')
 
 
@@ -165,7 +168,7 @@ def test_above_a_third_left_out_is_no_result(tmp_path, capsys):
     assert main(['diagnose', run, '--json', str(tmp_path / 'd.json'),
                  '--report', str(tmp_path / 'd.html')]) == 2
     out = capsys.readouterr().out
-    assert '\n36 of 60 rows used\n' in out and 'no effect is claimed' in out
+    assert '\n36 of 60 rows used; ' in out and 'no effect is claimed' in out
     result = json.loads((tmp_path / 'd.json').read_text())
     assert (result['verdict'], result['effects']) == ('refused', [])
     assert (result['rows_used'], result['rows_read']) == (36, 60)

@@ -1,0 +1,206 @@
+"""The first layer of a diagnosis: what is wrong, how large, how sure; what to check first."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pointing_model.effects.base import arcsec
+from pointing_model.mount_kinds import USUAL, kind_of
+
+from .cause_wording import counted, open_causes, short_cause, still_open
+from .figure_wording import FITTED, HELD, LEFT_OUT, STAYS, STRETCHES, best_pair, way_size
+from .observation_wording import place_words, proposals
+from .row_wording import bad_nights, far_text, left_out_lines, scatter_sentence
+from .verdict_wording import slow_is_largest
+
+#: effects that the terminal lists, and causes of each; the others are counted
+MOST_EFFECTS, _MOST_CAUSES = 3, 2
+_MOST_OUTLIERS, _REASONS = 3, 2
+#: why a row is excluded, where that is said elsewhere
+_EXPLAINED = ('outlier', 'commented out')
+#: on what a figure rests
+_VALIDATION = {HELD: 'on held-out runs', LEFT_OUT: 'cross-validated',
+               STRETCHES: 'cross-validated in blocks of time', FITTED: 'of the fitted rows'}
+_HEADLINES = {
+    'none': 'No significant error beyond {model}.',
+    'wanders': 'No effect found beyond {model}. The noise is correlated: the zero drifts.',
+    'undecided': 'Undecided: an error is significant, but these rows cannot test its cause.',
+    'refused': 'Nothing is concluded: too few of the rows are usable.',
+    'withheld': 'No change: with the effects that were found the model points worse.',
+    'taken_back': 'Effects removed again: with them the model points worse on new stars.'}
+
+
+@dataclass
+class EffectLine:
+    """One effect, for the ranked table.
+
+    Attributes
+    ----------
+    name : str
+    reach_arcsec, removes_arcsec : float or None
+        Peak to peak, and RMS removed, on the sky.
+    causes : list of str
+        The quickest to check first.
+    check : str
+        What to look at.
+    stability : str
+        In how many resamples it was found; '' where that is not known.
+    """
+
+    name: str
+    reach_arcsec: float | None
+    removes_arcsec: float | None
+    causes: list = field(default_factory=list)
+    check: str = ''
+    stability: str = ''
+
+    @property
+    def size(self):
+        """Both sizes in words."""
+        return ', '.join(f'{arcsec(value)} {word}' for value, word in (
+            (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS removed')) if value)
+
+    @property
+    def causes_text(self):
+        """The first causes; the others counted."""
+        named, more = self.causes[:_MOST_CAUSES], len(self.causes) - _MOST_CAUSES
+        return '; '.join(named) + (f'; or {more} more' if more > 0 else '')
+
+
+@dataclass
+class DiagnosisSummary:
+    """What a person reads first.
+
+    Attributes
+    ----------
+    headline : str
+        What, how large, how sure.
+    numbers : list of (str, str)
+        RMS on the sky and what it is of: raw, with the terms, with the effects.
+    validation : str
+        On what the last two rest.
+    effects : list of EffectLine
+        The largest first.
+    cautions : list of str
+        What may put all of it in doubt.
+    todo : str
+        What to observe next, or that no observation helps.
+    """
+
+    headline: str
+    numbers: list
+    validation: str
+    effects: list
+    cautions: list
+    todo: str
+
+
+def summary_of(document, names, reaches, cautions=()):
+    """`DiagnosisSummary` of a document.
+
+    Parameters
+    ----------
+    document : dict
+    names : sequence of str
+        Of its effects, in their order.
+    reaches : sequence of float or None
+        Peak to peak of each, arcsec.
+    cautions : sequence of str
+        To come first among those of the document.
+    """
+    stays = document['verdict'] in STAYS
+    effects = [] if stays else sorted(
+        (_line(document, *each) for each in zip(document['effects'], names, reaches)),
+        key=lambda one: -(one.removes_arcsec or 0.0))
+    label, before, after = best_pair(document)
+    numbers = [(document.get('as_read_rms_arcsec'), 'raw'), (before, _terms(document))]
+    if not stays:
+        numbers.append((after, f'with {counted(len(effects), "effect")}'))
+    return DiagnosisSummary(
+        _headline(document, effects),
+        [(way_size(value), word) for value, word in numbers if value is not None],
+        _VALIDATION[label], effects, [*filter(None, cautions), *_cautions(document)],
+        '' if stays else _todo(document))
+
+
+def _terms(document):
+    return f'with {counted(len(document.get("base_terms") or ()), "term")}'
+
+
+def _model(document):
+    terms = len(document.get('base_terms') or ())
+    return f'the {terms}-term model of {kind_of(document).words}' if terms else 'no model'
+
+
+def _headline(document, effects):
+    text = _HEADLINES.get(document['verdict'])
+    if text:
+        return text.format(model=_model(document))
+    if not effects:
+        return f'An error remains beyond {_model(document)}; its cause is unknown.'
+    first = effects[0]
+    text = f'{first.name}, {first.size.split(", ")[0]}' if first.size else first.name
+    text += f' ({first.stability})' * bool(first.stability)
+    if slow_is_largest(document):
+        size = arcsec(document['wander']['removes_rms_arcsec'])
+        return f'Correlated noise, {size} RMS, is the largest error; its cause is unknown. {text}.'
+    count = len(effects)
+    return f'{text}. ' + ('The only' if count == 1 else f'Largest of {counted(count, "")[:-1]}'
+                          ).strip() + f' error{"s" * (count > 1)} beyond {_model(document)}.'
+
+
+def _line(document, row, name, reach):
+    causes = sorted(row.get('causes') or (),
+                    key=lambda one: (bool(one.get('more_effects')), one.get('effort', 1)))
+    causes = [*causes, *still_open(row)]
+    spread = document['after'].get('cv_spread') or {}
+    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name'])
+    check = next((one['look_at'] for one in causes if one.get('look_at')), '')
+    return EffectLine(
+        name[:1].upper() + name[1:], reach, row.get('removes_rms_arcsec'),
+        list(dict.fromkeys(short_cause(one['cause']) for one in causes)), check,
+        f'in {found} of {spread["folds"]} resamples' if found is not None else '')
+
+
+def _cautions(document):
+    """One short sentence for each thing that bears on all."""
+    out = [f'{row["name"]} is {row["value_arcsec"]:+.1f} ± {row["sigma_arcsec"]:.1f}″, '
+           f'{"of the wrong sign" if row["what"] == "sign" else "too large"} for a mount: check '
+           'refraction, columns and signs.'.replace('-', '−')
+           for row in document.get('unphysical') or ()]
+    noise = document.get('wander') or {}
+    if noise.get('slow') and not slow_is_largest(document) and document['verdict'] != 'wanders':
+        size = noise.get('removes_rms_arcsec')
+        out.append('Correlated noise' + (f', {arcsec(size)} RMS' if size else '')
+                   + ': neighbouring rows err alike; the cause is unknown.')
+    outliers = document.get('outliers') or []
+    if outliers:
+        word = document.get('rows_are') or 'row'
+        far = sorted(((np.hypot(row['x_arcsec'], row['y_arcsec']), row) for row in outliers),
+                     key=lambda one: -one[0])
+        more = len(far) - _MOST_OUTLIERS
+        out.append(f'{len(far)} outlier{"s" * (len(far) > 1)} excluded: ' + ', '.join(
+            f'{word} {row["row"]} ({far_text(size)} off)' for size, row in far[:_MOST_OUTLIERS])
+            + f', {more} more' * (more > 0) + '.')
+    bad = [row for row in document.get('excluded') or ()
+           if not row['reason'].startswith(_EXPLAINED)]
+    out += left_out_lines(bad, document['runs'] > 1, document.get('rows_are') or 'row')[:_REASONS]
+    scatter = scatter_sentence(document)
+    return [*out, *([scatter.partition('. ')[0].removesuffix('.') + '.'] if scatter else []),
+            *bad_nights(document, kind_of(document).axes)]
+
+
+def _todo(document):
+    """What would distinguish the causes of the largest effect that has several."""
+    rows = sorted((row for row in document['effects'] if open_causes(row) > 1),
+                  key=lambda row: -(row.get('removes_rms_arcsec') or 0.0))
+    if not rows:
+        return ''
+    items = proposals(document)
+    for row in rows:
+        mine = [one for one in items if one['separates'][0] == row['name']]
+        if mine:
+            more = f', and {len(mine) - 1} more' * (len(mine) > 1)
+            return ('To distinguish the causes observe '
+                    f'{place_words(mine[0], document.get("mount") or USUAL)}{more}.')
+    return 'No star distinguishes the causes: look at the mount.'
