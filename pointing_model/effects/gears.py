@@ -183,5 +183,6 @@ def propose(context, lacking, own):
            if is_gear('grating', kinds.get('grating'))}
     for axis, turns in {**few, **context.worms}.items():
         of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
-        yield Offer('periodic', [effect('periodic', axis=axis, turns=turns, orders=orders, of=of,
-                                        declared=True, lines=axis in few) for orders in ((1,), (1, 2))], axis=axis)
+        yield Offer('periodic', [
+            effect('periodic', axis=axis, turns=turns, orders=orders, of=of, declared=True,
+                   lines=axis in few) for orders in ((1,), (1, 2))], axis=axis)
