@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .candidates import CandidateBank
+from .candidates import CandidateBank, Scores
 from .linear_model import LIVE
 
 #: rates a resolution element (1 / length of the driver)
@@ -194,6 +194,17 @@ class PeriodBank(CandidateBank):
             fit.known[key] = self._scored(fit, tried)
         return fit.known[key]
 
+    def _scored(self, fit, groups):
+        # what is tried of thousands may be few, here and there
+        dof, gains = np.zeros(len(self), int), np.full(len(self), -np.inf)
+        for block in self._blocks(groups):
+            columns = np.concatenate([np.arange(a, b) for a, b in zip(
+                self._start[block], self._start[block + 1])])
+            some = _Plain(map(_Wave, self._start[block + 1] - self._start[block]),
+                          self.columns[columns])._scored(fit, None)
+            dof[block], gains[block] = some.dof, some.delta_bic
+        return Scores(dof, gains, self, fit)
+
     def bases(self, fit, groups=None):
         """As of any bank; by default of the groups that are tried."""
         return super().bases(fit, self.shares[_SHARE] if groups is None else groups)
@@ -205,8 +216,14 @@ class PeriodBank(CandidateBank):
     def offer(self, scores, without=()):
         """Of the first shape the group that gains most, but of the scans of some groups; -1 where
         chance alone would make some as large."""
-        gains = np.where(np.isin(self.line, self.line[list(without)]), -np.inf, scores.delta_bic)
-        g = int(np.argmax(gains[:self.count])) if self.count else -1
+        line, gains = self.line[:self.count], scores.delta_bic[:self.count]
+        # what grows toward the end of a scan has its peak beyond it, and is another thing
+        edge = np.diff(line, prepend=-1, append=-1) != 0
+        beside = np.concatenate(([np.inf], gains, [np.inf]))
+        peak = (gains >= np.where(edge[:-1], np.inf, beside[:-2])) & (
+            gains >= np.where(edge[1:], np.inf, beside[2:]))
+        gains = np.where(peak & ~np.isin(line, self.line[list(without)]), gains, -np.inf)
+        g = int(np.argmax(gains)) if self.count else -1
         if g < 0 or not gains[g] > 0.0:
             return -1
         live = max(np.count_nonzero(scores.fit.weights > LIVE), 2)
@@ -237,7 +254,7 @@ class PeriodBank(CandidateBank):
         rate : float
             The best one.
         """
-        rate, best = self.tuned_rate(fit, g, self.rate[g])
+        rate, best = self.tuned_rate(fit, g, float(self.rate[g]))
         scan, found = self.line[g], (g, rate)
         of_scan = np.flatnonzero(self.line[:self.count] == scan)
         low, high = self.scans[scan].rates[[0, -1]]
@@ -273,7 +290,7 @@ class PeriodBank(CandidateBank):
             np.multiply.outer(rates, np.repeat(orders, 2)).ravel(),
             0.5 * np.pi * np.tile([0.0, 1.0], len(orders) * len(rates)))
         bank = _Plain([_Wave(2 * len(orders))] * len(rates), columns)
-        return bank.score(fit).delta_bic
+        return bank._scored(fit, None).delta_bic
 
     def shortlist(self, scores, chosen):
         """Try only the best in parts of the rows: of some scores, and those about a choice."""
@@ -327,9 +344,6 @@ class _Wave:
 
 class _Plain(CandidateBank):
     """A bank that is scored once."""
-
-    def score(self, fit, groups=None):
-        return self._scored(fit, groups)
 
 
 def rate_error(fit, scan, rate, orders):

@@ -10,6 +10,7 @@ from pointing_model.mount_kinds import USUAL, kind_of
 from .cause_wording import counted, open_causes, short_cause, still_open
 from .figure_wording import FITTED, HELD, LEFT_OUT, STAYS, STRETCHES, best_pair, way_size
 from .observation_wording import place_words, proposals
+from .period_wording import PHASE
 from .row_wording import bad_nights, far_text, left_out_lines
 from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
 from .verdict_wording import slow_is_largest
@@ -192,7 +193,9 @@ def _cautions(document):
     told = [axes_sentence(document)] * (document['verdict'] != 'none' or not is_headline(document))
     scatter = [text.partition('. ')[0].removesuffix('.') + '.'
                for text in (*told, scatter_sentence(document)) if text]
-    return [*out, *scatter, *bad_nights(document, kind_of(document).axes)]
+    phase = [PHASE] * any('periodic_error' in row['name'] and '_time' not in row['name']
+                          for row in document['effects'])
+    return [*out, *phase, *scatter, *bad_nights(document, kind_of(document).axes)]
 
 
 def _todo(document):

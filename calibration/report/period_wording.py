@@ -3,6 +3,9 @@
 from pointing_model.effects.gears import FEWEST, MOST, strain_wave
 
 _MOST_ALIASES = 4  # that are named
+#: how long a model with it is good
+PHASE = ('The phase of the periodic error lasts only with a home position, an index or an absolute '
+         'encoder. Otherwise each power-on has its own: measure it anew.')
 
 
 def period_sentences(effect):
@@ -28,9 +31,7 @@ def period_sentences(effect):
     if p['tape']:
         return [*out, f'Declared were {p["tape"]} lines a turn.']
     out.append(_gear(p['turns']))
-    out.append('Its phase lasts only with a home position, an index or an absolute encoder. '
-               'Otherwise each power-on has its own: measure it anew.')
-    return out
+    return [*out, PHASE]
 
 
 def _gear(turns):
