@@ -264,14 +264,14 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
 def _beside_memory(problem, chosen, i, plain):
     """The fit without a wave, if noise that remembers may be mistaken for it; else None.
 
-    The memory is that which the noise has beside the wave: a wave that turns with the time is
-    memory, too.
+    The memory is that which the noise seems to have without the wave: of noise alone the best of
+    hundreds of slow waves takes so much that what is left remembers too little.
     """
     others = chosen[:i] + chosen[i + 1:]
-    if problem.sequence is None or not MemoryMask.of(
-            problem, others, problem.periods, plain).covers(chosen[i].group):
+    if problem.sequence is None:
         return None
-    return problem.fit(chosen, plain.weights, without=i, memory=problem.fit(chosen).memory)
+    mask = MemoryMask.of(problem, others, problem.periods, plain)
+    return mask.fit if mask.covers(chosen[i].group) else None
 
 
 def _add_curve(problem, plain, choice, alpha, chance, given_up):

@@ -7,7 +7,7 @@ import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
 
-from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
+from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
 from .graduation import BY_COLUMN, is_gear
 
 _TURN = 2.0 * np.pi
@@ -146,8 +146,8 @@ def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False
     # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
     return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
                   + ('' if orders == (1,) else f'_orders_{len(orders)}'),
-                  cause, f'cos, sin of {turns:.6g} k {driver}' + ', k = ' * (len(orders) > 1)
-                  + ', '.join(map(str, orders)) * (len(orders) > 1), driver, axis,
+                  cause, f'cos, sin of {turns:.6g} k {driver_word(driver)}, k = '
+                  + ', '.join(map(str, orders)), driver, axis,
                   tuple(f'{f}{k}' for k in orders for f in ('cos', 'sin')), columns, wording,
                   'height of the reading head over the tape, and its joint' if tape else
                   'what comes back so often: a drive that runs with the clock, a heater, a pump'
