@@ -39,7 +39,7 @@ def night(kind, rows, amplitude, rng, memory=False):
             slow[:, i] = _ALIKE * slow[:, i - 1] + np.sqrt(1.0 - _ALIKE**2) * slow[:, i]
         error = np.sqrt(0.5) * (slow + rng.normal(size=(2, rows)))
     wave = amplitude * np.cos(turns * columns[axis] + rng.uniform(0.0, 2.0 * np.pi))
-    error['az el'.split().index(axis)] += wave * (np.cos(columns['el']) if axis == 'az' else 1.0)
+    error[int(axis == 'el')] += wave * (np.cos(columns['el']) if axis == 'az' else 1.0)
     return make_run(columns, *error, mount), axis, turns
 
 
@@ -51,13 +51,14 @@ def periods_of(result):
 
 def measure(kind, rows, amplitude, args):
     """A line of the table: nights with a worm."""
-    rng, counts, start = np.random.default_rng(args.seed), np.zeros((2, 4), int), time.process_time()
+    rng, start = np.random.default_rng(args.seed), time.process_time()
+    counts = np.zeros((2, 4), int)
     for i in range(args.nights):
         run, axis, turns = night(kind, rows, amplitude, rng)
         result = diagnose(run, cross_validation=False, seed=i)
         mine = [found for of, found in periods_of(result) if of == axis]
         exact = any(round(found) == turns for found in mine)
-        counts['az el'.split().index(axis)] += (
+        counts[int(axis == 'el')] += (
             1, bool(mine), exact, len(result.effects) > bool(mine))
         if args.verbose and not exact:
             print('    ', axis, turns, [e.fitted.effect.name for e in result.effects])
