@@ -31,8 +31,13 @@ class SelectionProblem:
         Rows may resemble their neighbours in it; without it their noise has no memory.
     variants : object, optional
         Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
-        CandidateBank; ``finer(group)``, the members of its scan between those that are tried next
-        to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+        CandidateBank; ``finer(group, level)``, the members of its scan between those that are tried
+        next to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+    trusted : ndarray of int, shape (n,), optional
+        1: rows that a search takes for no accidents, however far they are off; -1: that it leaves
+        out.
+    first : tuple of CandidateGroup
+        That a search begins with: what these rows are trusted for.
     periods : PeriodBank
         Waves of unknown period.
     """
@@ -44,6 +49,8 @@ class SelectionProblem:
     curves: CandidateBank
     sequence: Sequence | None = None
     variants: object = None
+    trusted: np.ndarray | None = None
+    first: tuple = ()
     periods: PeriodBank = field(default_factory=lambda: PeriodBank([]))
     _memories: dict = field(default_factory=dict, repr=False)
     _fits: dict = field(default_factory=dict, repr=False)
@@ -66,7 +73,12 @@ class SelectionProblem:
                                 self.dictionary.rows(rows), self.curves.rows(rows),
                                 None if self.sequence is None else self.sequence.rows(rows),
                                 None if self.variants is None else self.variants.rows(rows),
+                                None if self.trusted is None else self.trusted[rows], self.first,
                                 self.periods.rows(rows), ChainMap({}, self._memories))
+
+    def trusting(self, trusted, first):
+        """The same, trusting some rows (as `trusted`), with some `CandidateGroup` to begin with."""
+        return replace(self, trusted=trusted, first=tuple(first), _memories={}, _fits={})
 
     def replace(self, group, effect, columns):
         """Put another effect in the place of a group of the dictionary."""
@@ -84,7 +96,7 @@ class SelectionProblem:
         """The same with the columns of a choice in the base, and nothing to choose from."""
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
-                                self.sequence, None,
+                                self.sequence, None, self.trusted,
                                 _memories={} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
@@ -113,7 +125,7 @@ class SelectionProblem:
             if len(self._fits) >= _KEPT:
                 del self._fits[next(iter(self._fits))]
             fit = weighted_fit(self.design(chosen, without), self.b, self.inverse_sigma, weights,
-                               final)
+                               final, None if final else self.trusted)
             self._fits[key] = fit, data
         return self.with_memory(fit, chosen, without, memory)
 
@@ -152,9 +164,12 @@ class SelectionProblem:
         groups = [CandidateGroup(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
         return CandidateBank.joined(banks.values()), groups
 
-    def finer(self, group):
-        """A group of the dictionary; of a scan those about it, of which few are tried."""
-        finer = None if self.variants is None else self.variants.finer(group)
+    def finer(self, group, level=0):
+        """A group of the dictionary; of a scan those about it, of which few are tried.
+
+        At each `level` four times as near to it.
+        """
+        finer = None if self.variants is None else self.variants.finer(group, level)
         return self.dictionary.only([group]) if finer is None else finer
 
 

@@ -40,6 +40,7 @@ from .residual_patterns import (
     MOVES,
     ResidualRows,
     cluster_findings,
+    gathered,
     patterns_first,
     visit_findings,
 )
@@ -188,7 +189,8 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
         first_answer(one)
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
-    choice = choose(problem, alpha, chance, partitions)
+    choice = _choose_beside_outliers(run, alpha, chance, partitions)
+    problem = run.problem
     settle_periods(problem, choice)
     if first_answer:
         first_answer(_first_answer(problem, choice))
@@ -235,6 +237,32 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
             problem, obs, base, choice,
             [[one.group for one in some if one.entry['open']] for some in others])
     return result
+
+
+def _choose_beside_outliers(run, alpha, chance, partitions):
+    """`choose`; outliers that gather at a place are no accidents where an effect explains them.
+
+    `run.problem` trusts these rows then. One place after the other: beside those of another every
+    effect would look like chance.
+    """
+    obs, plain = run.obs, run.problem
+    groups = gathered(ResidualRows(obs.context, obs.label, obs.lines,
+                                   plain.plain.fit([]).raw.reshape(2, -1)))
+    trusted = np.zeros(len(obs), int)
+    if groups:
+        trusted[np.concatenate(groups)] = -1
+    choice, first = None, ()
+    for rows in groups:
+        more = trusted.copy()
+        more[rows] = 1
+        problem = plain.trusting(more, first)
+        found = choose(problem, alpha, chance, partitions)
+        kept = plain.plain.fit(found.chosen, final=True).weights[rows] > 0.0
+        if np.mean(kept) > 0.5:
+            choice, trusted, run.problem = found, more, problem
+            first = tuple(c for c in found.chosen
+                          if c.plain and c.effect(problem).share == 'scans')
+    return choice or choose(plain, alpha, chance, partitions)
 
 
 def _first_answer(problem, choice):
