@@ -185,7 +185,7 @@ def main():
     for seed in range(1, nights + 1):
         run = on_its_worm(night(scenario, seed, args.stars), scenario)
         result = diagnose(run, cross_validation=False, seed=seed)
-        told += named(result, ['hour_angle_subdivision_grating'])[0]
+        told += named(result, ['hour_angle_periodic_error_180'])[0]
         del run.meta['graduation']
         untold += bool(diagnose(run, cross_validation=False, seed=seed).effects)
     row('german_worm: its teeth declared, named', f'{told} of {nights}', '>= 95 %',

@@ -117,6 +117,8 @@ class Context:
         #: lines in a turn by axis and kind, where they are declared, and own columns that are
         #: named as drivers
         self.graduation, self.drivers = {}, ()
+        #: periods in a turn by axis, of worm wheels that are declared
+        self.worms = {}
         #: corners of the skyline of the site, as `guard.skyline.parse_horizon` has them
         self.skyline = ()
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
@@ -147,6 +149,9 @@ class Context:
         if given:
             from .effects import declared_graduation
             context.graduation = declared_graduation(given)
+        if run.meta.get('worms'):
+            from .effects import declared_worms
+            context.worms = declared_worms(run.meta['worms'])
         context.drivers = tuple(run.meta.get('drivers') or ())
         context.skyline = tuple(run.meta.get('skyline') or ())
         hours = context._run_hours()
@@ -182,7 +187,7 @@ class Context:
 
     def _like(self, other):
         """`other` with what is known of the whole run."""
-        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline'):
+        for name in ('time_is_utc', 'raw_reading', 'graduation', 'worms', 'drivers', 'skyline'):
             setattr(other, name, getattr(self, name))
         return other
 

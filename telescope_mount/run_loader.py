@@ -14,7 +14,7 @@ from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.topic_names import prefix_of
 from msg_tools.whole_files import log_of
 from pointing_model.context import Context
-from pointing_model.effects import declared_graduation
+from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
 from pointing_model.runs.copies import copies, without_copies, written_twice
 from pointing_model.runs.formats import NoObservations, NoUsableRow, read_run, swap_encoders
@@ -25,7 +25,7 @@ from pointing_model.sky.skyline import parse_horizon
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,
-             graduation=None, drivers=(), mount=None, equinox=None, exclude=()):
+             graduation=None, worms=None, drivers=(), mount=None, equinox=None, exclude=()):
     """Read a pointing run from a file of any kind that `read_run` takes, or from a log.
 
     Rows that are there to judge by (``check`` not 0) are left out, and a note says so.
@@ -45,6 +45,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
     graduation : str or dict, optional
         Lines in a turn of the first encoder, ``grating=47200``, in place of what a log gives: see
         `pointing_model.effects.declared_graduation`.
+    worms : str or dict, optional
+        Teeth of worm wheels, ``ha=180``: see `pointing_model.effects.declared_worms`.
     drivers : sequence of str, optional
         Columns of the file that may be a cause, though their names do not say so.
     mount : str or Mount, optional
@@ -92,6 +94,8 @@ def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None
         run = without_excluded(run, exclude)
     if graduation:
         run.meta['graduation'] = declared_graduation(graduation)
+    if worms:
+        run.meta['worms'] = declared_worms(worms)
     if drivers:
         run.meta['drivers'] = _drivers(path, run, drivers)
     return run

@@ -17,16 +17,18 @@ _NEAR, _FEW = 4_000_000, 8
 
 @dataclass(frozen=True)
 class CandidateGroup:
-    """A group of the dictionary, of the curves, or of the changes of a group of the dictionary."""
+    """A group of the dictionary, of the curves, of the changes of a group of the dictionary, or of
+    the waves of unknown period."""
 
     group: int
     curve: bool = False
     of: int | None = None
+    period: bool = False
 
     @property
     def plain(self):
         """Whether it is of the dictionary."""
-        return not self.curve and self.of is None
+        return not (self.curve or self.period) and self.of is None
 
     def changes(self, chosen):
         """Whether a change of it is among a choice."""
@@ -36,6 +38,8 @@ class CandidateGroup:
         """Where it comes from."""
         if self.of is not None:
             return problem.variants.changes(self.of)
+        if self.period:
+            return problem.periods
         return problem.curves if self.curve else problem.dictionary
 
     def family(self, problem, chosen):

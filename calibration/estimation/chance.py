@@ -231,7 +231,12 @@ class Chance:
         The largest scores by chance rest on what the groups are, and hardly on the rows.
         """
         fit = problem.plain.fit(chosen)
-        for bank in (problem.dictionary, problem.curves):
+        periods = [c for c in chosen if c.period]
+        if periods:
+            problem.periods.shortlist(
+                problem.periods.score(problem.plain.fit([c for c in chosen if not c.period])),
+                [c.group for c in periods])
+        for bank in (problem.dictionary, problem.curves, *[problem.periods][:len(periods)]):
             scores = bank.score(fit)
             for share, groups in bank.shares.items():
                 best, gain = best_of(scores, np.setdiff1d(np.arange(len(bank)), groups))

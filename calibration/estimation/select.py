@@ -30,9 +30,9 @@ SET_WIDTH = 6.0
 #: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
 ALIAS = 0.98
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
-#: periods or lags, and the curves. Their alarms overlap and the tests are conservative: together
-#: they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.75, 'scans': 0.2, 'curves': 0.3}
+#: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
+#: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
+SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.2, 'curves': 0.3}
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -97,6 +97,7 @@ def search(problem, alpha, chance, given_up=(), first=()):
     choice = ModelChoice(first, plain.fit(first), held=frozenset(first))
     _forward(problem, plain, choice, alpha, chance, given_up)
     for add, offered in ((_add_change, problem.variants is not None),
+                         (_add_period, len(problem.periods)),
                          (_add_curve, len(problem.curves))):
         while offered and len(choice.chosen) < MOST_EFFECTS and add(
                 problem, plain, choice, alpha, chance, given_up):
@@ -254,6 +255,47 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
         choice.masked.append(groups[g])
         without += list(lost)
     return False
+
+
+def _add_period(problem, plain, choice, alpha, chance, given_up):
+    """A wave of unknown period; of parts of the rows only where all rows have one."""
+    bank = problem.periods
+    if chance.of_part and bank.near is None:
+        return False
+    lost = [c.group for c in given_up if c.period]
+    while len(lost) < len(bank.scans) + len(given_up):
+        scores = bank.score(choice.fit)
+        g = bank.offer(scores, lost)
+        if g < 0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
+                problem, choice.fit, len(bank.of(g))):
+            return False
+        group, rate = bank.shaped(choice.fit, g)
+        one = CandidateGroup(group, period=True)
+        if one in choice.chosen:
+            return False
+        problem.tune(group, rate)
+        chosen = [*choice.chosen, one]
+        fit = _beside_memory(problem, chosen, len(chosen) - 1, choice.fit)
+        if fit is None or _beyond(chance, fit, bank.score(fit), g, alpha):
+            choice.chosen, choice.fit = chosen, plain.fit(chosen, choice.fit.weights)
+            second_look(plain, choice, [c.group for c in given_up if c.plain])
+            return True
+        choice.masked.append(one)
+        lost.append(g)
+    return False
+
+
+def _beside_memory(problem, chosen, i, plain):
+    """The fit without a wave, if noise that remembers may be mistaken for it; else None.
+
+    The memory is that which the noise seems to have without the wave: of noise alone the best of
+    hundreds of slow waves takes so much that what is left remembers too little.
+    """
+    others = chosen[:i] + chosen[i + 1:]
+    if problem.sequence is None:
+        return None
+    mask = MemoryMask.of(problem, others, problem.periods, plain)
+    return mask.fit if mask.covers(chosen[i].group) else None
 
 
 def _add_curve(problem, plain, choice, alpha, chance, given_up):
@@ -432,10 +474,12 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     bank, g = chosen[i].family(problem, chosen)
     fit = problem.plain.fit(chosen, weights, without=i)
     mask = MemoryMask.of(problem, chosen, bank, fit, i)
-    masked = mask.covers(g)
+    masked = not chosen[i].period and mask.covers(g)
+    if chosen[i].period:
+        fit = _beside_memory(problem, chosen, i, fit) or fit
     if masked:
         fit = mask.fit
-    groups = [g] if alone else None
+    groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
     scores = bank.score(fit, groups)
     p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
     if masked and p > alpha and scores.dof[g]:
@@ -451,14 +495,20 @@ def significance(problem, choice, i, chance, alpha, alone=False):
         # what it shares nothing with, as one of the other axis, is no cause of the same
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
-    return Significance(p, float(scores.delta_bic[g]), equals, same, scores.delta_bic)
+    every = scores.delta_bic
+    if chosen[i].period:  # of each scan the best: they are thousands
+        best = [*problem.periods.best_of_scans(scores, g), g]
+        every = np.full(len(every), -np.inf)
+        every[best] = scores.delta_bic[best]
+    return Significance(p, float(scores.delta_bic[g]), equals, same, every)
 
 
 def _equals(problem, choice, i, bank, g, scores):
     """Groups of other lines that gain as much in the place of one of a choice."""
     one = choice.chosen[i]
     others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
-              if j != i and (c.curve, c.of is None) == (one.curve, one.of is None)}
+              if j != i and (c.curve, c.period, c.of is None) == (
+                  one.curve, one.period, one.of is None)}
     limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
     for other in np.argsort(-scores.delta_bic):
         if scores.delta_bic[other] < max(limit, 0.0):

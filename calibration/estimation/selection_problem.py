@@ -9,6 +9,7 @@ from .candidates import CandidateBank, CandidateGroup
 from .correlated_noise import AxisNoise, Sequence, likely_memories
 from .group_columns import GroupColumns
 from .linear_model import memory_of, weighted_fit, with_memory
+from .periodogram import PeriodBank
 
 #: fits that are kept: a search comes back to the ones before
 _KEPT = 64
@@ -37,6 +38,8 @@ class SelectionProblem:
         out.
     first : tuple of CandidateGroup
         That a search begins with: what these rows are trusted for.
+    periods : PeriodBank
+        Waves of unknown period.
     """
 
     base: GroupColumns
@@ -48,6 +51,7 @@ class SelectionProblem:
     variants: object = None
     trusted: np.ndarray | None = None
     first: tuple = ()
+    periods: PeriodBank = field(default_factory=lambda: PeriodBank([]))
     _memories: dict = field(default_factory=dict, repr=False)
     _fits: dict = field(default_factory=dict, repr=False)
 
@@ -70,7 +74,7 @@ class SelectionProblem:
                                 None if self.sequence is None else self.sequence.rows(rows),
                                 None if self.variants is None else self.variants.rows(rows),
                                 None if self.trusted is None else self.trusted[rows], self.first,
-                                ChainMap({}, self._memories))
+                                self.periods.rows(rows), ChainMap({}, self._memories))
 
     def trusting(self, trusted, first):
         """The same, trusting some rows (as `trusted`), with some `CandidateGroup` to begin with."""
@@ -82,12 +86,18 @@ class SelectionProblem:
         self._memories.clear()  # they were estimated with the other one
         self._fits.clear()
 
+    def tune(self, group, rate):
+        """Let a wave of unknown period have another rate."""
+        self.periods.tune(group, rate)
+        self._memories.clear()
+        self._fits.clear()
+
     def only(self, chosen):
         """The same with the columns of a choice in the base, and nothing to choose from."""
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
-                                self.sequence, None, self.trusted, (),
-                                {} if known is None else {frozenset(): known})
+                                self.sequence, None, self.trusted,
+                                _memories={} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
         """Fit of the base and the chosen groups.

@@ -10,7 +10,9 @@ from pointing_model.mount_kinds import USUAL, kind_of
 from .cause_wording import counted, open_causes, short_cause, still_open
 from .figure_wording import STAYS, best_pair, way_size
 from .observation_wording import place_words, proposals
-from .row_wording import bad_nights, far_text, left_out_lines, scatter_sentence
+from .period_wording import PHASE
+from .row_wording import bad_nights, far_text, left_out_lines
+from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
 from .verdict_wording import slow_is_largest
 
 #: effects that the terminal lists, and causes of each; the others are counted
@@ -131,6 +133,9 @@ def _beyond(document):
 
 def _headline(document, effects):
     text = _HEADLINES.get(document['verdict'])
+    if document['verdict'] == 'none' and is_headline(document):
+        words = axes_words(document)
+        return f'{words[:1].upper()}{words[1:]}. No effect explains that.'
     if text:
         return text.format(beyond=_beyond(document))
     if not effects:
@@ -182,9 +187,12 @@ def _cautions(document):
     bad = [row for row in document.get('excluded') or ()
            if not row['reason'].startswith(_EXPLAINED)]
     out += left_out_lines(bad, document['runs'] > 1, document.get('rows_are') or 'row')[:_REASONS]
-    scatter = scatter_sentence(document)
-    return [*out, *([scatter.partition('. ')[0].removesuffix('.') + '.'] if scatter else []),
-            *bad_nights(document, kind_of(document).axes)]
+    told = [axes_sentence(document)] * (document['verdict'] != 'none' or not is_headline(document))
+    scatter = [text.partition('. ')[0].removesuffix('.') + '.'
+               for text in (*told, scatter_sentence(document)) if text]
+    phase = [PHASE] * any('periodic_error' in row['name'] and '_time' not in row['name']
+                          for row in document['effects'])
+    return [*out, *phase, *scatter, *bad_nights(document, kind_of(document).axes)]
 
 
 def _todo(document):

@@ -161,4 +161,4 @@ def refused_document(error):
                                'no_star', 'unphysical', 'notes')},
         **dict.fromkeys(('runs', 'base_terms', 'noise_floor_arcsec', 'detectable', 'wander',
                          'expected', 'as_read_rms_arcsec', 'equinox', 'unequal_scatter',
-                         'worst_rows', 'approach_from'))}
+                         'unequal_axes', 'worst_rows', 'approach_from'))}

@@ -11,6 +11,7 @@ from pointing_model.mount_kinds import USUAL
 
 from . import cause_wording
 from .cause_wording import plain_name, short_cause, still_open
+from .period_wording import period_sentences
 from .residual_axes import driver_of, utc_text
 from .verdict_wording import Statement
 
@@ -66,7 +67,7 @@ def effect_summary(diagnosis, found):
     more.append(cause_wording.alternatives_sentence(vars(found), e.cause_summary))
     seen, observed = _as_observed(seen, context, e, used)
     own, places = _of_axis(context, e, found.fitted.coefficients / ARCSEC, used)
-    more += [places, observed]
+    more += [places, observed, *period_sentences(e)]
     memory = e.parameters.get('memory_deg')
     if memory:
         # the same with another memory, or none

@@ -176,22 +176,6 @@ def _better_reading(found):
             f'sure of the {found["what"]}')
 
 
-def scatter_sentence(document):
-    """An `unequal_scatter` of a document in words; '' without one."""
-    found = document.get('unequal_scatter')
-    if not found:
-        return ''
-    bands = found['bands']
-    word = kind_of(document).axes['xy'.index(found['axis'])]
-    figures = ', '.join(f'{arcsec(band["rms_arcsec"])} from {band["from_deg"]:.0f}° to '
-                        f'{band["to_deg"]:.0f}°' for band in bands)
-    lowest = max(bands, key=lambda band: band['rms_arcsec']) is bands[0]
-    return (f'What is left in {word} is not the same at all elevations: {figures} (RMS). '
-            + ('Seeing and refraction grow toward the horizon, and may be that.' if lowest else
-               'Seeing grows toward the horizon only, so this is no noise of the sky: something '
-               'is left there that no effect here describes.'))
-
-
 def worst_sentence(document):
     """Whether the effects made the worst row worse, or another row the worst; '' where neither.
 

@@ -12,7 +12,8 @@ from .fit_wording import implausible_term
 from .noise_wording import correlation_sentence, drift_words
 from .observation_wording import next_sentence
 from .raw_error_wording import raw_error_sentence
-from .row_wording import bad_nights, outlier_sentence, scatter_sentence, worst_sentence
+from .row_wording import bad_nights, outlier_sentence, worst_sentence
+from .scatter_wording import axes_sentence, axes_words, is_headline, scatter_sentence
 
 #: arcsec; what is left beyond this is no noise of pointing
 _ABSURD = 1800.0
@@ -122,7 +123,8 @@ def verdict_summary(document, effects=(), limit=5, caution=''):
 def _statements(document, effects, caution):
     """Headline, what comes before the effects, and what after them."""
     verdict = document['verdict']
-    last = [led(scatter_sentence(document)), led(figures_sentence(document)),
+    last = [led(axes_sentence(document)) if document['verdict'] != 'none' else '',
+            led(scatter_sentence(document)), led(figures_sentence(document)),
             outlier_sentence(document)]
     odd = [led(implausible_term(row)) for row in document.get('unphysical') or ()]
     if verdict == 'refused':
@@ -171,15 +173,21 @@ def _nothing(document, caution, odd, last):
     if not caution and (left or 0.0) > _ABSURD:
         caution = (f'Residuals of {arcsec(left)} are too large for a mount: check columns, units, '
                    'signs and the zero of azimuth.')
+    unequal = led(axes_sentence(document))
+    if unequal != Statement(''):
+        looks = unequal  # that is no noise
     headline = f'No significant error{beyond(document)}'
     label, before, _ = best_pair(document)
     if before is not None and not caution:
         headline += f': {arcsec(before)} remain, {label}'
+    if is_headline(document):
+        text = axes_words(document)
+        headline = f'{text[:1].upper()}{text[1:]}; no effect explains it'
     if odd:
         headline += '. But check ' + ' and '.join(
             f'{row["name"]}, which is {"negative" if row["what"] == "sign" else "too large"}'
             for row in document['unphysical'])
-    return (headline, [*odd, caution or looks],
+    return (headline, [*odd, caution or looks, unequal if caution else ''],
             ['The model stays as it was.', *_detectable(document), *last])
 
 

@@ -7,6 +7,7 @@ from . import (
     discrimination_wording,
     encoder_wording,
     fit_wording,
+    period_wording,
     prediction_wording,
     row_wording,
     season_wording,
@@ -20,6 +21,7 @@ KINDS = {
     **track_wording.KINDS, **encoder_wording.KINDS,
     **zero_wording.KINDS, **season_wording.KINDS,
     **discrimination_wording.KINDS, **prediction_wording.KINDS,
+    **period_wording.KINDS,
 }
 
 

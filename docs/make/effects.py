@@ -52,7 +52,7 @@ def run_of(kind):
                  'miss_x', 'miss_y', 'az_rate', 'el_rate'):
         columns[name] = rng.normal(size=n) * (1e-4 if '_' in name else 1.0)
     return PointingRun(columns, {'site': site, 'mount': mount, 'raw_reading': True,
-                                 'graduation': {}})
+                                 'graduation': {}, 'worms': {'az': 180.0}})
 
 
 def rows_of(kind):

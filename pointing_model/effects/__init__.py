@@ -15,12 +15,13 @@ from pkgutil import iter_modules
 from .base import Amount, Effect, effect, effect_from_document, for_mount, to_document
 from .curves import smooths
 from .drifts import steps
+from .gears import declared_worms
 from .graduation import PERIODS, declared_graduation, period_of
 from .modulation import changes
 from .pier import by_side, direct
 
-__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'dictionary', 'direct',
-           'effect',
+__all__ = ['PERIODS', 'Amount', 'Effect', 'changes', 'declared_graduation', 'declared_worms',
+           'dictionary', 'direct', 'effect',
            'effect_from_document', 'period_of', 'smooths', 'steps', 'to_document']
 
 _MODULES = [import_module(f'.{name}', __name__)

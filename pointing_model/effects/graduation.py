@@ -10,11 +10,15 @@ from .base import AXES, Effect, Offer, effect, form, on_axis
 _TURN = 2.0 * np.pi
 #: lines or bars in a turn of the encoders of both papers (000: lines; 001: bars)
 _LINES = {'grating': 47200, 'bars': 1080}
+#: what may be declared: a tape goes round a drum, and its lines are searched (`gears`)
+_KINDS = (*_LINES, 'tape')
 #: their periods, radians
 PERIODS = {name: _TURN / lines for name, lines in _LINES.items()}
 #: axes by the names of their columns in files
-_BY_COLUMN = {column: axis for names in KINDS.values() for axis, column in zip(AXES, names.columns)}
+BY_COLUMN = {column: axis for names in KINDS.values() for axis, column in zip(AXES, names.columns)}
 _FEWEST, _MOST = 16, 10**7  # lines in a turn that a graduation may have
+#: lines in a turn up to which they may be teeth
+FEW_LINES = 1000
 _ONE = {'grating': 'a line of the grating', 'bars': 'a bar of the disc'}
 _EACH = {'grating': 'each line of its grating', 'bars': 'each bar of its disc'}
 _ALL = {'grating': 'lines of the grating', 'bars': 'bars of the disc'}
@@ -48,11 +52,11 @@ def declared_graduation(given):
             value = [(name, kind, lines) for kind, lines in value.items()]
         else:
             axis, _, kind = name.rpartition('.')
-            axis = _BY_COLUMN.get(axis, axis)
+            axis = BY_COLUMN.get(axis, axis)
             value = [(one, kind, value) for one in ([axis] if axis else AXES)]
         for axis, kind, lines in value:
-            if axis not in AXES or kind not in _LINES:
-                raise ValueError(f'graduation {name!r} is none of {", ".join(_LINES)} (or '
+            if axis not in AXES or kind not in _KINDS:
+                raise ValueError(f'graduation {name!r} is none of {", ".join(_KINDS)} (or '
                                  f'az.{kind}, el.{kind} for one axis), such as grating=47200')
             try:
                 number = float(lines)
@@ -69,6 +73,11 @@ def declared_graduation(given):
 def period_of(graduation, lines=None):
     """Period of a graduation, radians."""
     return PERIODS[graduation] if lines is None else _TURN / int(lines)
+
+
+def is_gear(graduation, lines):
+    """Whether a wheel may have so few lines: then teeth make the same error, and are likelier."""
+    return graduation == 'grating' and lines is not None and lines <= FEW_LINES
 
 
 @form
@@ -137,7 +146,10 @@ def propose(context, lacking, own):
             yield Offer('subdivision', [], what, reason, axis)
             continue
         place = context.az if axis == 'az' else context.el
-        for graduation, lines in (context.graduation.get(axis) or dict.fromkeys(PERIODS)).items():
+        declared = context.graduation.get(axis) or dict.fromkeys(PERIODS)
+        for graduation, lines in declared.items():
+            if graduation not in PERIODS or is_gear(graduation, lines):
+                continue  # see `gears`: of a tape how many there are is searched
             against = _not_spread(word, graduation, place, values, period_of(graduation, lines))
             yield Offer('subdivision', [] if against else [
                 effect('subdivision', axis=axis, graduation=graduation, order=order, lines=lines)

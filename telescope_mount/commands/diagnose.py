@@ -37,7 +37,11 @@ def add(commands):
                 'places visited again show a step, if the rows say so')
     parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
                         'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
-                        'outliers by whole ones are slips (default: what a log of ours tells)')
+                        'outliers by whole ones are slips (default: what a log of ours tells); '
+                        'tape=LINES, of a tape on a drum: sought within 1 %%')
+    parser.add_argument('--worm', metavar='AXIS=TEETH', help='teeth of a worm wheel, such as '
+                        'ha=180 or az=360,el=288: its periodic error is looked for there (default: '
+                        'periods are searched, 10 to 1000 a turn)')
     parser.add_argument('--cause', action='append', default=[], metavar='COLUMN', help='a column '
                         'of the file that may be a cause, though its name does not say so')
     parser.add_argument('--horizon', type=options.horizon, default=(), metavar='CORNERS',
@@ -86,7 +90,8 @@ def _run(args):
 
     from ..run_loader import load_runs
     console = new_console()
-    place = options.place_of(args) | {'graduation': args.graduation, 'drivers': args.cause}
+    place = options.place_of(args) | {
+        'graduation': args.graduation, 'worms': args.worm, 'drivers': args.cause}
     if args.exclude and len(args.runs) > 1:
         raise ValueError('--exclude counts the rows of one file; give one run')
     runs, empty = load_runs(args.runs, **place, exclude=args.exclude)

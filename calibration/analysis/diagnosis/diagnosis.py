@@ -33,6 +33,7 @@ from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
 from .page_figures import add_page_figures
+from .period_scans import period_findings, settle_periods
 from .prediction import better_prediction
 from .residual_correlation import along_the_sky, correlation_entry, residual_correlation
 from .residual_patterns import (
@@ -44,8 +45,9 @@ from .residual_patterns import (
     visit_findings,
 )
 from .row_counts import diagnosis_row_counts, refused_if_few, row_word
-from .row_facts import repeats, unequal_scatter, worst_rows
+from .row_facts import repeats, worst_rows
 from .run_problem import RunProblem
+from .scatter import unequal_axes, unequal_scatter
 from .sessions import arrange, split
 from .validation import FOLDS, cross_validated, hold_out, mark_undecided, partitions_of
 
@@ -139,6 +141,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
     add_page_figures(result)
     result.counts = diagnosis_row_counts(result).to_dict()
     result.worst_rows, result.unequal_scatter = worst_rows(result), unequal_scatter(result)
+    result.unequal_axes = unequal_axes(result)
     result.columns_alike = checked.alike
     if obs.whole:
         result.notes.append(Finding('rows searched', len(obs), unit='rows',
@@ -188,9 +191,11 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     partitions = partitions_of(problem, folds, rng) if folds else ()
     choice = _choose_beside_outliers(run, alpha, chance, partitions)
     problem = run.problem
+    settle_periods(problem, choice)
     if first_answer:
         first_answer(_first_answer(problem, choice))
     choice = compare_alternatives(problem, choice, alpha, chance, partitions)
+    settle_periods(problem, choice)
     left = residual_correlation(problem, choice, alpha)
     # noise that goes along the sky is not told from what the direction does: terms do not rest on
     # its memory
@@ -206,12 +211,13 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
         compare_alternatives(problem, choice, alpha, chance, partitions, replacing=False)
         left = residual_correlation(problem, choice, alpha)
     _refine_scans(run, choice)
+    periods = period_findings(problem, choice, settle_periods(problem, choice))
     fits = _fits(run, choice, left, mixed)
     result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
                        partial(run.fits, left=left, mixed=mixed))
     twice = repeats(problem.sequence.group, obs.lines, result.residual_after, row_word(obs.run))
     result.notes += [twice] if twice else []
-    result.notes += again + cluster_findings(ResidualRows(
+    result.notes += periods + again + cluster_findings(ResidualRows(
         obs.context, obs.label, obs.lines, result.residual_after, row_word(obs.run)))
     if left is not None:
         result.add_correlation(correlation_entry(left, problem, obs.context, choice.chosen,

@@ -137,8 +137,8 @@ class Diagnosis:
         Names and matrix, see `page_figures.correlations`.
     counts : dict
         Of `RowCounts`.
-    worst_rows, unequal_scatter : dict or None
-        See `row_facts`.
+    worst_rows, unequal_scatter, unequal_axes : dict or None
+        See `row_facts`, `scatter`.
     """
 
     verdict: str
@@ -173,6 +173,7 @@ class Diagnosis:
     counts: dict = field(default_factory=dict)
     worst_rows: dict | None = None
     unequal_scatter: dict | None = None
+    unequal_axes: dict | None = None
 
     def add_correlation(self, entry):
         """Take a `residual_correlation.correlation_entry`."""
@@ -204,7 +205,7 @@ class Diagnosis:
             'equinox': self.observations.run.meta.get('equinox_taken'),
             'cv_contiguous': self.cv_contiguous, 'worst_rows': self.worst_rows,
             'held_out': self.held_out, 'no_star': self.no_star,
-            'unequal_scatter': self.unequal_scatter,
+            'unequal_scatter': self.unequal_scatter, 'unequal_axes': self.unequal_axes,
             # what is left beside terms that were taken off before has any sign
             'unphysical': self.unphysical if self.whole else [],
             'approach_from': self.observations.run.meta.get('approach_from'),
@@ -325,8 +326,10 @@ def ranking_of(effects, delta_bic, p=None):
     out, seen = [], set()
     best = delta_bic.max(initial=-np.inf)
     for g in np.argsort(-delta_bic):
+        if not np.isfinite(delta_bic[g]):
+            break  # of waves of unknown period there are thousands
         e = effects[g]
-        if np.isfinite(delta_bic[g]) and e.line not in seen:
+        if e.line not in seen:
             seen.add(e.line)
             out.append({'name': e.name, 'cause': e.cause, 'driver': e.driver, 'axes': e.axes,
                         'delta_bic': float(delta_bic[g]),

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
-from scipy.special import chdtrc
 
 from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC
@@ -18,9 +17,8 @@ from .reading_fits import MOST_LEFT_OUT
 #: and 64 less than 2 times
 BAD_NIGHT = 2.0
 _PLACES_NAMED = 4  # places that stand twice, that are named
-#: rows in each of three bands of elevation, at least, of which it is said that they scatter
-#: differently; chance that noise makes them, and how many times as much one must scatter
-_FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
+
+
 def worst_rows(diagnosis):
     """The worst of the rows that count, before and after.
 
@@ -49,42 +47,6 @@ def worst_rows(diagnosis):
                    **({'source': PurePath(str(obs.sources[i])).name} if several else {}),
                    **{f'{key}_arcsec': float(one[i]) for key, one in sizes.items()}}
             for when, size in sizes.items() for i in [used[np.argmax(size[used])]]}
-
-
-def unequal_scatter(diagnosis):
-    """Whether what is left of an axis scatters otherwise at other elevations.
-
-    Of three bands with as many rows each, by the ranks of the absolute residuals (Kruskal and
-    Wallis 1952, J. Am. Stat. Assoc. 47, 583).
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-
-    Returns
-    -------
-    dict or None
-        ``axis`` (x, y), ``p`` and ``bands``, from low to high: ``from_deg``, ``to_deg`` of
-        elevation and ``rms_arcsec``. None where it does not, or where rows are too few.
-    """
-    rows = np.flatnonzero(diagnosis.weights > 0.0)
-    elevation = diagnosis.observations.context.on_horizon()[1]
-    if len(rows) < 3 * _FEWEST_IN_BAND:
-        return None
-    rows = rows[np.argsort(elevation[rows], kind='stable')]
-    bands, best = np.array_split(np.arange(len(rows)), 3), None
-    for axis, left in zip('xy', diagnosis.residual_after[:, rows]):
-        ranks = np.empty(len(rows))
-        ranks[np.argsort(np.abs(left), kind='stable')] = np.arange(1.0, len(rows) + 1.0)
-        off = sum(len(band) * (ranks[band].mean() - 0.5 * (len(rows) + 1.0))**2 for band in bands)
-        p = 2.0 * float(chdtrc(2.0, 12.0 * off / (len(rows) * (len(rows) + 1.0))))
-        sizes = [float(rms(left[band])) / ARCSEC for band in bands]
-        if p < _UNEQUAL and max(sizes) > _TIMES * min(sizes) and (best is None or p < best['p']):
-            ends = np.degrees(elevation[rows])
-            best = {'axis': axis, 'p': p, 'bands': [
-                {'from_deg': float(ends[band[0]]), 'to_deg': float(ends[band[-1]]),
-                 'rms_arcsec': size} for band, size in zip(bands, sizes)]}
-    return best
 
 
 @dataclass

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.estimation.candidates import CandidateBank
 from calibration.estimation.correlated_noise import CorrelatedNoise, WhiteNoise
 from calibration.estimation.estimate import Estimate
+from calibration.estimation.periodogram import PeriodBank
 from calibration.estimation.robust import bisquare, sigma_of
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
@@ -20,6 +21,7 @@ from pointing_model.mounts import rows_by_side
 
 from ..finding import Finding
 from .diagnosis_base import after_rotation, decode_slips, linearised, sequence_of
+from .period_scans import period_bank
 from .row_counts import row_word
 
 _CHUNK = 64  # columns that are looked through at a time
@@ -135,6 +137,7 @@ class RunProblem:
         self.slips = self._slips(alpha)
         self.problem.dictionary = effect_bank(effects + steps(obs.context), obs.context)
         self.problem.curves = effect_bank(smooths(obs.context) if curves else [], obs.context)
+        self.problem.periods = period_bank(obs.context) if curves else PeriodBank([])
         self.problem.variants = EffectVariants(self.problem.dictionary, obs.context)
         self.infeasible = ~feasible
 

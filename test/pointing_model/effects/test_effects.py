@@ -290,7 +290,7 @@ def test_a_declared_graduation_is_the_one_that_is_divided():
         'azimuth_subdivision_grating_1', 'azimuth_subdivision_grating_2'}
     assert names['azimuth_subdivision_grating_1'].parameters['lines'] == 36000
     assert '36"' in names['azimuth_subdivision_grating_1'].cause
-    for wrong in ('grating=27.5', 'bars', 'tape=1000', 'ra.bars=1080', 'grating=3', 'bars=x'):
+    for wrong in ('grating=27.5', 'bars', 'ring=1000', 'ra.bars=1080', 'grating=3', 'bars=x'):
         with pytest.raises(ValueError, match='graduation'):
             declared_graduation(wrong)
     assert declared_graduation({'bars': 1080}) == declared_graduation(

@@ -34,6 +34,7 @@ KEYS = {'observations', 'runs', 'base_terms', 'verdict', 'before', 'after', 'noi
         'effects', 'excluded', 'next_observations', 'wander', 'detectable', 'expected',
         'rows_read', 'rows_used', 'outliers', 'rms_with_outliers_arcsec', 'columns_alike',
         'readings', 'as_read_rms_arcsec', 'unequal_scatter', 'worst_rows', 'held_out', 'no_star',
+        'unequal_axes',
         'unphysical', 'approach_from', 'rows_are', 'rows_taken_back', 'rows_not_drawn',
         'detection_factor',
         'as_read_terms', 'south', 'cv_contiguous', 'equinox'}

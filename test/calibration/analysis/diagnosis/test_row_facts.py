@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.analysis.diagnosis.row_facts import nights_held_out, unequal_scatter
-from calibration.report.row_wording import bad_nights, scatter_sentence, worst_sentence
+from calibration.analysis.diagnosis.row_facts import nights_held_out
+from calibration.report.row_wording import bad_nights, worst_sentence
 from msg_tools.units import ARCSEC
 
 
@@ -18,31 +18,6 @@ def test_a_row_that_noise_would_have_among_so_many_is_none_to_look_at():
     assert worst_sentence(told) == ''
     told['worst_rows']['after'] = {**row, 'after_arcsec': 14.0}
     assert worst_sentence(told).startswith('Now the worst row is row 80: 6.00″ before, 14.0″ after')
-
-
-def scattered(seed, more=1.0, n=120):
-    """As `unequal_scatter` takes it: elevation scatters `more` times as much in the middle."""
-    rng = np.random.default_rng(seed)
-    el = rng.uniform(0.2, 1.4, n)
-    left = ARCSEC * rng.normal(size=(2, n))
-    left[1] *= np.where((el > 0.5) & (el < 0.9), more, 1.0)
-    return SimpleNamespace(weights=np.ones(n), residual_after=left, observations=SimpleNamespace(
-        context=SimpleNamespace(on_horizon=lambda: (el, el))))
-
-
-def test_scatter_that_is_not_the_same_at_all_elevations_is_told():
-    found = unequal_scatter(scattered(1, 4.0))
-    assert found['axis'] == 'y' and found['p'] < 1e-3
-    sizes = [band['rms_arcsec'] for band in found['bands']]
-    assert sizes[1] > 1.3 * max(sizes[0], sizes[2])
-    text = scatter_sentence({'unequal_scatter': found})
-    assert text.startswith('What is left in elevation is not the same at all elevations: ')
-    assert 'so this is no noise of the sky' in text
-    found['bands'][0]['rms_arcsec'] = 9.0
-    assert 'may be that' in scatter_sentence({'unequal_scatter': found})
-    assert scatter_sentence({}) == ''
-    assert sum(unequal_scatter(scattered(seed)) is not None for seed in range(100)) <= 1
-    assert unequal_scatter(scattered(1, 4.0, n=20)) is None
 
 
 def test_worst_rows():

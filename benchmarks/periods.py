@@ -1,0 +1,102 @@
+"""Worms and gears whose period nobody declared: found, with the right period, and not in noise.
+
+    python benchmarks/periods.py [--nights N] [--full] [--verbose]
+
+Nights of a German and an alt-azimuth mount in random order above 20 degrees. One axis has a worm or
+gear of a whole number of periods a turn, 10 to 1000, all as likely, of which the search knows
+nothing; both axes are searched. Its amplitude is that of the angle of the axis, so of the first
+axis cos of the second angle is lost on the sky. `found`: a periodic error of that axis is added;
+`exact`: its period is that one; `other`: nights with any other effect. `clean`: nights without it,
+in white noise and in noise that remembers (correlation 0.9 from row to row, half of the variance).
+"""
+
+import argparse
+import time
+
+import numpy as np
+from equatorial_runs import LATITUDE, make_run, sky
+
+from calibration.analysis.diagnosis import diagnose
+from pointing_model.mounts import Mount
+
+#: rows and amplitude, in units of the noise of a row in an axis
+SIZES = ((60, 1.9), (120, 1.2))
+KINDS = ('german', 'altaz')
+CLEAN = (30, 60, 200)
+_ALIKE = 0.9
+
+
+def night(kind, rows, amplitude, rng, memory=False):
+    """A run, its axis and its periods a turn."""
+    mount = Mount() if kind == 'altaz' else Mount.equatorial(LATITUDE, kind)
+    columns = sky(rng, rows, mount)
+    columns = {name: columns[name] for name in ('az', 'el', 'time', 'approach_az', 'approach_el')}
+    axis, turns = ('az', 'el')[rng.integers(2)], int(rng.integers(10, 1001))
+    error = rng.normal(size=(2, rows))
+    if memory:
+        slow = error.copy()
+        for i in range(1, rows):
+            slow[:, i] = _ALIKE * slow[:, i - 1] + np.sqrt(1.0 - _ALIKE**2) * slow[:, i]
+        error = np.sqrt(0.5) * (slow + rng.normal(size=(2, rows)))
+    wave = amplitude * np.cos(turns * columns[axis] + rng.uniform(0.0, 2.0 * np.pi))
+    error[int(axis == 'el')] += wave * (np.cos(columns['el']) if axis == 'az' else 1.0)
+    return make_run(columns, *error, mount), axis, turns
+
+
+def periods_of(result):
+    """Periodic errors that were found: axis and periods a turn of each."""
+    effects = [one.fitted.effect for one in result.effects]
+    return [(e.axes, e.parameters['turns']) for e in effects if e.form == 'periodic']
+
+
+def measure(kind, rows, amplitude, args):
+    """A line of the table: nights with a worm."""
+    rng, start = np.random.default_rng(args.seed), time.process_time()
+    counts = np.zeros((2, 4), int)
+    for i in range(args.nights):
+        run, axis, turns = night(kind, rows, amplitude, rng)
+        result = diagnose(run, cross_validation=False, seed=i)
+        mine = [found for of, found in periods_of(result) if of == axis]
+        exact = any(round(found) == turns for found in mine)
+        counts[int(axis == 'el')] += (
+            1, bool(mine), exact, len(result.effects) > bool(mine))
+        if args.verbose and not exact:
+            print('    ', axis, turns, [e.fitted.effect.name for e in result.effects])
+    seconds = (time.process_time() - start) / args.nights
+    for axis, (nights, found, exact, other) in zip(('first', 'second'), counts):
+        print(f'{kind:8s} {rows:4d} {amplitude:5.1f}  {axis:7s} found {found} of {nights}, exact '
+              f'{exact} of {found}, other {other}; {seconds:.2f} s of CPU a night', flush=True)
+
+
+def clean(kind, rows, memory, args):
+    """A line of the table: nights without one."""
+    rng, found, other = np.random.default_rng(args.seed + 1), 0, 0
+    for i in range(args.nights):
+        run, _, _ = night(kind, rows, 0.0, rng, memory)
+        result = diagnose(run, cross_validation=False, seed=i)
+        found += bool(periods_of(result))
+        other += len(result.effects) > len(periods_of(result))
+    print(f'{kind:8s} {rows:4d} {"memory" if memory else "white":8s} periods in {found} of '
+          f'{args.nights} clean nights, other effects in {other}', flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--nights', type=int, default=20)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--only', choices=('worm', 'clean'))
+    parser.add_argument('--full', action='store_true', help='200 nights')
+    parser.add_argument('--verbose', action='store_true', help='list what was missed')
+    args = parser.parse_args()
+    if args.full:
+        args.nights = 200
+    for kind in KINDS:
+        for rows, amplitude in SIZES if args.only != 'clean' else ():
+            measure(kind, rows, amplitude, args)
+        for rows in CLEAN if args.only != 'worm' else ():
+            for memory in (False, True):
+                clean(kind, rows, memory, args)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,128 @@
+"""Periods of an axis that are searched: which a run can show, and what is said of those found."""
+
+import numpy as np
+
+from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
+from calibration.estimation.select import SET_WIDTH
+from msg_tools.units import ARCSEC
+from pointing_model.effects import effect
+from pointing_model.effects.base import AXES, for_mount, on_axis
+from pointing_model.effects.gears import (
+    FEWEST,
+    MOST,
+    SIDEREAL_DAY,
+    TAPE_MARGIN,
+    driver_angle,
+    peak_to_peak,
+    strain_wave,
+)
+
+from ..finding import Finding
+
+#: rows from which on a period is searched: fewer go through it by chance
+_FEWEST_ROWS = 20
+#: of a period that rests on whole teeth, standard errors within which it is a whole number, and how
+#: sure it must be for that
+_WHOLE, _SURE = 2.0, 0.2
+#: of the travel, what an angle may differ from one that goes with time to be one with it
+_TOGETHER = 1e-3
+
+
+def period_bank(context):
+    """Waves of both axes, by the reading of each (or its angle), and by time within a night.
+
+    Parameters
+    ----------
+    context : Context
+
+    Returns
+    -------
+    PeriodBank
+        Empty where the rows are too few.
+    """
+    if len(context) < _FEWEST_ROWS:
+        return PeriodBank([])
+    scans = []
+    for axis in AXES:
+        factor = np.concatenate([np.broadcast_to(v, len(context)) for v in on_axis(
+            axis, np.ones(len(context)), context.trig.cos_el)])
+        of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
+        angle = driver_angle(context, axis, of)
+        scans.append(WaveScan.over(angle, factor, FEWEST, MOST, _maker(context, axis, of)))
+        lines = context.graduation.get(axis, {}).get('tape')
+        if lines and of == 'reading':
+            scans.append(WaveScan.over(angle, factor, (1.0 - TAPE_MARGIN) * lines,
+                                       (1.0 + TAPE_MARGIN) * lines,
+                                       _maker(context, axis, of, tape=lines)))
+        time = context.get('time')
+        if time is None or not np.isfinite(time).all() or np.ptp(time) > 0.5 * SIDEREAL_DAY:
+            continue
+        origin = float(time.min())
+        turned = driver_angle(context, axis, 'time', origin)
+        if not _together(turned, angle):
+            scans.append(WaveScan.over(turned, factor, FEWEST, MOST,
+                                       _maker(context, axis, 'time', origin=origin)))
+    return PeriodBank([one for one in scans if one is not None])
+
+
+def _maker(context, axis, of, **given):
+    def make(rate, orders):
+        return for_mount([effect('periodic', axis=axis, turns=rate, orders=orders, of=of, **given)],
+                         context.mount)[0]
+    return make
+
+
+def _together(time, angle):
+    """Whether an axis turns evenly with the time: then one is the other."""
+    keep = np.isfinite(angle)
+    design = np.stack((np.ones(keep.sum()), time[keep]))
+    left = angle[keep] - np.linalg.lstsq(design.T, angle[keep], rcond=None)[0] @ design
+    return left.std() < _TOGETHER * max(np.ptp(angle[keep]), 1e-9)
+
+
+def settle_periods(problem, choice):
+    """Tune what was found with all else in the model; of whole teeth where the rows say so.
+
+    Returns
+    -------
+    dict of int to (float, float, bool)
+        Place in the choice -> the best rate, its standard error, whether it is a whole number.
+    """
+    out = {}
+    for i, one in enumerate(choice.chosen):
+        if not one.period:
+            continue
+        bank, group = problem.periods, one.group
+        fit = problem.plain.fit(choice.chosen, without=i)
+        scan, orders = bank.scans[bank.line[group]], SHAPES[group // bank.count]
+        rate, _ = bank.tuned_rate(fit, group, float(bank.rate[group]))
+        error = rate_error(fit, scan, rate, orders)
+        e = scan.effect(rate, orders)
+        whole = e.parameters['of'] != 'time' and not e.parameters['tape'] and error < _SURE \
+            and abs(rate - round(rate)) < _WHOLE * error
+        problem.tune(group, float(round(rate)) if whole else rate)
+        out[i] = rate, error, whole
+    return out
+
+
+def period_findings(problem, choice, settled):
+    """Of each wave of unknown period a Finding ``period``; `settled` as of `settle_periods`."""
+    return [_finding(problem, choice, i, *each) for i, each in settled.items()]
+
+
+def _finding(problem, choice, i, rate, error, whole):
+    one = choice.chosen[i]
+    e = one.effect(problem)
+    p = e.parameters
+    aliases = problem.periods.aliases(problem.plain.fit(choice.chosen, without=i), one.group,
+                                      SET_WIDTH)
+    return Finding('period', float(p['turns']), float(error), 'per turn', (e.name,), evidence={
+        'axis': p['axis'], 'of': p['of'], 'orders': list(p['orders']), 'whole': bool(whole),
+        'tape': p['tape'], 'searched': float(rate),
+        'strain_wave': [] if p['of'] == 'time' or p['tape'] else strain_wave(p['turns']),
+        'aliases': [float(a) for a in aliases]})
+
+
+def amplitude_arcsec(fitted):
+    """Peak to peak of a fitted periodic error."""
+    return peak_to_peak(fitted.coefficients / ARCSEC, fitted.effect.parameters['orders'])

@@ -1,0 +1,88 @@
+"""How what is left scatters: at which elevations, and in one axis more than in the other."""
+
+import numpy as np
+from scipy.special import chdtrc
+
+from calibration.estimation.robust import sigma_of
+from calibration.estimation.unequal_scales import scale_law, scale_ratio
+from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
+
+#: rows in each of three bands of elevation, at least, of which it is said that they scatter
+#: differently; chance that noise makes them, and how many times as much one must scatter
+_FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
+#: rows, chance and times from which it is told that one axis scatters more than the other
+_FEWEST, _AXES_TIMES = 20, 2.0
+#: ln of a likelihood ratio from which a law is told: odds of 30 to 1. Of nights that scatter by one
+#: law the other is told in 1 of 1000 at most (20 to 200 rows)
+_LAW = float(np.log(30.0))
+
+
+def unequal_scatter(diagnosis):
+    """Whether what is left of an axis scatters otherwise at other elevations.
+
+    Of three bands with as many rows each, by the ranks of the absolute residuals (Kruskal and
+    Wallis 1952, J. Am. Stat. Assoc. 47, 583).
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``axis`` (x, y), ``p`` and ``bands``, from low to high: ``from_deg``, ``to_deg`` of
+        elevation and ``rms_arcsec``. None where it does not, or where rows are too few.
+    """
+    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    elevation = diagnosis.observations.context.on_horizon()[1]
+    if len(rows) < 3 * _FEWEST_IN_BAND:
+        return None
+    rows = rows[np.argsort(elevation[rows], kind='stable')]
+    bands, best = np.array_split(np.arange(len(rows)), 3), None
+    for axis, left in zip('xy', diagnosis.residual_after[:, rows]):
+        ranks = np.empty(len(rows))
+        ranks[np.argsort(np.abs(left), kind='stable')] = np.arange(1.0, len(rows) + 1.0)
+        off = sum(len(band) * (ranks[band].mean() - 0.5 * (len(rows) + 1.0))**2 for band in bands)
+        p = 2.0 * float(chdtrc(2.0, 12.0 * off / (len(rows) * (len(rows) + 1.0))))
+        sizes = [float(rms(left[band])) / ARCSEC for band in bands]
+        if p < _UNEQUAL and max(sizes) > _TIMES * min(sizes) and (best is None or p < best['p']):
+            ends = np.degrees(elevation[rows])
+            best = {'axis': axis, 'p': p, 'bands': [
+                {'from_deg': float(ends[band[0]]), 'to_deg': float(ends[band[-1]]),
+                 'rms_arcsec': size} for band, size in zip(bands, sizes)]}
+    return best
+
+
+def unequal_axes(diagnosis):
+    """Whether what is left scatters more in one axis than in the other, and by which law.
+
+    What an axis turns too far (drive, encoder, clock) moves stars left and right by the cosine of
+    the second angle; optics, seeing and camera move them evenly.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict or None
+        ``axis`` (x, y: that scatters more), ``times``, ``p``, ``sigma_arcsec`` (of x and y,
+        robust) and ``law`` of x, where x scatters more: ``cosine``, ``even``, or None where these
+        rows do not tell. None where the axes scatter alike, or the rows are too few.
+    """
+    rows = np.flatnonzero(diagnosis.weights > 0.0)
+    if len(rows) < _FEWEST:
+        return None
+    left, context = diagnosis.residual_after[:, rows], diagnosis.observations.context
+    time = context.get('time')
+    order = None if time is None or not np.isfinite(time).all() else np.argsort(
+        time[rows], kind='stable')
+    ratio, p = scale_ratio(*left, order)
+    if p >= _UNEQUAL or max(ratio, 1.0 / ratio) < _AXES_TIMES:
+        return None
+    law = scale_law(left[0], np.maximum(np.abs(np.cos(context.el[rows])), 1e-3))
+    told = 'cosine' if law > _LAW else 'even' if law < -_LAW else None
+    return {'axis': 'x' if ratio > 1.0 else 'y', 'times': float(max(ratio, 1.0 / ratio)), 'p': p,
+            'sigma_arcsec': [float(sigma_of(one)) / ARCSEC for one in left],
+            'law': told if ratio > 1.0 else None}

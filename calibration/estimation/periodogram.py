@@ -1,0 +1,375 @@
+"""Waves of unknown period: a periodogram of what a fit leaves, beyond the columns that are fitted.
+
+A wave in an angle u has the columns f cos(r u) and f sin(r u), f being what a change of the driver
+does in each row. The generalised Lomb-Scargle periodogram (Zechmeister and Kuerster 2009, A&A 496,
+577) fits a mean beside them; here all columns of the model are fitted beside them, by the same
+products that score any candidate. The rates lie a quarter of the resolution apart, so that between
+two of them 5 % of the power is lost at most; what is found is tuned to the best rate between.
+
+Once a period is beyond chance it is asked what its shape is: once a period, with harmonics, or
+half of a longer period, whose second or third harmonic was seen first.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from .candidates import CandidateBank, Scores
+from .linear_model import LIVE
+
+#: rates a resolution element (1 / length of the driver)
+OVERSAMPLED = 4
+#: shapes of a wave: orders of the period
+SHAPES = ((1,), (1, 2), (1, 2, 3))
+#: longer periods, whose harmonic a wave may be
+_LONGER = (1, 2, 3)
+#: BIC by which a further harmonic, or a longer period, must be better: "strong" evidence, as
+#: of one effect over another
+_SHAPE_MARGIN = 6.0
+#: of waves that would be as large by chance, how many are expected, from where no flips are asked
+_PLAINLY_CHANCE = 0.3
+#: waves that a part of the rows is offered: the best of all rows, and those beside them
+_SHORTLIST, _BESIDE = 60, 2
+_SHARE = 'periods'
+
+
+@dataclass(frozen=True, eq=False)
+class WaveScan:
+    """One driver of waves.
+
+    Attributes
+    ----------
+    angle : ndarray, shape (n,)
+        Radians; NaN where it is not known.
+    factor : ndarray, shape (2n,)
+        Of the waves in each value.
+    rates : ndarray, shape (F,)
+        Ascending, per radian of the angle: so many waves a turn.
+    effect : callable
+        ``effect(rate, orders)``: what a wave stands for.
+    """
+
+    angle: np.ndarray
+    factor: np.ndarray
+    rates: np.ndarray
+    effect: object
+
+    @classmethod
+    def over(cls, angle, factor, low, high, effect):
+        """With rates from `low` to `high`, as close as the length of the angle asks for; None where
+        less than one and a half of the fastest waves are within it."""
+        known = angle[np.isfinite(angle)]
+        turns = float(np.ptp(known)) / (2.0 * np.pi) if len(known) else 0.0
+        low = max(low, 1.5 / turns) if turns > 0.0 else np.inf
+        if not low < high:
+            return None
+        count = int(np.ceil((high - low) * turns * OVERSAMPLED)) + 1
+        return cls(np.asarray(angle, float), factor, np.linspace(low, high, count), effect)
+
+    @property
+    def step(self):
+        """Between two rates."""
+        return float(self.rates[1] - self.rates[0]) if len(self.rates) > 1 else 0.0
+
+    def rows(self, rows):
+        """Of some rows (indices of n)."""
+        n = len(self.angle)
+        return WaveScan(self.angle[rows], self.factor[np.concatenate((rows, rows + n))],
+                        self.rates, self.effect)
+
+    def waves(self, rates, shift):
+        """Values cos(rate angle - shift) x factor, shape (k, 2n)."""
+        phase = np.multiply.outer(rates, np.nan_to_num(self.angle))
+        wave = np.cos(phase - shift[:, None]) * np.isfinite(self.angle)
+        out = np.empty((len(rates), len(self.factor)))
+        for part in (slice(0, len(self.angle)), slice(len(self.angle), None)):
+            out[:, part] = wave * self.factor[part] if self.factor[part].any() else 0.0
+        return out
+
+
+class _WaveColumns:
+    """As an ndarray of shape (k, 2n), of which the rows are made when they are asked for."""
+
+    def __init__(self, bank):
+        self._bank = bank
+
+    @property
+    def shape(self):
+        return len(self._bank.column_group), len(self._bank.scans[0].factor)
+
+    def __len__(self):
+        return self.shape[0]
+
+    def __array__(self, dtype=None, copy=None):
+        return self[:]
+
+    def __getitem__(self, key):
+        bank = self._bank
+        index = np.arange(len(self))[key]
+        group, order, sine = (of[index] for of in (
+            bank.column_group, bank.column_order, bank.column_sine))
+        rates, scan = bank.rate[group] * order, bank.line[group]
+        out = np.empty((len(index), self.shape[1]))
+        for number in np.unique(scan):
+            mine = scan == number
+            out[mine] = bank.scans[number].waves(rates[mine], 0.5 * np.pi * sine[mine])
+        return out
+
+
+class _WaveEffects:
+    """As a list of effects, each made when it is asked for."""
+
+    def __init__(self, bank):
+        self._bank = bank
+
+    def __len__(self):
+        return len(self._bank.rate)
+
+    def __getitem__(self, group):
+        bank = self._bank
+        return bank.scans[bank.line[group]].effect(float(bank.rate[group]),
+                                                   SHAPES[group // bank.count])
+
+
+class PeriodBank(CandidateBank):
+    """Waves of all rates of some scans, in each of the `SHAPES`.
+
+    Parameters
+    ----------
+    scans : list of WaveScan
+
+    Attributes
+    ----------
+    count : int
+        Rates of all scans: groups of each shape, one shape after the other.
+    rate : ndarray, shape (3 count,)
+    near : ndarray of int or None
+        Groups that are tried; None: all of the first shape.
+    """
+
+    def __init__(self, scans):
+        self.scans, self.count = list(scans), sum(len(one.rates) for one in scans)
+        shapes, count = len(SHAPES), self.count
+        empty = np.empty(0)
+        self.rate = np.tile(np.concatenate([empty, *(one.rates for one in scans)]), shapes)
+        self.line = np.tile(np.repeat(np.arange(len(scans)), [len(one.rates) for one in scans]),
+                            shapes)
+        sizes = np.repeat([2 * len(orders) for orders in SHAPES], count)
+        self.column_group = np.repeat(np.arange(shapes * count), sizes)
+        self.column_order = np.concatenate([empty, *(
+            np.tile(np.repeat(orders, 2), count) for orders in SHAPES)])
+        self.column_sine = np.tile([0.0, 1.0], len(self.column_group) // 2)
+        self._start = np.concatenate(([0], np.cumsum(sizes)))
+        self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
+        self.scan_cost = np.ones(shapes * count, int)
+        self.by_chance, self._sized, self.near, self._tuned = {}, [], None, 0
+        self.shares = {_SHARE: np.arange(count)}
+
+    effects = property(_WaveEffects)
+    columns = property(_WaveColumns)
+
+    def __len__(self):
+        return len(self.rate)
+
+    def rivals(self, g):
+        """Waves of one order each, and `g`."""
+        return np.union1d(np.arange(self.count), [g])
+
+    def rows(self, rows):
+        """The bank of some rows (indices or a mask of n)."""
+        out = copy(self)
+        n = len(self.scans[0].angle) if self.scans else 0
+        out.scans = [one.rows(np.arange(n)[rows]) for one in self.scans]
+        out.rate = self.rate.copy()
+        return out
+
+    def score(self, fit, groups=None):
+        """As of any bank, of the groups that are tried, and of `groups` at least."""
+        tried = np.arange(self.count) if self.near is None else self.near
+        if groups is not None:
+            return self._scored(fit, np.unique(groups))
+        key = self, self._tuned
+        if key not in fit.known:
+            fit.known[key] = self._scored(fit, tried)
+        return fit.known[key]
+
+    def _scored(self, fit, groups):
+        # what is tried of thousands may be few, here and there
+        dof, gains = np.zeros(len(self), int), np.full(len(self), -np.inf)
+        for block in self._blocks(groups):
+            columns = np.concatenate([np.arange(a, b) for a, b in zip(
+                self._start[block], self._start[block + 1])])
+            some = _Plain(map(_Wave, self._start[block + 1] - self._start[block]),
+                          self.columns[columns])._scored(fit, None)
+            dof[block], gains[block] = some.dof, some.delta_bic
+        return Scores(dof, gains, self, fit)
+
+    def bases(self, fit, groups=None):
+        """As of any bank; by default of the groups that are tried."""
+        return super().bases(fit, self.shares[_SHARE] if groups is None else groups)
+
+    def tune(self, g, rate):
+        """Let group `g` have another rate near its own."""
+        self.rate[g], self._tuned = rate, self._tuned + 1
+
+    def offer(self, scores, without=()):
+        """Of the first shape the group that gains most, but of the scans of some groups; -1 where
+        chance alone would make some as large."""
+        line, gains = self.line[:self.count], scores.delta_bic[:self.count]
+        # what grows toward the end of a scan has its peak beyond it, and is another thing
+        edge = np.diff(line, prepend=-1, append=-1) != 0
+        beside = np.concatenate(([np.inf], gains, [np.inf]))
+        peak = (gains >= np.where(edge[:-1], np.inf, beside[:-2])) & (
+            gains >= np.where(edge[1:], np.inf, beside[2:]))
+        gains = np.where(peak & ~np.isin(line, self.line[list(without)]), gains, -np.inf)
+        g = int(np.argmax(gains)) if self.count else -1
+        if g < 0 or not gains[g] > 0.0:
+            return -1
+        live = max(np.count_nonzero(scores.fit.weights > LIVE), 2)
+        free = live - 0.5 * len(scores.fit.basis) - 2.0
+        ratio = scores.delta_bic[g] / live + 3.0 * np.log(live) / live  # ln of the variances'
+        expected = self.count / OVERSAMPLED * np.exp(-0.5 * free * ratio)
+        return g if expected < _PLAINLY_CHANCE else -1
+
+    def best_of_scans(self, scores, g):
+        """Of each scan but that of `g` the group that gains most."""
+        return [int(of[np.argmax(scores.delta_bic[of])]) for scan in range(len(self.scans))
+                if scan != self.line[g] and len(of := np.flatnonzero(
+                    self.line[:self.count] == scan))]
+
+    def shaped(self, fit, g):
+        """The shape and the rate of a wave that was found beside a fit.
+
+        Parameters
+        ----------
+        fit : WeightedFit
+            Without it.
+        g : int
+            Of the first shape.
+
+        Returns
+        -------
+        group : int
+        rate : float
+            The best one.
+        """
+        rate, best = self.tuned_rate(fit, g, float(self.rate[g]))
+        scan, found = self.line[g], (g, rate)
+        of_scan = np.flatnonzero(self.line[:self.count] == scan)
+        low, high = self.scans[scan].rates[[0, -1]]
+        for longer in _LONGER:
+            base = rate / longer
+            if not 0.5 * low <= base <= high:
+                continue
+            near = of_scan[int(np.argmin(np.abs(self.scans[scan].rates - base)))]
+            for shape, orders in enumerate(SHAPES):
+                # of a longer period what was seen is its highest order, or before it
+                if max(orders) < longer or (longer == 1 and shape == 0):
+                    continue
+                group = shape * self.count + int(near)
+                own, gain = self.tuned_rate(fit, group, base)
+                if gain > best + _SHAPE_MARGIN:
+                    found, best = (group, own), gain
+        return found
+
+    def tuned_rate(self, fit, g, rate, rounds=3):
+        """The best rate of a group about one, and its gain there."""
+        width = self.scans[self.line[g]].step
+        for _ in range(rounds):
+            rates = rate + width * np.linspace(-1.0, 1.0, 9)
+            gains = self._gains_at(fit, g, rates)
+            best = int(np.argmax(gains))
+            rate, width = float(rates[best]), 0.25 * width
+        return rate, float(gains[best])
+
+    def _gains_at(self, fit, g, rates):
+        """Gains of a group with other rates."""
+        orders = SHAPES[g // self.count]
+        columns = self.scans[self.line[g]].waves(
+            np.multiply.outer(rates, np.repeat(orders, 2)).ravel(),
+            0.5 * np.pi * np.tile([0.0, 1.0], len(orders) * len(rates)))
+        bank = _Plain([_Wave(2 * len(orders))] * len(rates), columns)
+        return bank._scored(fit, None).delta_bic
+
+    def shortlist(self, scores, chosen):
+        """Try only the best in parts of the rows: of some scores, and those about a choice."""
+        order = np.argsort(-scores.delta_bic[:self.count])[:_SHORTLIST]
+        centres = np.concatenate((order, np.asarray(chosen, int) % self.count))
+        near = (centres[:, None] + np.arange(-_BESIDE, _BESIDE + 1)).ravel()
+        self.near = np.unique(np.clip(near, 0, self.count - 1))
+
+    def aliases(self, fit, g, width):
+        """Rates of the same scan that do as well as a wave that was found, within `width` of BIC.
+
+        Parameters
+        ----------
+        fit : WeightedFit
+            Without it.
+        g : int
+        width : float
+
+        Returns
+        -------
+        ndarray
+            Best first; none within a resolution element of its own.
+        """
+        own, scan = self.rate[g], self.line[g]
+        first = np.flatnonzero(self.line[:self.count] == scan)
+        gains = self._scored(fit, first).delta_bic[first]
+        best = float(self._gains_at(fit, int(first[0]), np.array([
+            own * order for order in SHAPES[g // self.count]])).max())
+        apart = OVERSAMPLED * self.scans[scan].step
+        out = []
+        for k in np.argsort(-gains):
+            rate = float(self.scans[scan].rates[k])
+            if gains[k] < best - 2.0 * width or len(out) > 9:
+                break
+            if all(abs(rate - other) > apart for other in (
+                    *out, *(own * n for n in SHAPES[g // self.count]))):
+                tuned, gain = self.tuned_rate(fit, int(first[k]), rate)
+                if gain > best - width:
+                    out.append(tuned)
+        return np.array(out)
+
+
+class _Wave:
+    """What a group of a bank needs to be scored, and no more."""
+
+    scan, scanned, size, share, line = 'period', 1, None, _SHARE, 0
+
+    def __init__(self, size):
+        self.coefficient_names = ('',) * size
+
+
+class _Plain(CandidateBank):
+    """A bank that is scored once."""
+
+
+def rate_error(fit, scan, rate, orders):
+    """Standard error of the rate of a wave beside a fit without it, per radian.
+
+    Parameters
+    ----------
+    fit : WeightedFit
+    scan : WaveScan
+    rate : float
+    orders : sequence of int
+
+    Returns
+    -------
+    float
+    """
+    turns = np.repeat(orders, 2).astype(float)
+    shift = 0.5 * np.pi * np.tile([0.0, 1.0], len(orders))
+    columns = fit.basis.off(np.array(fit.noise.whiten(scan.waves(rate * turns, shift))),
+                            in_place=True)
+    p = np.linalg.lstsq(columns.T, fit.residual, rcond=None)[0]
+    # d/dr cos(n r u - s) = -n u sin(n r u - s)
+    slope = (p * turns) @ scan.waves(rate * turns, shift - 0.5 * np.pi) * np.tile(
+        np.nan_to_num(scan.angle - np.nanmean(scan.angle)), 2)
+    slope = fit.basis.off(np.array(fit.noise.whiten(slope[None])), in_place=True)[0]
+    slope = slope - np.linalg.lstsq(columns.T, slope, rcond=None)[0] @ columns
+    left = fit.residual - p @ columns
+    noise = float(left @ left) / max(2 * fit.n - len(fit.basis) - len(columns) - 1, 1)
+    return float(np.sqrt(noise / max(slope @ slope, 1e-300)))

@@ -1,0 +1,76 @@
+"""Words for periodic errors: what gear has such a period, and how long its phase lasts."""
+
+from pointing_model.effects.gears import FEWEST, MOST, strain_wave
+
+_MOST_ALIASES = 4  # that are named
+#: how long a model with it is good
+PHASE = ('The phase of the periodic error lasts only with a home position, an index or an absolute '
+         'encoder. Otherwise each power-on has its own: measure it anew.')
+
+
+def period_sentences(effect):
+    """What is said of a periodic error beside its size; [] of any other effect.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    list of str
+    """
+    p = effect.parameters
+    if effect.form != 'periodic':
+        return []
+    out = []
+    if len(p['orders']) > 1:
+        out.append(f'It is no pure sine: waves {listed(p["orders"])} times a period are in it.')
+    if p['of'] == 'time':
+        return [*out, 'It goes with the clock and not with the axis. Its phase is that of this '
+                'night.']
+    if p['tape']:
+        return [*out, f'Declared were {p["tape"]} lines a turn.']
+    out.append(_gear(p['turns']))
+    return [*out, PHASE]
+
+
+def _gear(turns):
+    drives = strain_wave(turns)
+    worm = f'a worm wheel of {turns:.0f} teeth' if abs(turns - round(turns)) < 1e-6 else ''
+    if drives:
+        ratio, order = drives[0]
+        drive = (f'a strain-wave drive of {ratio}:1 ({"twice" if order == 2 else "once"} a turn '
+                 'of its wave generator)')
+        text = ' or '.join(filter(None, [worm, drive]))
+    else:
+        text = worm or 'a gear or belt before the worm, for these are no whole teeth,'
+    return f'{text[:1].upper()}{text[1:]} may have this period.'
+
+
+def listed(numbers):
+    """Numbers as text: 1, 2 and 3."""
+    *first, last = (f'{n:.6g}' for n in numbers)
+    return f'{", ".join(first)} and {last}' if first else last
+
+
+def _period(found):
+    if found['tape']:
+        return (f'lines of the tape, searched within 1 % of {found["tape"]} a turn: '
+                f'{found["searched"]:.7g} ± {found.sigma:.2g}{_aliases(found)}')
+    clock = ' (a turn of the sky)' if found['of'] == 'time' else ''
+    whole = f', so {found.size:.0f}' if found['whole'] else ''
+    return (f'period searched from {FEWEST:.0f} to {MOST:.0f} a turn{clock}: '
+            f'{found["searched"]:.6g} ± {found.sigma:.2g}{whole}{_aliases(found)}')
+
+
+def _aliases(found):
+    others = found['aliases']
+    if not others:
+        return ''
+    return (f'. As well fit {listed(others[:_MOST_ALIASES])}'
+            + ' and others' * (len(others) > _MOST_ALIASES)
+            + ': the rows stand at nearly even steps. Rows at uneven steps would decide')
+
+
+#: kind of a `Finding` -> its sentence
+KINDS = {'period': _period}

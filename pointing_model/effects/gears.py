@@ -1,0 +1,188 @@
+"""Periodic errors of worms, gears and strain-wave drives, and of what turns with the clock.
+
+How many periods a turn has is searched (`calibration.estimation.periodogram`) or declared.
+"""
+
+import numpy as np
+
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
+from .graduation import BY_COLUMN, is_gear
+
+_TURN = 2.0 * np.pi
+#: seconds in which the sky turns once
+SIDEREAL_DAY = 86164.0905
+#: periods a turn that are looked for: of worm wheels 50 to 720 teeth, of the motor's gears more
+FEWEST, MOST = 10.0, 1000.0
+#: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
+#: turn of the wave generator, which has two lobes, and once where it is off its centre
+STRAIN_WAVE = (50, 80, 100, 120, 160)
+#: up to how many periods a turn what has them, of the parts of a drive
+_WHEELS = (36.0, 'rollers, poles of a motor or a gear'), (np.inf, 'worm or gear')
+_LOOK_AT = {
+    _WHEELS[0][1]: 'rollers of the bearing, poles and torque ripple of a motor on the axis, gears',
+    _WHEELS[1][1]: 'mesh, bearings and end play of the worm, the gears before it; measure it while '
+                   'tracking and record a correction (PEC)'}
+_SIGNALS = '; of an encoder with so many lines the offset, amplitude and phase of its signals'
+#: part of the declared lines by which those of a tape on a drum may differ
+TAPE_MARGIN = 0.01
+
+
+def declared_worms(given):
+    """Teeth of worm wheels, as the one who gives the run declares them.
+
+    Parameters
+    ----------
+    given : str or dict
+        ``ha=180``: periods in a turn of that axis; ``ha=180, dec=144``; or what this returned.
+
+    Returns
+    -------
+    dict of str to float
+        Axis (az, el) -> periods in a turn.
+
+    Raises
+    ------
+    ValueError
+        Another axis, or no number of periods.
+    """
+    if isinstance(given, str):
+        parts = [part.partition('=') for part in given.split(',') if part.strip()]
+        given = {name.strip(): value.strip() for name, _, value in parts}
+    out = {}
+    for name, value in given.items():
+        axis = BY_COLUMN.get(name, name)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = np.nan
+        if axis not in AXES or not 1.0 <= number <= 1e5:
+            raise ValueError(f'worm {name}={value}: give an axis and the periods in a turn of it '
+                             '(teeth of the worm wheel), such as ha=180')
+        out[axis] = number
+    return out
+
+
+def strain_wave(turns, margin=0.25):
+    """Reductions of strain-wave drives that so many periods a turn fit.
+
+    Parameters
+    ----------
+    turns, margin : float
+
+    Returns
+    -------
+    list of (int, int)
+        Reduction, and errors in a turn of its wave generator (1 or 2).
+    """
+    return [(ratio, order) for order in (2, 1) for ratio in STRAIN_WAVE
+            if abs(turns - order * ratio) <= margin]
+
+
+def peak_to_peak(coefficients, orders):
+    """Range of a wave of some orders over a period.
+
+    Parameters
+    ----------
+    coefficients : sequence of float
+        cos and sin of each order.
+    orders : sequence of int
+
+    Returns
+    -------
+    float
+    """
+    phase = np.linspace(0.0, _TURN, 721)
+    return float(np.ptp(sum(c * np.cos(k * phase) + s * np.sin(k * phase) for k, c, s in zip(
+        orders, coefficients[::2], coefficients[1::2]))))
+
+
+def period_words(turns, names, axis, clock=False):
+    """A period for people: ``180 per turn (2.0000°, 478.7 s at sidereal rate)``."""
+    seconds = SIDEREAL_DAY / turns
+    if clock:
+        return f'each {seconds:.1f} s'
+    sidereal = f', {seconds:.1f} s at sidereal rate' if names.celestial and axis == 'az' else ''
+    return f'{turns:.6g} per turn ({360.0 / turns:.5g}°{sidereal})'
+
+
+@form
+def _periodic(axis, turns, orders=(1,), of='reading', origin=0.0, declared=False, lines=False,
+              tape=None, mount=USUAL):
+    """Waves of an axis, so many in a turn of it (or of the sky: ``of='time'`` from `origin`, s).
+
+    ``of``: 'reading' of the encoder, 'angle' of the axis, or 'time'; ``lines``: declared as those
+    of an encoder; ``tape``: declared lines of an encoder's tape.
+    """
+    names, word, key = KINDS[mount], KINDS[mount].word(axis), KINDS[mount].key(axis)
+    clock = of == 'time'
+    driver = {'reading': f'reading_{axis}', 'time': 'time', 'angle': key}[of]
+    orders = tuple(int(k) for k in orders)
+
+    def columns(c):
+        phase = turns * driver_angle(c, axis, of, origin)
+        return [on_axis(axis, f(k * phase), c.trig.cos_el) for k in orders
+                for f in (np.cos, np.sin)]
+
+    period = period_words(turns, names, axis, clock)
+    place, wheel = _TURN / turns, _wheel(turns)
+
+    def against(c):
+        angle = driver_angle(c, axis, of, origin)
+        return (f'place within the period of {word} [0 to 1]',
+                None if angle is None else np.mod(angle, place) / place)
+
+    def wording(amount):
+        size = f'{arcsec(peak_to_peak(amount.values, orders))} peak to peak'
+        if tape:
+            return (f'The {word} encoder divides each line of its tape unevenly, {size}; '
+                    f'the tape has {turns:.7g} lines a turn')
+        return f'The {word} has a periodic error of {size}, {period}'
+
+    cause = (f'each line of the tape of the {word} encoder is divided unevenly, {turns:.7g} lines '
+             'per turn' if tape else f'periodic error of {word}, {period}' + (
+                 ' in time' if clock else f': {wheel}'))
+    # source: worms: gear of so many teeth, one period a tooth; tapes: as a grating
+    return Effect(f'{key}_{"tape" if tape else "periodic_error"}_{turns:.6g}' + '_time' * clock
+                  + ('' if orders == (1,) else f'_orders_{len(orders)}'),
+                  cause, f'cos, sin of {turns:.6g} k {driver_word(driver)}, k = '
+                  + ', '.join(map(str, orders)), driver, axis,
+                  tuple(f'{f}{k}' for k in orders for f in ('cos', 'sin')), columns, wording,
+                  'height of the reading head over the tape, and its joint' if tape else
+                  'what comes back so often: a drive that runs with the clock, a heater, a pump'
+                  if clock else
+                  _LOOK_AT[wheel] + _SIGNALS * lines,
+                  f'a wave of the {word}, {period}',
+                  f'tape of the {word} encoder' if tape else
+                  f'something that comes back {period} in {word}' if clock else
+                  f'periodic error of {word}, {period}: {wheel}',
+                  requires=() if of == 'angle' else (driver,), figure=against,
+                  scan=None if declared else f'{"tape" if tape else "period"}_{of}_{axis}',
+                  share='dictionary' if declared else 'periods')
+
+
+def _wheel(turns):
+    """What may come back so often a turn."""
+    return next(words for most, words in _WHEELS if turns <= most)
+
+
+def driver_angle(context, axis, of, origin=0.0):
+    """What the waves of an axis go with, radians, shape (n,); None where it is not known."""
+    if of == 'angle':
+        return context.az if axis == 'az' else context.el
+    if of == 'reading':
+        return context.get(f'reading_{axis}')
+    time = context.get('time')
+    return None if time is None else (time - origin) * (_TURN / SIDEREAL_DAY)
+
+
+def propose(context, lacking, own):
+    """Of a worm whose teeth are declared, or a grating with so few lines; others are searched."""
+    few = {axis: kinds['grating'] for axis, kinds in context.graduation.items()
+           if is_gear('grating', kinds.get('grating'))}
+    for axis, turns in {**few, **context.worms}.items():
+        of = 'reading' if context.get(f'reading_{axis}') is not None else 'angle'
+        yield Offer('periodic', [
+            effect('periodic', axis=axis, turns=turns, orders=orders, of=of, declared=True,
+                   lines=axis in few) for orders in ((1,), (1, 2))], axis=axis)

@@ -1,0 +1,74 @@
+"""A worm that nobody declared: found in a run, told in words, taken off by the model."""
+
+import numpy as np
+import pytest
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.report.diagnosis_view import view_of
+from calibration.report.documents import run_diagnosis_document
+from msg_tools.units import ARCSEC, DEG
+from pointing_model import geometry
+from pointing_model.mounts import Mount
+from pointing_model.runs.run import PointingRun
+
+MOUNT = Mount.equatorial(40.0 * DEG, 'german')
+TERMS = {'IH': 100 * ARCSEC, 'ID': -60 * ARCSEC, 'CH': 40 * ARCSEC, 'ME': -45 * ARCSEC}
+
+
+def plate_solves(seed=1, n=60, lines=180.0, size=10.7, noise=1.6, **meta):
+    """A run with a wave of the hour angle; arcsec."""
+    rng = np.random.default_rng(seed)
+    sky = rng.uniform(0.0, 2.0 * np.pi, n), np.arcsin(rng.uniform(0.4, 0.98, n))
+    h, d = MOUNT.axes_of(*sky, MOUNT.axes_of(*sky)[0] < 0.0)  # half of them through the pole
+    az, el = geometry.sky_to_encoder(h, d, TERMS, MOUNT)
+    x, y = rng.normal(0.0, noise, (2, n)) * ARCSEC
+    az = az + size * ARCSEC * np.cos(lines * az + 1.0) + x / np.cos(d)
+    return PointingRun({'az': h, 'el': d, 'az_enc': az, 'el_enc': el + y,
+                        'time': 1.7e9 + 90.0 * np.arange(n)}, {'mount': MOUNT, **meta})
+
+
+@pytest.fixture(scope='module')
+def found():
+    return diagnose(plate_solves(), cross_validation=False, flips=999, seed=1)
+
+
+def test_a_worm_of_unknown_period_is_found_with_its_size(found):
+    one, = found.effects
+    e = one.fitted.effect
+    assert e.name == 'hour_angle_periodic_error_180' and found.verdict == 'identified'
+    assert np.hypot(*one.fitted.coefficients) / ARCSEC == pytest.approx(10.7, abs=1.2)
+    told, = (note for note in found.notes if getattr(note, 'kind', '') == 'period')
+    assert told['whole'] and told.sigma < 0.2
+    assert found.unequal_axes is None
+
+
+def test_it_is_told_in_the_words_of_owners(found):
+    found.after.setdefault('cv_spread', None)
+    view = view_of(found, run_diagnosis_document(found))
+    text = repr(view)
+    assert 'peak to peak, 180 per turn (2°, 478.7 s at sidereal rate)' in text
+    assert 'A worm wheel of 180 teeth may have this period.' in text
+    assert 'Otherwise each power-on has its own' in text
+    assert 'hour angle periodic error, 180 per turn' in text.lower()
+
+
+def test_the_model_takes_it_off_a_run_of_the_same_power_on(found):
+    fresh = plate_solves(seed=9)
+    with_it, without = (np.std(model.residuals(fresh)[0]) / ARCSEC
+                        for model in (found.model, found.base_model))
+    assert with_it < 2.2 < 5.0 < without
+
+
+@pytest.mark.usefixtures('short_diagnosis')
+def test_declared_teeth_are_a_candidate_like_others():
+    result = diagnose(plate_solves(size=2.4, worms='ha=180'), cross_validation=False, seed=1)
+    assert [e.fitted.effect.name for e in result.effects] == ['hour_angle_periodic_error_180']
+    assert not [note for note in result.notes if getattr(note, 'kind', '') == 'period']
+
+
+def test_lines_of_a_tape_are_sought_about_the_declared_ones():
+    run = plate_solves(n=60, lines=12034.0, size=4.0, graduation='ha.tape=12000')
+    result = diagnose(run, cross_validation=False, flips=999, seed=1)
+    assert [e.fitted.effect.name for e in result.effects] == ['hour_angle_tape_12034']
+    parameters = result.effects[0].fitted.effect.parameters
+    assert parameters['turns'] == pytest.approx(12034.0, abs=0.4) and parameters['tape'] == 12000
