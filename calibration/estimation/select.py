@@ -20,6 +20,7 @@ from .candidates import CandidateGroup, best_of
 from .chance import ChanceTest
 from .folds import cross_validate_quickly
 from .linear_model import DISTINCT, LIVE, overlap
+from .memory_lead import lead_over_memory
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
 
@@ -33,6 +34,9 @@ ALIAS = 0.98
 #: periods or lags, and the curves. Their alarms overlap and the tests are conservative: together
 #: they stay below it (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.75, 'scans': 0.2, 'curves': 0.3}
+#: 2 ln of a likelihood ratio, paid by BIC, from where an effect is far likelier than noise that
+#: remembers
+LEAD = 12.0
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -160,8 +164,15 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
             problem, choice.chosen, bank, np.flatnonzero(mask.groups),
             g) <= alpha * SHARES[bank.effects[g].share]:
         return ()
+    if bank is problem.dictionary and _leads(problem, choice.fit, mask, bank, g, chance):
+        return ()
     z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
+
+
+def _leads(problem, fit, mask, bank, g, chance):
+    """Whether a group is far likelier than the noise with memory that may be mistaken for it."""
+    return lead_over_memory(problem, fit, mask.fit.memory, bank, g, chance.part) > LEAD
 
 
 def _beyond_chance(problem, fit, alpha, chance, without):
@@ -433,6 +444,7 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     fit = problem.plain.fit(chosen, weights, without=i)
     mask = MemoryMask.of(problem, chosen, bank, fit, i)
     masked = mask.covers(g)
+    plain_fit = fit
     if masked:
         fit = mask.fit
     groups = [g] if alone else None
@@ -441,6 +453,9 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     if masked and p > alpha and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
         p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
+        if p > alpha and bank is problem.dictionary and _leads(
+                problem, plain_fit, mask, bank, g, chance):
+            p = chance.p(plain_fit, bank.score(plain_fit), g, alpha)
         # what memory is left is known with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
                                         memory=problem.fit(chosen).memory), groups)
