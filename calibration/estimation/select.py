@@ -20,7 +20,6 @@ from .candidates import CandidateGroup, best_of
 from .chance import ChanceTest
 from .folds import cross_validate_quickly
 from .linear_model import DISTINCT, LIVE, overlap
-from .memory_lead import lead_over_memory
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
 
@@ -34,9 +33,9 @@ ALIAS = 0.98
 #: periods or lags, and the curves. Their alarms overlap and the tests are conservative: together
 #: they stay below it (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.75, 'scans': 0.2, 'curves': 0.3}
-#: 2 ln of a likelihood ratio, paid by BIC, from where an effect is far likelier than noise that
-#: remembers
-LEAD = 12.0
+#: the same of what is not beyond noise with memory by its estimate, for either share of the
+#: dictionary: of nights whose noise has memory this many are to have a false effect so
+MEMORY_SHARE = 0.75
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -132,9 +131,17 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
             break
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
         if len(lost):
-            choice.masked.append(CandidateGroup(g))
+            # of all that such noise is mistaken for another may stand out from it
+            other, p = (None, 1.0) if blocked else chance.beyond_memory(
+                problem, choice.chosen, bank, mask, without)
+            choice.masked += [CandidateGroup(k) for k in dict.fromkeys((other, g))
+                              if k is not None]
             blocked += list(lost)
-            continue
+            if p > alpha * MEMORY_SHARE or not affordable(
+                    problem, choice.fit, len(bank.of(other))):
+                continue
+            g = other
+            choice.against_memory.add(CandidateGroup(g))
         choice.chosen.append(CandidateGroup(g))
         choice.fit = plain.fit(choice.chosen, choice.fit.weights)
         refine(plain, choice)
@@ -162,17 +169,10 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
         return (g,)
     if _beyond(chance, mask.fit, mask.scores, g, alpha) or chance.p_beyond_memory(
             problem, choice.chosen, bank, np.flatnonzero(mask.groups),
-            g) <= alpha * SHARES[bank.effects[g].share]:
-        return ()
-    if bank is problem.dictionary and _leads(problem, choice.fit, mask, bank, g, chance):
+            g) <= alpha * MEMORY_SHARE:
         return ()
     z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
-
-
-def _leads(problem, fit, mask, bank, g, chance):
-    """Whether a group is far likelier than the noise with memory that may be mistaken for it."""
-    return lead_over_memory(problem, fit, mask.fit.memory, bank, g, chance.part) > LEAD
 
 
 def _beyond_chance(problem, fit, alpha, chance, without):
@@ -221,7 +221,8 @@ def second_look(problem, choice, without=()):
         i = 0
         while i < len(choice.chosen) and len(choice.chosen) > 1:
             one = choice.chosen[i]
-            if not one.plain or one.changes(choice.chosen) or one in choice.held:
+            if (not one.plain or one.changes(choice.chosen) or one in choice.held
+                    or one in choice.against_memory):
                 i += 1
                 continue
             fit = problem.fit(choice.chosen, choice.fit.weights, without=i)
@@ -444,7 +445,6 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     fit = problem.plain.fit(chosen, weights, without=i)
     mask = MemoryMask.of(problem, chosen, bank, fit, i)
     masked = mask.covers(g)
-    plain_fit = fit
     if masked:
         fit = mask.fit
     groups = [g] if alone else None
@@ -453,9 +453,6 @@ def significance(problem, choice, i, chance, alpha, alone=False):
     if masked and p > alpha and scores.dof[g]:
         others = [c for j, c in enumerate(chosen) if j != i]
         p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
-        if p > alpha and bank is problem.dictionary and _leads(
-                problem, plain_fit, mask, bank, g, chance):
-            p = chance.p(plain_fit, bank.score(plain_fit), g, alpha)
         # what memory is left is known with the group in the model
         scores = bank.score(problem.fit(chosen, weights, without=i,
                                         memory=problem.fit(chosen).memory), groups)
