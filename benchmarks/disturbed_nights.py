@@ -4,9 +4,10 @@
 
 Each is a night of `close-the-loop` through the whole graph (some fifteen seconds each), seed after
 seed, so that a run that is ended counts as far as it came. `found` is what the command says of it:
-docs/closing_the_loop.md. A wrong name is `wrong`: a cause was claimed that is none of the
-scenario's, and fresh stars did not take it back. Printed at the end: nights by scenario and by what
-was found, and the 95 % limit of the part of nights with a wrong name (exact binomial).
+docs/closing_the_loop.md. A wrong name is `wrong`, or `no` with effects in the model: a cause was
+claimed that is none of the scenario's, and fresh stars did not take it back. Printed at the end:
+nights by scenario and by what was found, and the 95 % limit of the part of nights with a wrong name
+(exact binomial).
 """
 
 import argparse
@@ -43,7 +44,8 @@ def table(nights):
         counts = Counter(one['found'] for one in nights if one['scenario'] == name)
         print(f'{name:30s} ' + ', '.join(f'{found} {n}' for found, n in counts.most_common()))
     done = [one for one in nights if one['found'] != FAILED]
-    wrong = [one for one in done if any(word in str(one['found']) for word in WRONG)]
+    wrong = [one for one in done
+             if one['found'] in WRONG or (one['found'] == 'no' and one['effects'])]
     for one in wrong:
         print(f'  {one["found"]}: {one["scenario"]}, seed {one["seed"]}: {one["effects"]}')
     limit = beta.ppf(0.95, len(wrong) + 1, len(done) - len(wrong))
