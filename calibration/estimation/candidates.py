@@ -88,7 +88,7 @@ class CandidateBank:
     effects : list of object
         What each group stands for: ``coefficient_names``; ``line``, the same of groups of which
         one is meant; ``driver``; ``scan`` and ``scanned``, the numbers that a scan tries; ``size``,
-        what physics fixes its length to, or None.
+        what physics fixes its length to, or None; ``share``, whose members share their chance.
     columns : ndarray, shape (k, 2n)
         Of all groups, one after the other.
     sizes : bool
@@ -99,8 +99,9 @@ class CandidateBank:
     def __init__(self, effects, columns, sizes=True):
         self.effects, self.columns = list(effects), columns
         self._sized = [g for g, e in enumerate(self.effects) if sizes and e.size is not None]
-        #: largest score of all groups by chance in each of many flips, ascending; None: not known
-        self.by_chance = None
+        #: of each share: largest score of its groups by chance in each of many flips, ascending;
+        #: empty where it is not known
+        self.by_chance = {}
         sizes = np.array([len(e.coefficient_names) for e in self.effects], int)
         self._start = np.concatenate(([0], np.cumsum(sizes)))
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
@@ -108,6 +109,9 @@ class CandidateBank:
         self.scan_cost = np.array([0 if e.scan is None else e.scanned for e in self.effects], int)
         names = {}
         self.line = np.array([names.setdefault(e.line, len(names)) for e in self.effects], int)
+        #: of each share of the false alarms the groups that have it
+        self.shares = {share: np.array([g for g, e in enumerate(self.effects) if e.share == share])
+                       for share in dict.fromkeys(e.share for e in self.effects)}
 
     @classmethod
     def empty(cls, n):
@@ -127,6 +131,10 @@ class CandidateBank:
     def starts(self):
         """First column of each group, shape (G,)."""
         return self._start[:-1]
+
+    def rivals(self, g):
+        """Groups that share the chance of group `g`, shape (r,)."""
+        return self.shares[self.effects[g].share]
 
     def of(self, g):
         """Columns of group `g`, shape (d, 2n)."""

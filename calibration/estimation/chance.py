@@ -209,13 +209,16 @@ class Chance:
         return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
     def p_beyond_memory(self, problem, chosen, bank, groups, g):
-        """`MemoryTest.p` of a group, beside a choice of the same problem."""
+        """`MemoryTest.p` of a group among those of its share, beside a choice of the same problem.
+        """
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0
         if self.of_part and problem.base.groups:
             return 1.0  # of runs with terms of their own it takes minutes in all folds together
-        return self._memory_test(problem, chosen, groups).p(g)
+        share = bank.effects[g].share
+        test = self._memory_test(problem, chosen, np.intersect1d(groups, bank.rivals(g)), share)
+        return test.p(g) if test is not None else 1.0
 
     def simulate(self, problem, chosen):
         """Flip signs, and simulate runs with the noise beside a choice, for all parts to know.
@@ -225,34 +228,48 @@ class Chance:
         fit = problem.plain.fit(chosen)
         for bank in (problem.dictionary, problem.curves):
             scores = bank.score(fit)
-            best, gain = best_of(scores)
-            if np.isfinite(gain):
-                bank.by_chance = np.sort(ChanceTest(fit, scores, best).flipped_max(self.signs))
+            for share, groups in bank.shares.items():
+                best, gain = best_of(scores, np.setdiff1d(np.arange(len(bank)), groups))
+                if np.isfinite(gain):
+                    bank.by_chance[share] = np.sort(
+                        ChanceTest(fit, scores, best, groups).flipped_max(self.signs))
         if problem.sequence is None or problem.base.groups:
             return  # of runs with terms of their own it takes minutes
-        groups = np.flatnonzero(MemoryMask(problem, chosen, problem.dictionary, fit).groups)
-        if len(groups):
-            self._memory_test(problem, chosen, groups).by_chance  # noqa: B018
+        bank = problem.dictionary
+        groups = np.flatnonzero(MemoryMask(problem, chosen, bank, fit).groups)
+        shares = {c.effect(problem).share for c in chosen if c.plain}
+        for share in shares | {'dictionary'}:
+            some = np.intersect1d(groups, bank.shares.get(share, ()))
+            if len(some):
+                self._memory_test(problem, chosen, some, share).by_chance  # noqa: B018
 
-    def _memory_test(self, problem, chosen, groups):
-        key = frozenset(chosen)
+    def _memory_test(self, problem, chosen, groups, share):
+        key = share, frozenset(chosen)
         if key not in self._memory_tests:
+            normal = self._simulated(*key)
+            if normal is None:
+                return None
             self._memory_tests[key] = MemoryTest(problem, chosen, problem.dictionary, groups,
-                                                 self._simulated(key))
+                                                 normal)
         return self._memory_tests[key]
 
-    def _simulated(self, key):
-        """Noise to simulate runs with, or what the whole has found for a choice alike."""
+    def _simulated(self, share, key):
+        """Noise to simulate runs with, or what the whole has found for a choice alike.
+
+        None in a part for a scan that nothing of the whole rests on: it would take too long.
+        """
         known = {} if self._whole is None else {
-            chosen: test.by_chance for chosen, test in self._whole._memory_tests.items()
-            if test.has_simulated}
+            chosen: test.by_chance for (of, chosen), test in self._whole._memory_tests.items()
+            if of == share and test.has_simulated}
         if not known:
-            return self._normal
+            return None if self.of_part and share != 'dictionary' else self._normal
         # the largest ratios by chance hardly depend on what is in the model
         return known[max(known, key=lambda chosen: len(chosen & key) - len(chosen ^ key))]
 
     def p(self, fit, scores, group, alpha=None):
         """Family-wise p of a group: share of flips whose best score reaches its own.
+
+        The family is of the groups with the same share of the false alarms.
 
         Parameters
         ----------
@@ -263,10 +280,11 @@ class Chance:
         alpha : float, optional
             Stop when the share is certain to be above.
         """
-        by_chance = scores.bank.by_chance
+        bank = scores.bank
+        by_chance = bank.by_chance.get(bank.effects[group].share)
         if self.of_part and by_chance is not None:
             return _share(by_chance, ChanceTest(fit, scores, group, [group]).z)
-        test = ChanceTest(fit, scores, group)
+        test = ChanceTest(fit, scores, group, bank.rivals(group))
         count = len(self.signs)
         limit = count if alpha is None else int(np.ceil(alpha * (count + 1)))
         hits, start = 0, 0
@@ -287,11 +305,13 @@ class Chance:
         -------
         ndarray, shape (G,)
         """
-        group, _ = best_of(scores)
-        if group < 0 or not np.isfinite(scores.delta_bic[group]):
-            return np.ones(len(scores.dof))
-        test = ChanceTest(fit, scores, group)
-        return _share(np.sort(test.flipped_max(self.signs)), test.all)
+        out = np.ones(len(scores.dof))
+        for groups in scores.bank.shares.values():
+            best = groups[int(np.argmax(scores.delta_bic[groups]))]
+            if np.isfinite(scores.delta_bic[best]):
+                test = ChanceTest(fit, scores, best, groups)
+                out[groups] = _share(np.sort(test.flipped_max(self.signs)), test.all[groups])
+        return out
 
 
 def _share(by_chance, z):

@@ -29,10 +29,10 @@ SET_WIDTH = 6.0
 #: squared cosine from which two groups are the same curve: what they do not share is then below
 #: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
 ALIAS = 0.98
-#: parts of the family-wise error that the dictionary and the curves may use. Their alarms overlap
-#: and the tests are conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-DICTIONARY_SHARE = 0.85
-CURVE_SHARE = 0.35
+#: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
+#: periods or lags, and the curves. Their alarms overlap and the tests are conservative: together
+#: they stay below it (measured, benchmarks/diagnosis.py).
+SHARES = {'dictionary': 0.75, 'scans': 0.2, 'curves': 0.3}
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -92,13 +92,19 @@ def search(problem, alpha, chance, given_up=(), first=()):
     """
     plain = problem.plain
     choice = ModelChoice(list(first), plain.fit(list(first)), held=frozenset(first))
-    _forward(problem, plain, choice, alpha * DICTIONARY_SHARE, chance, given_up)
-    for add, share, offered in ((_add_change, DICTIONARY_SHARE, problem.variants is not None),
-                                (_add_curve, CURVE_SHARE, len(problem.curves))):
+    _forward(problem, plain, choice, alpha, chance, given_up)
+    for add, offered in ((_add_change, problem.variants is not None),
+                         (_add_curve, len(problem.curves))):
         while offered and len(choice.chosen) < MOST_EFFECTS and add(
-                problem, plain, choice, alpha * share, chance, given_up):
-            _forward(problem, plain, choice, alpha * DICTIONARY_SHARE, chance, given_up)
+                problem, plain, choice, alpha, chance, given_up):
+            _forward(problem, plain, choice, alpha, chance, given_up)
     return choice
+
+
+def _beyond(chance, fit, scores, g, alpha):
+    """Whether a group is beyond chance, in its share of the false alarms."""
+    alpha *= SHARES[scores.bank.effects[g].share]
+    return chance.p(fit, scores, g, alpha) <= alpha
 
 
 def affordable(problem, fit, size):
@@ -145,8 +151,9 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
         return ()
     if mask.scores.dof[g] == 0:
         return (g,)
-    if chance.p(mask.fit, mask.scores, g, alpha) <= alpha or chance.p_beyond_memory(
-            problem, choice.chosen, bank, np.flatnonzero(mask.groups), g) <= alpha:
+    if _beyond(chance, mask.fit, mask.scores, g, alpha) or chance.p_beyond_memory(
+            problem, choice.chosen, bank, np.flatnonzero(mask.groups),
+            g) <= alpha * SHARES[bank.effects[g].share]:
         return ()
     z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
@@ -158,12 +165,16 @@ def _beyond_chance(problem, fit, alpha, chance, without):
     g, gain = best_of(scores, without)
     if gain <= 0.0:
         return None
-    if chance.p(fit, scores, g, alpha) > alpha:
+    if not _beyond(chance, fit, scores, g, alpha):
         pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
-        other = int(np.argmax(ChanceTest(fit, scores, g, pays).all))
-        if other == g or chance.p(fit, scores, other, alpha) > alpha:
+        z = ChanceTest(fit, scores, g, pays).all
+        # of each share
+        others = [int(some[np.argmax(z[some])]) for groups in scores.bank.shares.values()
+                  if len(some := np.intersect1d(groups, pays))]
+        others = [k for k in others if k != g and _beyond(chance, fit, scores, k, alpha)]
+        if not others:
             return None
-        g = other
+        g = max(others, key=lambda k: scores.delta_bic[k])
     return g if affordable(problem, fit, len(problem.dictionary.of(g))) else None
 
 
@@ -207,7 +218,7 @@ def _add_change(problem, plain, choice, alpha, chance, given_up):
     scores, mask = bank.score(choice.fit), _mask(problem, choice, bank)
     while len(without) < len(bank):
         g, gain = best_of(scores, without)
-        if gain <= 0.0 or chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
+        if gain <= 0.0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
                 problem, choice.fit, len(bank.of(g))):
             return False
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
@@ -251,7 +262,7 @@ def _curve_beside(problem, choice, alpha, chance, without):
     # of curves, the one that chance explains least: BIC would rather have half of a shape
     pays = np.setdiff1d(np.flatnonzero(scores.delta_bic > 0.0), without)
     g = int(np.argmax(ChanceTest(choice.fit, scores, g, pays).all))
-    if chance.p(choice.fit, scores, g, alpha) > alpha or not affordable(
+    if not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
             problem, choice.fit, len(problem.curves.of(g))):
         return []
     return [(float(scores.delta_bic[g]), g, tuple(range(len(choice.chosen))))]

@@ -105,6 +105,12 @@ class Effect:
         Members of one scan (unknown time of a step, ...) share this name: one of them is meant.
     scanned : int
         Parameters that the scan tries: each costs an extra ln n.
+    searched : tuple of str
+        Names of these parameters: what is found is refined between the members that are tried next
+        to it.
+    share : str
+        A key of `select.SHARES`, the part of the false alarms that it may use: 'dictionary', or
+        'scans' of what is tried at many places, widths, periods or lags.
     kind : {'effect', 'smooth', 'known'}
         'smooth': a curve without a cause; 'known': an amount that is not fitted.
     size : tuple of float, optional
@@ -138,6 +144,8 @@ class Effect:
     mechanism: str | None = None
     scan: str | None = None
     scanned: int = 1
+    searched: tuple = ()
+    share: str = 'dictionary'
     kind: str = 'effect'
     size: tuple | None = None
     effort: int = 1

@@ -59,7 +59,7 @@ def _smooth(axis, driver, shape, factor='1', within=None, mount=USUAL, **numbers
                   shape_wording, f'something that changes with {the(driver)} little by little',
                   requires=() if driver in _DIRECTION else (driver,), kind='smooth',
                   # a bump and a sawtooth have a place and a width
-                  scan=scan, scanned=1 if wave else 2)
+                  scan=scan, scanned=1 if wave else 2, share='curves')
 
 
 def _size(driver, value):

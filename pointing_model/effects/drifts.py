@@ -112,7 +112,7 @@ def _step(axis, at, driver='time', mount=USUAL):
                   'coupling of the encoder, and its reference mark', 'a jump, once',
                   f'{names.word(axis)} zero jumped at once: lost counts, a slip, a reference mark '
                   'found anew',
-                  requires=(driver,), scan=f'step_{axis}', effort=0)
+                  requires=(driver,), scan=f'step_{axis}', searched=('at',), effort=0)
 
 
 @form

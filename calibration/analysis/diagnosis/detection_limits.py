@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration.estimation.chance import ChanceTest, normal_score
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import DICTIONARY_SHARE
+from calibration.estimation.select import SHARES
 from msg_tools.units import ARCSEC
 from pointing_model.mount_kinds import KINDS
 
@@ -63,8 +63,9 @@ def detectable(problem, chance, alpha):
     if not np.isfinite(scores.delta_bic).any():
         return []
     best = int(np.argmax(scores.delta_bic))
-    flipped = ChanceTest(fit, scores, best).flipped_max(chance.signs)
-    limit = float(np.quantile(flipped, 1.0 - alpha * DICTIONARY_SHARE))
+    # all that it is told of is of the dictionary itself
+    flipped = ChanceTest(fit, scores, best, bank.shares['dictionary']).flipped_max(chance.signs)
+    limit = float(np.quantile(flipped, 1.0 - alpha * SHARES['dictionary']))
     live = max(np.count_nonzero(fit.weights > LIVE), 2)
     free = max(live - len(fit.basis) / 2, 4)  # each axis has noise of its own
     names = {e.name: g for g, e in reversed(list(enumerate(bank.effects)))}

@@ -203,7 +203,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
         settled(problem, choice, alpha, chance, partitions)
         compare_alternatives(problem, choice, alpha, chance, partitions, replacing=False)
         left = residual_correlation(problem, choice, alpha)
-    _refine_steps(run, choice)
+    _refine_scans(run, choice)
     fits = _fits(run, choice, left, mixed)
     result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
                        partial(run.fits, left=left, mixed=mixed))
@@ -296,11 +296,11 @@ def _without_memory(run, choice, fitted):
             ] if here > _MORE * alone else []
 
 
-def _refine_steps(run, choice):
-    """Put each step where it fits best: the search tries some of many times only."""
+def _refine_scans(run, choice):
+    """Put each member of a scan where it fits best: the search tries some of many places only."""
     problem = run.problem
     for i, one in enumerate(choice.chosen):
-        if one.effect(problem).form != 'step':
+        if not one.plain or not one.effect(problem).searched:
             continue
         near = problem.finer(one.group)
         # with weights of its own: rows between the old place and the new look like outliers

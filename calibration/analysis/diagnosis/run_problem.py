@@ -1,5 +1,7 @@
 """A run in the form of the search, and the exact fit and the model that come out of it."""
 
+from itertools import product
+
 import numpy as np
 
 from calibration.estimation.candidates import CandidateBank
@@ -37,8 +39,12 @@ def effect_bank(effects, context, sizes=True):
     return CandidateBank(effects, columns, sizes)
 
 
+#: values of a scanned number that are tried between its neighbours, where one is scanned, or two
+_FINER = {1: 9, 2: 5}
+
+
 class EffectVariants:
-    """How the effects of a dictionary may change, and steps between those that are tried.
+    """How the effects of a dictionary may change, and members of a scan between those tried.
 
     Each is evaluated when it is asked for.
 
@@ -60,20 +66,27 @@ class EffectVariants:
         return self._banks[group][1]
 
     def finer(self, group):
-        """Of a step the `CandidateBank` of those between all rows from the one that is tried before
-        it to the one after it; None of other effects."""
-        e = self._dictionary.effects[group]
-        if e.form != 'step':
+        """Of a scan the `CandidateBank` of its members from the one that is tried before to the one
+        after it, of a step at all places between rows; None of other effects."""
+        bank, e = self._dictionary, self._dictionary.effects[group]
+        if not e.searched:
             return None
-        p = e.parameters
-        tried = sorted(f.parameters['at'] for f in self._dictionary.effects
-                       if f.form == 'step' and f.parameters['axis'] == p['axis'])
-        k = tried.index(p['at'])
-        places = places_of_steps(self._context, p['driver'])
-        places = places[(places >= tried[max(k - 1, 0)])
-                        & (places <= tried[min(k + 1, len(tried) - 1)])]
-        return effect_bank([effect('step', **{**p, 'at': float(at)}) for at in places],
-                           self._context)
+        scan = [bank.effects[g] for g in np.flatnonzero(bank.line == bank.line[group])]
+        grids = [self._between(e, scan, name) for name in e.searched]
+        return effect_bank([effect(e.form, **{**e.parameters, **dict(zip(e.searched, values))})
+                            for values in product(*grids)], self._context)
+
+    def _between(self, e, scan, name):
+        """Values of one of the numbers of a scan about that of a member."""
+        tried = sorted({f.parameters[name] for f in scan})
+        k = tried.index(e.parameters[name])
+        low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
+        if name == 'at':  # between two rows it is everywhere the same
+            places = places_of_steps(self._context, e.driver)
+            return places[(places >= low) & (places <= high)].tolist() or [e.parameters[name]]
+        count = _FINER[len(e.searched)] // 2 + 1
+        return sorted({*np.linspace(low, tried[k], count).tolist(),
+                       *np.linspace(tried[k], high, count).tolist()})
 
     def rows(self, rows):
         """Those of some rows."""
