@@ -21,7 +21,7 @@ _NIGHT = 12.0 * 3600.0
 _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
 #: drivers of an axis in words
 _IN_WORDS = {'approach': 'direction of approach in', 'travel': 'way travelled in',
-             'before': 'approach before that in', 'reading': 'encoder reading of',
+             'before': 'approach before that in', 'unwrapped': 'turns of the', 'reading': 'encoder reading of',
              'rate': 'rate of'}
 _UNIT = re.compile('_(?:deg|rad|arcsec|c|hpa|s|h|m|mm|percent)$')
 #: why a driver that no column has by its own name is not known, and which column would tell it
@@ -93,7 +93,8 @@ class Context:
     -----
     `get` also derives: ``lst`` (rad, from ``lst_h`` in hours, or from the time and the
     longitude), ``reading_az``/``reading_el`` (raw encoder angle: ``az_raw``, else ``az_enc`` with
-    the star's miss distance taken out), ``order`` (position of the row in its run, 0 to 1),
+    the star's miss distance taken out), ``unwrapped_az``/``unwrapped_el`` (the angle in the turn
+    that the encoder reads), ``order`` (position of the row in its run, 0 to 1),
     ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
     (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
     known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year),
@@ -351,6 +352,14 @@ class Context:
             return None
         angle = np.asarray(angle)
         return self._from_before(lambda rows, last: np.abs(wrap(angle[rows] - angle[last])))
+
+    def _derive_unwrapped(self, axis):
+        # the place of the star, in the turn that the encoder reads
+        angle = self.az if axis == 'az' else self.el
+        reading = self.columns.get(f'{axis}_enc')
+        if reading is None:
+            return angle
+        return angle + _TURN * np.rint((np.asarray(reading, float) - angle) / _TURN)
 
     def _derive_before(self, axis):
         approach = self.get(f'approach_{axis}')

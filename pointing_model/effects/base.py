@@ -359,6 +359,7 @@ _DRIVER_WORDS = {'order': 'order of the rows', 'run_hours': 'time since the star
                  **{name: words for names, words in (
                      (('approach_az', 'approach_el'), 'direction of approach'),
                      (('travel_az', 'travel_el'), 'way travelled to the star'),
+                     (('unwrapped_az', 'unwrapped_el'), 'angle counted in turns'),
                      (('before_az', 'before_el'), 'approach before that'),
                      (('reading_az', 'reading_el'), 'encoder reading'),
                      (('miss_x', 'miss_y'), 'miss distance'), (('az_rate', 'el_rate'), 'rate'),

@@ -1,0 +1,118 @@
+"""Causes that a mount's owner meets: are they in the set, is a wrong one named alone?
+
+    python benchmarks/mount_causes.py [--only NAME ...] [--nights N] [--rows N] [--lambda L]
+                                      [--seed N] [--full] [--verbose] [--list]
+
+Each cause is made by geometry of its own (`CAUSES`), on an alt-azimuth or a German mount whose seven
+terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal beyond the seven terms over
+the noise of an axis. Each night is one of four: the cause is in the set of a found effect (a near
+alias of `alike` counts); a shape without a cause is all that is found; nothing is; or an effect with
+another name is found whose set lacks the true one. `--full` runs 200 nights of 60 rows at lambda 9 and
+of 120 rows at lambda 7, or at the sizes that a cause has of its own.
+
+A cause more is an entry more of `CAUSES`, from this file or from one that it imports.
+"""
+
+import argparse
+from collections import Counter
+
+import numpy as np
+from equatorial_runs import LATITUDE, make_run, scaled, sky
+from mount_cause_nights import CAUSES
+
+from calibration.analysis.diagnosis import diagnose
+from msg_tools.units import ARCSEC
+from pointing_model.mounts import Mount
+
+SIZES = ((60, 9.0), (120, 7.0))
+ANSWERS = ('set', 'shape', 'nothing', 'wrong')
+
+
+def mount_of(kind):
+    """The mount that is simulated."""
+    return Mount() if kind == 'altaz' else Mount.equatorial(LATITUDE, kind)
+
+
+def night(cause, kind, rows, size, rng):
+    """A run with a cause, and the RMS of its signal in arcsec; (None, None) if the terms hide it."""
+    mount = mount_of(kind)
+    columns = sky(rng, rows, mount)
+    if cause.prepare:
+        columns.update(cause.prepare(columns, mount, rng))
+    signal = scaled(columns, cause.signal(columns, mount, rng), size, mount)
+    if signal is None:
+        return None, None
+    turns = columns.pop('turns', 0.0)
+    run = make_run(columns, *(signal + rng.normal(size=(2, rows))), mount)
+    run.columns['az_enc'] = run.columns['az_enc'] + 2.0 * np.pi * turns
+    return run, float(np.abs(signal).max())
+
+
+def answer(result, cause):
+    """One of `ANSWERS`, and the names that were found."""
+    found = [e.fitted.effect for e in result.effects]
+    shown = {name for e in result.effects
+             for name in (e.fitted.effect.name, *e.alternatives, *e.aliases)}
+    if any(name.startswith(cause.names) for name in shown):
+        return 'set', found
+    if any(name.startswith(cause.alike) for name in shown if cause.alike):
+        return 'set', found
+    if not found:
+        return 'nothing', found
+    return 'shape' if all(e.kind == 'smooth' for e in found) else 'wrong', found
+
+
+def measure(name, kind, rows, size, args):
+    """A line of the table."""
+    cause, rng, count, largest, missed = CAUSES[name], np.random.default_rng(args.seed), \
+        Counter(), [], []
+    for _ in range(args.nights):
+        run, peak = night(cause, kind, rows, size, rng)
+        if run is None:
+            count['hidden'] += 1
+            continue
+        result = diagnose(run, cross_validation=False, flips=args.flips,
+                          seed=int(rng.integers(2**31)))
+        what, found = answer(result, cause)
+        count[what] += 1
+        largest.append(peak)
+        if what != 'set':
+            missed.append(f'    {what}: {[e.name for e in found]} {result.verdict}')
+    total = max(sum(count[one] for one in ANSWERS), 1)
+    print(f'{name:28s} {kind:8s} {rows:4d} {size:5.1f} {np.mean(largest or [np.nan]):7.1f}"  '
+          + '  '.join(f'{100.0 * count[one] / total:6.1f} %' for one in ANSWERS)
+          + f'  {total:4d}' + (f' ({count["hidden"]} hidden)' if count['hidden'] else ''),
+          flush=True)
+    if args.verbose:
+        print('\n'.join(missed))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[0])
+    parser.add_argument('--only', nargs='+', help='causes whose names begin so')
+    parser.add_argument('--nights', type=int, default=20)
+    parser.add_argument('--rows', type=int)
+    parser.add_argument('--lambda', type=float, dest='size')
+    parser.add_argument('--flips', type=int, default=1999)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--full', action='store_true', help='200 nights')
+    parser.add_argument('--verbose', action='store_true', help='list what was missed')
+    parser.add_argument('--list', action='store_true', help='name the causes')
+    args = parser.parse_args()
+    if args.list:
+        print('\n'.join(CAUSES))
+        return
+    if args.full:
+        args.nights = 200
+    print(f'{"cause":28s} {"mount":8s} {"rows":>4s} {"lambda":>5s} {"largest":>8s}  '
+          + '  '.join(f'{one:>8s}' for one in ANSWERS) + '  nights')
+    for name, cause in CAUSES.items():
+        if args.only and not name.startswith(tuple(args.only)):
+            continue
+        for kind in cause.mounts:
+            for rows, size in cause.sizes or SIZES:
+                measure(name, kind, args.rows or rows, args.size or size, args)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,126 @@
+"""What happens at a place that nobody knows: a mirror that flops, a joint of the track.
+
+The place, and of a joint its width, is scanned; one is meant. What flops goes by the pull of
+gravity, so by the elevation, and shows in the frame of the tube; what a wheel runs over goes by the
+first axis.
+"""
+
+import numpy as np
+
+from msg_tools.units import DEG, wrap
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import Effect, Offer, arcsec, effect, form, single_rows
+
+_TURN = 2.0 * np.pi
+#: places of a flop that are tried, and play between both ways that is, rad
+_FLOPS, _PLAYS = 24, (6.0 * DEG, 14.0 * DEG)
+#: rows on either side of a flop, and within a bump, at least
+_FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
+#: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
+_WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG), (3, 4, 6, 8, 12)
+#: from one place to the next, and within what a row counts as in the bump, in widths
+_APART, _WITHIN = 1.5, 1.5
+_LOOK_AT_MIRROR = ('the radial and axial supports of the mirror and of the secondary, the lock of '
+                   'the mirror, the focuser: what can lie on one side or the other')
+
+
+def _flopped(c, at, play):
+    """1 where it lies as it does low down, 0 as high up."""
+    el = c.get('elevation')
+    if play:
+        return np.where(np.isnan(c.get('approach_el')), np.nan,
+                        1.0 * (el < at + 0.5 * play * c.get('approach_el')))
+    return 1.0 * (el < at)
+
+
+@form
+def _flop(axis, at, play=0.0, mount=USUAL):
+    """A step of the line of sight at an elevation; with `play` it is higher on the way up."""
+    way = 'sideways' if axis == 'az' else 'up or down'
+
+    def of(c):
+        value = _flopped(c, at, play)
+        return [(value, 0.0) if axis == 'az' else (0.0, value)]
+
+    def wording(amount):
+        text = f'Mirror, camera or tube flops {way} by {arcsec(amount.size)} at elevation ' \
+            f'{at / DEG:.0f}°'
+        return text + (f', {play / DEG:.0f}° later in the direction of motion' if play else '')
+
+    return Effect('flop_' + ('sideways' if axis == 'az' else 'up_down')
+                  + ('_with_play' if play else ''),
+                  f'mirror, camera or tube flops {way} at an elevation'
+                  + (', at another one on the way down' if play else ''),
+                  f'H(elevation < {at / DEG:.1f} deg)', 'elevation', axis, ('step',), of, wording,
+                  _LOOK_AT_MIRROR, 'a step at one elevation',
+                  f'something flops {way} at an elevation: mirror, secondary, camera, focuser',
+                  requires=('approach_el',) if play else (),
+                  scan=f'flop{"_with_play" * bool(play)}', share='scans',
+                  searched=('at', 'play') if play else ('at',), scanned=2 if play else 1)
+
+
+@form
+def _track_bump(at, width, count=1, mount=USUAL):
+    """The first axis dips over a joint of its track; of `count` equal joints all are meant."""
+    names = KINDS[mount]
+    word = names.word('az')
+
+    def of(c):
+        away = wrap(count * (c.az - at)) / count
+        return [(0.0, np.exp(-0.5 * np.square(away / width)))]
+
+    def wording(amount):
+        where = f'{np.degrees(at) % (360.0 / count):.0f}°'
+        where += f' and each {360.0 / count:.0f}° from there' if count > 1 else ''
+        return (f'The mount {"tips" if names.vertical else "moves"} by {arcsec(amount.size)} at '
+                f'{word} {where}, within ±{width / DEG:.1f}°')
+
+    joints = 'a joint or bump of the track' if names.vertical else 'a bad place of its bearing'
+    return Effect('track_bump' + (f's_{count}' if count > 1 else ''),
+                  f'{joints} of the {names.shaft("az")}'
+                  + (f': {count} alike in a turn' if count > 1 else ''),
+                  f'(0, exp(-({names.letter("az")} - {at / DEG:.1f} deg)^2 / 2 width^2))',
+                  names.key('az'), 'el', ('height',), of, wording,
+                  'the rail there: joints, grout, bolts, dirt; wheels and pads'
+                  if names.vertical else
+                  f'rollers, balls or ring of the {names.shaft("az")} there, and dirt on it',
+                  f'a bump at one {word}' if count == 1 else
+                  f'bumps at equal distances of the {word}',
+                  f'{joints} of the {names.shaft("az")}',
+                  scan=f'track_bumps_{count}', share='scans', searched=('at', 'width'), scanned=2)
+
+
+def propose(context, lacking, own):
+    """Where rows enough are on either side of a place, or within it."""
+    yield Offer('flop', [effect('flop', axis=axis, at=at)
+                         for axis in ('el', 'az') for at in _between(context, _FLOPS)])
+    against = single_rows(context, 'approach_el', -1.0, 1.0)
+    if context.mount.vertical and context.get('approach_el') is not None and not against:
+        yield Offer('flop', [effect('flop', axis='el', at=at, play=play)
+                             for play in _PLAYS for at in _between(context, _FLOPS // 2)])
+    yield Offer('track_bump', [
+        effect('track_bump', at=at, width=width, count=count)
+        for count in (1, *_JOINTS) for width in _WIDTHS[:3 if count == 1 else 2]
+        for at in _places(context.az, width, count)])
+
+
+def _between(context, most):
+    """Elevations between rows, at most so many, with some rows on either side."""
+    el = np.sort(context.get('elevation'))
+    between = 0.5 * (el[1:] + el[:-1])[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND]
+    between = between[np.diff(el)[_FEWEST_BEYOND - 1:len(el) - _FEWEST_BEYOND] > 1e-4]
+    if len(between) > most:
+        between = between[np.linspace(0, len(between) - 1, most).round().astype(int)]
+    return between.tolist()
+
+
+def _places(angle, width, count):
+    """Places of a bump with rows enough within it."""
+    period = _TURN / count
+    if width * 2.0 * _APART > period:
+        return []
+    steps = int(np.ceil(period / (_APART * width)))
+    at = (np.arange(steps) + 0.5) * period / steps
+    away = np.abs(np.mod(angle - at[:, None] + 0.5 * period, period) - 0.5 * period)
+    return at[(away < _WITHIN * width).sum(axis=1) >= _FEWEST_WITHIN].tolist()

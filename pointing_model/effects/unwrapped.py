@@ -1,0 +1,97 @@
+"""What knows how often the first axis has gone round: the cage of its bearing, cables.
+
+The angle is that of the catalogue with the whole turns that the encoder reads (`Context.get`,
+``unwrapped_az``).
+"""
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
+
+_TURN = 2.0 * np.pi
+#: turns of the cage in a turn of the axis: 0.5 (1 +- d / D cos alpha) of balls of diameter d on a
+#: circle D (T. A. Harris, Rolling Bearing Analysis, ch. 25)
+_CAGE = (0.35, 0.6)
+#: travel from which a cage is told from what repeats each turn, and from which a cable's pull is,
+#: in turns
+_TRAVEL, _WOUND = 1.2, 0.75
+#: phase at the ends of the travel from one ratio to the next that is tried, turns
+_APART = 0.08
+_ANGLE = 'unwrapped_az'
+
+
+@form
+def _bearing_cage(ratio, how, mount=USUAL):
+    """`how`: 'el' or 'az', the axis in which it shows, or 'lean', the axis leans all round."""
+    names = KINDS[mount]
+    shaft, a, e = names.shaft('az'), *names.letters
+
+    def of(c):
+        way = ratio * c.get(_ANGLE)
+        waves = np.cos(way), np.sin(way)
+        if how != 'lean':
+            return [on_axis(how, one, c.trig.cos_el) for one in waves]
+        return [*((0.0, one) for one in waves), *((one * c.trig.sin_el, 0.0) for one in waves)]
+
+    names_of = {'lean': ('el_cos', 'el_sin', 'az_cos', 'az_sin')}.get(how, ('cos', 'sin'))
+    return Effect(f'bearing_cage_{how}', f'the bearing of the {shaft} has a wave that goes with '
+                  'its cage, not with the axis',
+                  f'cos, sin of {ratio:.3f} {a}, {a} counted in turns'
+                  + (f' (x 1 in {e}, x sin {e} across)' if how == 'lean' else ''),
+                  _ANGLE, {'lean': 'both'}.get(how, how), names_of, of,
+                  lambda amount: f'The bearing of the {shaft} moves it by {arcsec(amount.size)} '
+                  f'with {ratio:.2f} of its turns, as the cage of its balls or rollers does',
+                  f'balls, rollers and cage of the bearing of the {shaft}; its phase may slip, so '
+                  'that no model of another night corrects it',
+                  f'a wave of the {names.word("az")}, {ratio:.2f} per turn',
+                  f'balls or rollers of the bearing of the {shaft}, which go round with their cage',
+                  requires=(_ANGLE,), scan='cage', share='scans', searched=('ratio',),
+                  effort=2)
+
+
+@form
+def _cable_drag(axis, middle, half, waves=1, mount=USUAL):
+    """A line of the unwrapped angle, and a wave over its range, held at the ends."""
+    names = KINDS[mount]
+    shaft, turns = names.shaft('az'), half * 2.0 / _TURN
+
+    def of(c):
+        u = np.clip((c.get(_ANGLE) - middle) / half, -1.0, 1.0)
+        parts = [u] + [f(np.pi * u) for f in (np.cos, np.sin)] * waves
+        return [on_axis(axis, one, c.trig.cos_el) for one in parts]
+
+    return Effect(f'cable_drag_{names.key(axis)}' + ('_line' if not waves else ''),
+                  f'cables drag: the {names.word(axis)} error grows as the {shaft} winds them up',
+                  f'{names.letter("az")} counted in turns: a line'
+                  + (' and one wave over its range' if waves else ''), _ANGLE, axis,
+                  ('line', 'cos', 'sin') if waves else ('line',), of,
+                  lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
+                  f'wound up its cables, {arcsec(2.0 * abs(amount.values[0]))} over the '
+                  f'{turns:.1f} turns of this run',
+                  f'cables and hoses of the {shaft} at both ends of its travel: their wrap, slack '
+                  'and weight',
+                  f'a slow curve of the {names.word("az")} counted in turns',
+                  f'cables of the {shaft} that drag', requires=(_ANGLE,), effort=1)
+
+
+def propose(context, lacking, own):
+    """A cage from 1.2 turns on; cables where the readings go nearly round."""
+    values, reason = context.span(_ANGLE)
+    turns = 0.0 if reason else float(np.ptp(values)) / _TURN
+    cage = reason or (None if turns >= _TRAVEL else (
+        f'the {context.mount.names.word("az")} readings go over {turns:.1f} turns; from '
+        f'{_TRAVEL:g} on a cage is told from what repeats each turn'))
+    ratios = np.linspace(*_CAGE, int(np.ceil((_CAGE[1] - _CAGE[0]) * turns / _APART)) + 1)
+    yield Offer('bearing_cage', [] if cage else [
+        effect('bearing_cage', ratio=float(ratio), how=how)
+        for how in ('el', 'az', 'lean') for ratio in ratios], 'cage of the bearing', cage)
+    drag = reason or (None if turns >= _WOUND else (
+        f'the {context.mount.names.word("az")} readings go over {360.0 * turns:.0f}° only'))
+    middle, half = (0.0, 1.0) if drag else (
+        float(0.5 * (values.min() + values.max())), float(0.5 * np.ptp(values)))
+    yield Offer('cable_drag', [] if drag else [
+        effect('cable_drag', axis=axis, middle=middle, half=half, waves=waves)
+        for axis in AXES for waves in (0, 1)], 'cable drag', drag)
