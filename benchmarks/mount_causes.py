@@ -3,14 +3,14 @@
     python benchmarks/mount_causes.py [--only NAME ...] [--nights N] [--rows N] [--lambda L]
                                       [--seed N] [--full] [--verbose] [--list]
 
-Each cause is made by geometry of its own (`CAUSES`), on an alt-azimuth or a German mount whose seven
-terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal beyond the seven terms over
-the noise of an axis. Each night is one of four: the cause is in the set of a found effect (a near
-alias of `alike` counts); a shape without a cause is all that is found; nothing is; or an effect with
-another name is found whose set lacks the true one. `--full` runs 200 nights of 60 rows at lambda 9 and
-of 120 rows at lambda 7, or at the sizes that a cause has of its own.
+Each cause is made by geometry of its own (`CAUSES`), on an alt-azimuth or a German mount whose
+seven terms are off, scaled to a given lambda = |(1 - P) s| / sigma: its signal beyond the seven
+terms over the noise of an axis. Each night is one of four: the cause is in the set of a found
+effect (a near alias of `alike` counts); a shape without a cause is all that is found; nothing is;
+or an effect with another name is found whose set lacks the true one. `--full` runs 200 nights of
+60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a cause has of its own.
 
-A cause more is an entry more of `CAUSES`, from this file or from one that it imports.
+A cause more is an entry more of `CAUSES`, here from `mount_cause_nights.py`.
 """
 
 import argparse
@@ -21,7 +21,6 @@ from equatorial_runs import LATITUDE, make_run, scaled, sky
 from mount_cause_nights import CAUSES
 
 from calibration.analysis.diagnosis import diagnose
-from msg_tools.units import ARCSEC
 from pointing_model.mounts import Mount
 
 SIZES = ((60, 9.0), (120, 7.0))
@@ -34,7 +33,7 @@ def mount_of(kind):
 
 
 def night(cause, kind, rows, size, rng):
-    """A run with a cause, and the RMS of its signal in arcsec; (None, None) if the terms hide it."""
+    """A run with a cause, and its largest signal, arcsec; (None, None) if the terms hide it."""
     mount = mount_of(kind)
     columns = sky(rng, rows, mount)
     if cause.prepare:

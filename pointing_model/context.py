@@ -21,8 +21,8 @@ _NIGHT = 12.0 * 3600.0
 _INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
 #: drivers of an axis in words
 _IN_WORDS = {'approach': 'direction of approach in', 'travel': 'way travelled in',
-             'before': 'approach before that in', 'unwrapped': 'turns of the', 'reading': 'encoder reading of',
-             'rate': 'rate of'}
+             'before': 'approach before that in', 'unwrapped': 'turns of the',
+             'reading': 'encoder reading of', 'rate': 'rate of'}
 _UNIT = re.compile('_(?:deg|rad|arcsec|c|hpa|s|h|m|mm|percent)$')
 #: why a driver that no column has by its own name is not known, and which column would tell it
 UNKNOWN = {

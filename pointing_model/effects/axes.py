@@ -4,7 +4,7 @@ import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
 
-from .base import Effect, Offer, effect, form, on_axis, times
+from .base import Effect, Offer, arcsec, effect, form, on_axis, times
 
 
 def _tpoint(names, text):
@@ -160,6 +160,49 @@ def _elevation_axis_wobble(order, mount=USUAL):
                   summary=f'{shaft} wobbles ({times(order)})')
 
 
+@form
+def _turning_disc(axis, turns, span, start=0.0, mount=USUAL):
+    """A disc off its centre, toward a side that goes round `turns` times in `span` s."""
+    names = KINDS[mount]
+    rate = 2.0 * np.pi * turns / span
+    hours = span / 3600.0 / abs(turns)
+
+    def of(c):
+        angle = (c.az if axis == 'az' else c.el) + rate * (c.get('time') - start)
+        return [on_axis(axis, f(angle), c.trig.cos_el) for f in (np.cos, np.sin)]
+
+    word = names.word(axis)
+    return Effect(f'turning_disc_{names.key(axis)}',
+                  f'the centre of the {word} disc goes round while the night goes on',
+                  f'cos, sin of ({names.letter(axis)} {"+" if turns > 0.0 else "-"} 360 deg t / '
+                  f'{hours:.2f} h)', 'time', axis, ('cos', 'sin'), of,
+                  lambda amount: f'The {word} disc is off its centre by {arcsec(amount.size)} of '
+                  f'angle, toward a side that goes round in {hours:.1f} h: nothing has jumped',
+                  'what turns between the axis and its disc: a bearing whose inner ring creeps, a '
+                  'loose hub, a coupling that slips',
+                  f'a wave of the {word}, once per turn, whose phase goes on with time',
+                  f'{word} disc off its centre toward a side that turns', requires=('time',),
+                  scan='turning', share='scans', searched=('turns',), effort=2)
+
+
+#: h that a run must last; turns of the centre of a disc in it that are tried
+_HOURS, _TURNS = 2.0, np.arange(1, 13) / 4.0
+
+
+def _turning(context):
+    time, reason = context.span('time')
+    span = 0.0 if reason else float(np.ptp(time))
+    against = reason or (None if span >= 3600.0 * _HOURS else (
+        f'the run lasts {span / 3600.0:.1f} h; it takes {_HOURS:g}'))
+    if context.several_nights():
+        against = against or 'of several nights'
+    return Offer('turning_disc', [] if against else [
+        effect('turning_disc', axis=axis, turns=float(sense * turns), span=span,
+               start=float(time.min()))
+        for axis in ('az', 'el') for sense in (-1.0, 1.0) for turns in _TURNS],
+        'a disc whose centre goes round', against)
+
+
 def propose(context, lacking, own):
     """Orders that a mount's parts make; what the axes do is seen in the directions."""
     for axis, highest in (('el', 3), ('az', 6)):
@@ -179,3 +222,4 @@ def propose(context, lacking, own):
             effect(name, order=order) for order in range(lowest, highest + 1)],
             f'{context.mount.names.shaft("el")} wobble' if name in against
             else name.replace('_', ' '), against.get(name))
+    yield _turning(context)

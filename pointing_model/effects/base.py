@@ -433,6 +433,8 @@ def coefficient_word(effect, name):
     """A coefficient of an effect for people."""
     if effect.kind != 'smooth':
         return _COEFFICIENTS.get(name, name)
+    if name in ('cos', 'sin'):
+        return name
     shape, number = effect.parameters.get('shape'), int(name[1:])
     if shape != 'fourier':
         return {'sawtooth': 'height of a tooth', 'bump': 'height'}.get(shape, f'part {number}')

@@ -4,9 +4,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import UNKNOWN
+from pointing_model.mount_kinds import KINDS, USUAL
 from pointing_model.pointing_terms import stacked_design
 
-from .base import Effect, Offer, effect, form, offer
+from .base import Effect, Offer, arcsec, effect, form, offer
 
 _MEDIAN_OF_NORMAL = 0.6745  # of its absolute value
 _ROWS = 8000  # numbers from which the noise is taken
@@ -41,6 +42,41 @@ def _camera(of, most=None):
                   'arcsec/arcsec', requires=('miss_x', 'miss_y'), effort=1 if rotation else 0)
 
 
+@form
+def _off_axis(mount=USUAL):
+    """What is left of places that look c beside the line of sight: c^2 / 2 tan of the second angle.
+
+    sin e = sin(e of the tube) cos c: the place seen is always nearer to the equator of the mount.
+    Collimation by exact rotations has it; a mean of places left and right, or a collimation taken
+    off in first order, leaves it.
+    """
+    names = KINDS[mount]
+    word, letter, sight = names.word('el'), names.letter('el'), names.named('CA')
+
+    def wording(amount):
+        value = float(amount.values[0])
+        if value < 0.0:
+            return (f'The {word} error goes with −tan {letter}, {arcsec(-value)}: an off-axis '
+                    'camera makes the other sign')
+        beside = np.degrees(np.sqrt(2.0 * value * ARCSEC))
+        return (f'The places are those of a camera {beside:.2f}° beside the line of sight, or of '
+                f'the mean of several: they leave {arcsec(value)} tan {letter}. No error of the '
+                'mount')
+
+    return Effect('off_axis_camera', 'places that look beside the line of sight, as an off-axis '
+                  'camera or the mean of several cameras', f'(0, tan {letter})', names.key('el'),
+                  'el', ('size',),
+                  lambda c: [(0.0, np.clip(np.tan(c.el), -_STEEPEST, _STEEPEST))], wording,
+                  f'which camera the places are of: take those of one camera, and {sight} by exact '
+                  'rotations',
+                  f'a rise toward the pole of the first axis, as tan {letter}',
+                  'places of a camera beside the line of sight, or the mean of several', effort=0)
+
+
+#: tan from which nothing is claimed
+_STEEPEST = 60.0
+
+
 def propose(context, lacking, own):
     """Where the miss distance is known and varies."""
     def build(_):
@@ -49,6 +85,7 @@ def propose(context, lacking, own):
         kinds = ('rotation',) if centred else ('rotation', 'scale')
         return [effect('camera', of=of, most=float(far)) for of in kinds]
 
+    yield Offer('off_axis', [effect('off_axis')])
     unknown = None if context.get('miss_y') is not None else UNKNOWN['miss_y']
     centred = '' if unknown else _too_well_centred(context)
     yield offer('camera', 'camera rotation and scale', context, 'miss_x', build, unknown)

@@ -120,6 +120,26 @@ def direct(effect):
 
 
 @form
+def _sideways_sag(mount='equatorial'):
+    """What hangs on the tube yields more to the pull from the side than up and down.
+
+    TF is the same sag whichever way the tube is turned about its length.
+    """
+    def of(c):
+        x, _ = c.trig.lifted(c.trig.zenith.cos_el)
+        return [(x, 0.0)]
+
+    return Effect('focuser_sag_sideways',
+                  'focuser or mirror sags more sideways than up and down (or less)',
+                  'the part of TF across the tube, sideways', 'hour_angle', 'az', ('sag',), of,
+                  lambda amount: f'Focuser or mirror sags {arcsec(abs(amount.values[0]))} '
+                  f'{"less" if amount.values[0] < 0.0 else "more"} when gravity pulls from the '
+                  'side of the tube than from below it',
+                  'the focuser, its draw tube and lock, the mirror cell, the dovetail: what yields '
+                  'to one side', 'a shift to one side that turns over with the tube')
+
+
+@form
 def _polynomial(result, of, power, mount='equatorial'):
     """TPOINT's polynomials: P, the result (H, D, or X: left and right on the sky), the angle."""
     names = KINDS[mount]
@@ -164,6 +184,7 @@ def propose(context, lacking, own):
     mount = context.mount
     if mount.vertical:
         return
+    yield Offer('sideways_sag', [effect('sideways_sag', mount=mount.kind)])
     pull = context.get('counterweight')
     if pull is not None:
         few = min(np.sum(pull > 0.0), np.sum(pull < 0.0)) < FEWEST_ON_A_SIDE

@@ -6,7 +6,6 @@ The angle is that of the catalogue with the whole turns that the encoder reads (
 
 import numpy as np
 
-from msg_tools.units import DEG
 from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
@@ -53,21 +52,21 @@ def _bearing_cage(ratio, how, mount=USUAL):
 
 
 @form
-def _cable_drag(axis, middle, half, waves=1, mount=USUAL):
+def _cable_drag(axis, middle, half, mount=USUAL):
     """A line of the unwrapped angle, and a wave over its range, held at the ends."""
     names = KINDS[mount]
     shaft, turns = names.shaft('az'), half * 2.0 / _TURN
 
     def of(c):
         u = np.clip((c.get(_ANGLE) - middle) / half, -1.0, 1.0)
-        parts = [u] + [f(np.pi * u) for f in (np.cos, np.sin)] * waves
-        return [on_axis(axis, one, c.trig.cos_el) for one in parts]
+        return [on_axis(axis, one, c.trig.cos_el)
+                for one in (u, np.cos(np.pi * u), np.sin(np.pi * u))]
 
-    return Effect(f'cable_drag_{names.key(axis)}' + ('_line' if not waves else ''),
+    return Effect(f'cable_drag_{names.key(axis)}',
                   f'cables drag: the {names.word(axis)} error grows as the {shaft} winds them up',
-                  f'{names.letter("az")} counted in turns: a line'
-                  + (' and one wave over its range' if waves else ''), _ANGLE, axis,
-                  ('line', 'cos', 'sin') if waves else ('line',), of,
+                  f'{names.letter("az")} counted in turns: a line and one wave over its range',
+                  # a line alone would be preferred to a cage that goes half a turn
+                  _ANGLE, axis, ('line', 'cos', 'sin'), of,
                   lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
                   f'wound up its cables, {arcsec(2.0 * abs(amount.values[0]))} over the '
                   f'{turns:.1f} turns of this run',
@@ -93,5 +92,5 @@ def propose(context, lacking, own):
     middle, half = (0.0, 1.0) if drag else (
         float(0.5 * (values.min() + values.max())), float(0.5 * np.ptp(values)))
     yield Offer('cable_drag', [] if drag else [
-        effect('cable_drag', axis=axis, middle=middle, half=half, waves=waves)
-        for axis in AXES for waves in (0, 1)], 'cable drag', drag)
+        effect('cable_drag', axis=axis, middle=middle, half=half) for axis in AXES],
+        'cable drag', drag)

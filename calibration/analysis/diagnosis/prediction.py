@@ -130,7 +130,9 @@ class _Columns:
     def __init__(self, obs, base):
         context, names = obs.context, obs.context.mount.names
         known, _ = dictionary(context, [t for t in names.physical if t not in base.terms], base.own)
-        known = [_held(e, context) for e in known if not e.driver.startswith('reading')]
+        # what is tried at many places is for a cause: as columns they are as many as rows
+        known = [_held(e, context) for e in known
+                 if e.share == 'dictionary' and not e.driver.startswith('reading')]
         jumps, slow = steps(context), _slow_zeros(context, obs.label)
         self.effects = [*known, *jumps, *slow]
         kinds = ([DIRECT if direct(e) else DRIVEN for e in known] + [STEP] * len(jumps)

@@ -1,0 +1,86 @@
+"""Waves of either angle in either axis, which have a name in TPOINT and no cause here.
+
+Below order 3 they are left to what has a cause: the zeros, the collimation and the axes that are
+not square take up nearly all of a wave of an angle that goes over less than a quarter turn.
+"""
+
+import numpy as np
+
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import Effect, Offer, effect, form, times
+
+ORDERS = range(3, 9)
+#: how a wave of the first angle may go with the second that is no nod, wobble or line of sight
+_PARTNERS = {'sin 2{e}': lambda t: 2.0 * t.sin_el * t.cos_el, 'cos {e}': lambda t: t.cos_el,
+             'sin {e}': lambda t: t.sin_el}
+#: TPOINT's letters of results, of `MountKind.tpoint`
+_RESULTS = {'az': 0, 'el': 1, 'sky': 3}
+
+
+@form
+def _harmonic(result, of, order, mount=USUAL):
+    """`order` waves in a turn of an angle in the reading of an axis, or left and right ('sky')."""
+    k, names = int(order), KINDS[mount]
+    word, letter = names.word(of), names.letter(of)
+    what = 'left-right' if result == 'sky' else names.word(result)
+
+    def columns(c):
+        angle = k * (c.az if of == 'az' else c.el)
+        waves = np.cos(angle), np.sin(angle)
+        return [(one * c.trig.cos_el, 0.0) if result == 'az' else (one, 0.0) if result == 'sky'
+                else (0.0, one) for one in waves]
+
+    tpoint = names.tpoint and ' '.join(
+        f'H{names.tpoint[_RESULTS[result]]}{f}{names.tpoint[of == "el"]}{k}' for f in 'CS')
+    own = 'left_right' if result == 'sky' else names.key(result)
+    return Effect(f'harmonic_{k}_of_{names.key(of)}_in_{own}',
+                  f'unknown cause: the {what} error has {k} waves in a turn of the {word}',
+                  f'cos {k}{letter}, sin {k}{letter}', names.key(of),
+                  'el' if result == 'el' else 'az', ('cos', 'sin'), columns,
+                  lambda _: f'The {what} error has a wave of the {word}, {times(k)}, without a '
+                  'known cause',
+                  f'what else turns with the {word}, or repeats each {360.0 / k:.0f}° of it; '
+                  'orders below 3 are mostly hidden by zeros, collimation and axes that are not '
+                  'square',
+                  f'a wave of the {word}, {times(k)}, in the {what} error', kind='smooth',
+                  tpoint=tpoint or None, scan=f'harmonic of {of} in {result}', share='scans')
+
+
+@form
+def _nod_unlike(order, partner, mount=USUAL):
+    """A wave of the first angle up and down whose size is another at another second angle."""
+    k, names = int(order), KINDS[mount]
+    a, e = names.letters
+    how = partner.format(e=e)
+    size = _PARTNERS[partner]
+
+    def columns(c):
+        return [(0.0, f(k * c.az) * size(c.trig)) for f in (np.cos, np.sin)]
+
+    return Effect(f'nod_unlike_{k}_{how.replace(" ", "_")}',
+                  f'the {names.word("el")} error has a wave of the {names.word("az")} that goes '
+                  f'with {how}: no nod',
+                  f'(0, cos {k}{a} {how}), (0, sin {k}{a} {how})', names.key('az'), 'el',
+                  ('cos', 'sin'), columns,
+                  lambda _: f'The {names.word("el")} error has a wave of the {names.word("az")}, '
+                  f'{times(k)}, that goes with {how}: a nod would be the same at any '
+                  f'{names.word("el")}',
+                  f'what turns with the {names.word("az")} and bears weight: a part that yields '
+                  f'more at one {names.word("el")} than at another',
+                  f'a wave of the {names.word("az")}, {times(k)}, that goes with {how}',
+                  f'something that turns with the {names.word("az")} and is no nod '
+                  f'({times(k)}, as {how})', only_shape=True,
+                  scan=f'nod unlike {partner}', share='scans')
+
+
+def propose(context, lacking, own):
+    """Orders from 3 on, where no effect with a cause has the same columns."""
+    yield Offer('harmonic', [
+        effect('harmonic', result=result, of=of, order=order)
+        for result, of, lowest in (('sky', 'el', 3), ('el', 'el', 4), ('az', 'el', 3),
+                                   ('sky', 'az', 5), ('el', 'az', 7), ('az', 'az', 7))
+        for order in ORDERS if order >= lowest])
+    yield Offer('nod_unlike', [
+        effect('nod_unlike', order=order, partner=partner)
+        for partner in _PARTNERS for order in ORDERS])
