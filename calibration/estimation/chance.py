@@ -190,6 +190,11 @@ class Chance:
             self.signs = self._drawn(rng)
 
     @property
+    def least(self):
+        """The smallest p that so many flips can tell."""
+        return 1.0 / (self._count + 1)
+
+    @property
     def of_part(self):
         """Whether the rows are a part of those that are searched."""
         return self._whole is not None

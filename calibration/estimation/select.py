@@ -103,7 +103,8 @@ def search(problem, alpha, chance, given_up=(), first=()):
 
 def _beyond(chance, fit, scores, g, alpha):
     """Whether a group is beyond chance, in its share of the false alarms."""
-    alpha *= SHARES[scores.bank.effects[g].share]
+    # of few flips none may reach it
+    alpha = max(alpha * SHARES[scores.bank.effects[g].share], chance.least)
     return chance.p(fit, scores, g, alpha) <= alpha
 
 

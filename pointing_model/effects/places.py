@@ -50,8 +50,8 @@ def _flop(axis, at, play=0.0, mount=USUAL):
 
     return Effect('flop_' + ('sideways' if axis == 'az' else 'up_down')
                   + ('_with_play' if play else ''),
-                  f'mirror, camera or tube flops {way} at an elevation'
-                  + (', at another one on the way down' if play else ''),
+                  f'mirror, camera or tube flops {way} as the tube goes higher'
+                  + (', and back at another height on the way down' if play else ''),
                   f'H(elevation < {at / DEG:.1f} deg)', 'elevation', axis, ('step',), of, wording,
                   _LOOK_AT_MIRROR, 'a step at one elevation',
                   f'something flops {way} at an elevation: mirror, secondary, camera, focuser',

@@ -37,6 +37,9 @@ from ..finding import Finding
 from .diagnosis_base import Base, linearised, mount_of, observations, sequence_of
 from .run_problem import effect_bank
 
+#: forms that no prediction rests on: tan E is beyond bounds near the pole, where it has no rows, and
+#: turns of a mount are those of that run
+_FOR_A_CAUSE = ('off_axis', 'cable_drag')
 FOLDS = 10
 #: squared part of a column that the terms do not explain: less is rounding
 _DISTINCT = 1e-6
@@ -132,7 +135,8 @@ class _Columns:
         known, _ = dictionary(context, [t for t in names.physical if t not in base.terms], base.own)
         # what is tried at many places is for a cause: as columns they are as many as rows
         known = [_held(e, context) for e in known
-                 if e.share == 'dictionary' and not e.driver.startswith('reading')]
+                 if e.share == 'dictionary' and e.form not in _FOR_A_CAUSE
+                 and not e.driver.startswith('reading')]
         jumps, slow = steps(context), _slow_zeros(context, obs.label)
         self.effects = [*known, *jumps, *slow]
         kinds = ([DIRECT if direct(e) else DRIVEN for e in known] + [STEP] * len(jumps)

@@ -270,9 +270,8 @@ def test_new_runs_refit_their_own_terms_only():
 
 def test_curves_take_the_place_of_effects_that_only_imitate_them():
     def bump(c):
-        return np.array([0.0 * c.az, 8.0 * ARCSEC * np.exp(
-            -0.5 * ((c.az - 3.0) / 0.25)**2)])
-    problem = make_problem(10, n=80, signal=bump, curves=True)
+        return np.array([8.0 * ARCSEC * np.exp(-0.5 * ((c.az - 3.0) / 0.25)**2), 0.0 * c.az])
+    problem = make_problem(12, n=80, signal=bump, curves=True)
     found = search(problem, 0.01, Chance(80, 999, np.random.default_rng(0)))
     assert any(c.curve for c in found.chosen)
     effects = [c.effect(problem) for c in found.chosen]

@@ -264,14 +264,14 @@ def test_exact_aliases_in_a_run_are_one_class():
 
 
 def bump(c):
-    return 0.0, 9.0 * ARCSEC * np.exp(-0.5 * ((c['az'] - 2.0) / (12.0 * DEG))**2)
+    return 9.0 * ARCSEC * np.exp(-0.5 * ((c['az'] - 2.0) / (12.0 * DEG))**2), 0.0
 
 
 def test_unknown_shapes_are_said_to_be_unknown():
     result = diagnose(night(12, n=80, effect=bump), **FAST)
     assert result.verdict == 'unknown'
     curve = next(e for e in result.effects if e.fitted.effect.kind == 'smooth')
-    assert curve.fitted.effect.driver == 'azimuth' and curve.fitted.effect.axes == 'el'
+    assert curve.fitted.effect.driver == 'azimuth' and curve.fitted.effect.axes == 'az'
     fresh = night(13, effect=bump)
     x, y = result.model.residuals(fresh)
     assert np.sqrt(np.mean(x**2 + y**2)) < 2.0 * ARCSEC
