@@ -173,8 +173,8 @@ class AbsoluteEncoder:
         past = angles - rates * (
             p.latency + stamp_delays(p, self._seed, 'absolute', stamps))
         opposite = np.pi * head
-        shown = disc_angle(
-            past, p.eccentricity, p.eccentricity_phase + opposite, 0.5 * p.diameter)
+        toward = p.eccentricity_phase + p.eccentricity_rate * (stamps * 1e-9 - self.start)
+        shown = disc_angle(past, p.eccentricity, toward + opposite, 0.5 * p.diameter)
         shown = tilted_angle(shown, p.tilt, p.tilt_phase)
         drift = self._zero.later(stamps * 1e-9 - self.start, temperature)
         return shown + opposite + p.zero_offset + self.zeros(stamps) + drift

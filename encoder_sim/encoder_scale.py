@@ -21,6 +21,8 @@ class EncoderScale:
     eccentricity, eccentricity_phase : float
         Distance of the disc's centre from the axis (m), and the axis angle at which it lies away
         from the head (rad).
+    eccentricity_rate : float
+        The disc creeps on its hub: that phase grows, rad/s from the first reading.
     zero_offset : float
         Of the mounting, in the reading, rad.
     zero_drift : float
@@ -45,6 +47,7 @@ class EncoderScale:
     diameter: float = number(300.0, 'mm', 1.0, 10000.0)
     eccentricity: float = number(0.0, 'um', 0.0, 1000.0)
     eccentricity_phase: float = number(0.0, 'deg', -360.0, 360.0)
+    eccentricity_rate: float = number(0.0, 'deg_per_hour', -3600.0, 3600.0)
     zero_offset: float = number(0.0, 'arcsec', -36000.0, 36000.0)
     zero_drift: float = number(0.0, 'arcsec', 0.0, 3600.0)
     zero_drifts: tuple = numbers('arcsec', -3600.0, 3600.0)

@@ -289,12 +289,12 @@ class IncrementalEncoder:
 
     # --- grating --------------------------------------------------------------------------------
 
-    def _shown(self, angle, rate=0.0):
+    def _shown(self, angle, rate=0.0, seconds=0.0):
         """Angle that the head's interpolator gives, rad."""
         p = self.params
         shown = disc_angle(
-            angle, p.eccentricity, p.eccentricity_phase, 0.5 * p.diameter, p.heads
-        )
+            angle, p.eccentricity, p.eccentricity_phase + p.eccentricity_rate * seconds,
+            0.5 * p.diameter, p.heads)
         if p.tilt:
             shown = tilted_angle(shown, p.tilt, p.tilt_phase)
         if p.worm_1 or p.worm_2:
@@ -310,8 +310,9 @@ class IncrementalEncoder:
             )
         return shown if self._signals.ideal else self._signals.shown(shown, rate)
 
-    def _grating_count(self, angle, rate=0.0, shift=0.0):
-        return np.floor((self._shown(angle, rate) + shift) / self.count_angle)
+    def _grating_count(self, angle, stamps, rate=0.0, shift=0.0):
+        shown = self._shown(angle, rate, np.asarray(stamps) * 1e-9 - self.start)
+        return np.floor((shown + shift) / self.count_angle)
 
     # --- supply ---------------------------------------------------------------------------------
 
@@ -345,7 +346,7 @@ class IncrementalEncoder:
         if len(passages.row) == 0:
             return
         row, sense, angle, rate = (column[-1] for column in passages)  # the status has the last
-        counts = self._grating_count(angle, rate) - self._cleared_at - lost[row]
+        counts = self._grating_count(angle, self._last[0], rate) - self._cleared_at - lost[row]
         sides = 0.5 * (self._sense - sense)  # 1: cleared from below, passed from above
         error = counts - sides * self.params.pulse_width / self.count_angle
         error -= self._turn_counts * np.rint(error / self._turn_counts)
@@ -443,7 +444,7 @@ class IncrementalEncoder:
             if len(hits) == 0:
                 return np.full(len(stamps), np.nan)
             row, self._sense, angle, rate = (column[hits[0]] for column in passages)
-            self._cleared_at = float(self._grating_count(angle, rate))
+            self._cleared_at = float(self._grating_count(angle, all_stamps[row], rate))
             off = p.mark_angle - angle
             self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
@@ -470,7 +471,7 @@ class IncrementalEncoder:
         p = self.params
         drift = (p.zero_offset + self._zero.later(stamps * 1e-9 - self.start, temperature)
                  + p.zero_supply * (volts - p.supply_nominal))
-        counts = self._grating_count(past, rates, drift)
+        counts = self._grating_count(past, stamps, rates, drift)
         if p.jitter > 0.0:
             noise = keyed_noise.normal(self.seed, self._device, 'jitter', stamps)
             counts = counts + np.round(p.jitter * noise)

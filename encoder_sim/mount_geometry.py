@@ -20,11 +20,13 @@ from msg_tools.units import wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
-from .field_kinds import choice, number, pier_only, sections, term, text
+from .field_kinds import choice, number, pier_only, section, sections, term, text
+from .loose_parts import Cables, Flop, Focuser, Yielding
 from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
 _DOWN = np.array([0.0, 0.0, -1.0])
+_FREE, _STIFF = Cables(), Focuser()
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,13 @@ class Wobble:
 class Bump:
     """A bump of the azimuth track: where the tube points over it, the axis leans by `amplitude`.
 
-    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`.
+    It falls off on both sides as a Gaussian of 1-sigma `width`; ``lean`` as for `Wobble`. Of
+    `count` equal joints in a turn one is `at`.
     """
 
     at: float = number(0.0, 'deg', -360.0, 360.0)
     width: float = number(10.0, 'deg', 0.1, 180.0)
+    count: int = number(1, '', 1, 100, kind=int)
     lean: str = choice('forward', 'forward', 'left')
     amplitude: float = number(0.0, 'arcsec', -3600.0, 3600.0)
 
@@ -115,6 +119,10 @@ class MountErrors:
         Its track.
     runouts : tuple of Runout
         Its bearing, what no turn repeats.
+    yielding : tuple of Yielding
+    flop : Flop
+    cables : Cables
+    focuser : Focuser
     creep, creep_period : float
         The tube creeps back against the drive of the second axis by up to `creep` (rad) as the
         axis turns through `creep_period` (rad), and then snaps back: a sawtooth.
@@ -162,6 +170,10 @@ class MountErrors:
     wobble: tuple = sections(Wobble)
     bumps: tuple = sections(Bump)
     runouts: tuple = sections(Runout)
+    yielding: tuple = sections(Yielding)
+    flop: Flop = section(Flop)
+    cables: Cables = section(Cables)
+    focuser: Focuser = section(Focuser)
     creep: float = number(0.0, 'arcsec', -3600.0, 3600.0)
     creep_period: float = number(15.0, 'deg', 0.1, 360.0)
     backlash_azimuth: float = number(0.0, 'arcsec', 0.0, 3600.0)
@@ -312,6 +324,11 @@ class MountGeometry:
         if mount.creep:
             raised = raised - mount.creep * np.mod(raised / mount.creep_period, 1.0)
 
+        if mount.cables != _FREE:
+            pull = mount.cables.pull(turned)
+            turned, raised = turned - mount.cables.twist * pull, raised - mount.cables.tip * pull
+        raised = raised + sum(part.lift(turned, raised) for part in mount.yielding)
+
         azimuth = _about(UP, -turned)
         if mount.counterweight_west or mount.counterweight_meridian:
             side = self._counterweight(azimuth, raised)
@@ -330,6 +347,11 @@ class MountGeometry:
             tube = self._cantilever(self._orientation @ carried) @ tube
         if np.any(tf):
             tube = self._sag(tube, tf) @ tube
+        if mount.flop.amplitude:
+            tube = self._aside(tube, *mount.flop.shift(tube[..., UP, FORWARD], approach_el))
+        if mount.focuser != _STIFF:
+            tube = self._aside(tube, *mount.focuser.shift(
+                _DOWN @ tube, np.cos(raised) < 0.0))
         return np.swapaxes(tube, -1, -2)
 
     def _counterweight(self, azimuth, raised):
@@ -355,7 +377,7 @@ class MountGeometry:
         for part in self.mount.wobble:
             leans[part.lean] += part.amplitude * np.cos(part.per_turn * turned - part.phase)
         for bump in self.mount.bumps:
-            away = wrap(turned - bump.at)
+            away = wrap(bump.count * (turned - bump.at)) / bump.count
             leans[bump.lean] += bump.amplitude * np.exp(-0.5 * (away / bump.width) ** 2)
         for part, slip in zip(self.mount.runouts, self._slips):
             phase = part.per_turn * turned - part.phase
@@ -369,6 +391,12 @@ class MountGeometry:
         """Bending by gravity, proportional to its pull across the tube."""
         # forward x down: right-handed about it, the boresight turns towards down
         return _by_vector(np.asarray(tf)[..., np.newaxis] * np.cross(tube[..., FORWARD], _DOWN))
+
+    @staticmethod
+    def _aside(tube, right, up):
+        """The line of sight turned to the right of the tube and to its top."""
+        right, up = np.broadcast_arrays(right, up)
+        return tube @ _by_vector(np.stack([up, np.zeros_like(up), -right], axis=-1))
 
     def boresight(self, az, el, **where):
         """Unit ENU vectors (n, 3) of the boresight; parameters as for `frames`."""

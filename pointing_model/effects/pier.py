@@ -120,23 +120,40 @@ def direct(effect):
 
 
 @form
-def _sideways_sag(mount='equatorial'):
+def _sideways_sag(each=False, mount='equatorial'):
     """What hangs on the tube yields more to the pull from the side than up and down.
 
-    TF is the same sag whichever way the tube is turned about its length.
+    TF is the same sag whichever way the tube is turned about its length; ``each``: another amount
+    on each side of the pier, which TF has as `by_side`.
     """
     def of(c):
         x, _ = c.trig.lifted(c.trig.zenith.cos_el)
-        return [(x, 0.0)]
+        if not each:
+            return [(x, 0.0)]
+        side = c.get('pier_side')
+        return [(x * (side == one), 0.0) for one in (1.0, -1.0)]
 
-    return Effect('focuser_sag_sideways',
-                  'focuser or mirror sags more sideways than up and down (or less)',
-                  'the part of TF across the tube, sideways', 'hour_angle', 'az', ('sag',), of,
-                  lambda amount: f'Focuser or mirror sags {arcsec(abs(amount.values[0]))} '
-                  f'{"less" if amount.values[0] < 0.0 else "more"} when gravity pulls from the '
-                  'side of the tube than from below it',
+    def wording(amount):
+        if not each:
+            less = amount.values[0] < 0.0
+            return (f'Focuser or mirror sags {arcsec(abs(amount.values[0]))} '
+                    f'{"less" if less else "more"} when gravity pulls from the side of the tube '
+                    'than from below it')
+        one, other = (arcsec(value, True) for value in amount.values)
+        return (f'Focuser or mirror sags when gravity pulls from the side of the tube, {one} on '
+                f'one side of the pier and {other} through the pole')
+
+    what = 'focuser or mirror sags more sideways than up and down (or less)'
+    return Effect('focuser_sag_sideways' + '_on_each_side' * each,
+                  what + ', another amount on each side of the pier' * each,
+                  'the part of TF across the tube, sideways' + ', of either side' * each,
+                  'pier_side' if each else 'hour_angle', 'az',
+                  ('before', 'through_the_pole') if each else ('sag',), of, wording,
                   'the focuser, its draw tube and lock, the mirror cell, the dovetail: what yields '
-                  'to one side', 'a shift to one side that turns over with the tube')
+                  'to one side', 'a shift to one side that turns over with the tube',
+                  'focuser or mirror that sags sideways'
+                  + ', unlike on either side of the pier' * each,
+                  requires=('pier_side',) if each else ())
 
 
 @form
@@ -184,7 +201,9 @@ def propose(context, lacking, own):
     mount = context.mount
     if mount.vertical:
         return
-    yield Offer('sideways_sag', [effect('sideways_sag', mount=mount.kind)])
+    both = not (context.span('pier_side')[1] or single_rows(context, 'pier_side', -1.0, 1.0))
+    yield Offer('sideways_sag', [effect('sideways_sag', each=each, mount=mount.kind)
+                                 for each in (False, True)[:1 + both]])
     pull = context.get('counterweight')
     if pull is not None:
         few = min(np.sum(pull > 0.0), np.sum(pull < 0.0)) < FEWEST_ON_A_SIDE

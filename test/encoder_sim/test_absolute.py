@@ -224,6 +224,6 @@ absolute:
     same = [f.name for f in dataclasses.fields(params)
             if getattr(params, f.name) == getattr(default, f.name)]
     assert set(same) == {
-        'diameter', 'eccentricity', 'eccentricity_phase', 'zero_offset', 'zero_drift',
-        'zero_drifts', 'zero_rate', 'zero_slope', 'reference_temperature', 'latency',
+        'diameter', 'eccentricity', 'eccentricity_phase', 'eccentricity_rate', 'zero_offset',
+        'zero_drift', 'zero_drifts', 'zero_rate', 'zero_slope', 'reference_temperature', 'latency',
         'power_cycles', 'code', 'bar_wide', 'bar_narrow', 'pixels', 'base', 'contrast'}

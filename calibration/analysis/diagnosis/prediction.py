@@ -37,7 +37,7 @@ from ..finding import Finding
 from .diagnosis_base import Base, linearised, mount_of, observations, sequence_of
 from .run_problem import effect_bank
 
-#: forms that no prediction rests on: tan E is beyond bounds near the pole, where it has no rows, and
+#: forms that no prediction rests on: tan E has no bounds near the pole, where there are no rows;
 #: turns of a mount are those of that run
 _FOR_A_CAUSE = ('off_axis', 'cable_drag')
 FOLDS = 10

@@ -1,0 +1,94 @@
+"""What mounts do beyond their terms, made by the simulator's geometry, is in the set and said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import FAST
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.report.diagnosis_view import view_of
+from encoder_sim.incremental import IncrementalEncoder
+from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
+from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import is_beyond
+from pointing_model.runs.run import PointingRun
+
+START, LATITUDE = 1_768_482_000.0, 34.3 * DEG
+
+
+def made(mount, rows, seed=1, hours=3.0, encoder=None):
+    """A run of a simulated mount: its geometry, its azimuth encoder, and 1" of noise an axis."""
+    rng, kind = np.random.default_rng(seed), mount.at(LATITUDE)
+    az, el = rng.uniform(-170.0, 350.0, rows) * DEG, np.arcsin(rng.uniform(0.4, 0.98, rows))
+    first, second = az, el
+    if not kind.vertical:
+        first, second = kind.axes_of(az, el, rng.random(rows) < 0.5)
+    time = START + np.sort(rng.uniform(0.0, 3600.0 * hours, rows))
+    up = np.sign(np.append(1.0, np.diff(second)))
+    seen = azimuth_elevation(MountGeometry(mount, START, latitude=LATITUDE).boresight(
+        first, second, time=time, approach_el=up))
+    place = kind.axes_of(*seen, is_beyond(second))
+    if encoder is not None:
+        shown = IncrementalEncoder(encoder, 1, 'azimuth')._shown(first, 0.0, time - START)
+        first = shown
+    noise = rng.normal(size=(2, rows)) * ARCSEC
+    return PointingRun({
+        'az': place[0], 'el': place[1], 'az_enc': first + noise[0] / np.cos(second),
+        'el_enc': second + noise[1], 'time': time, 'approach_el': up,
+        'approach_az': np.sign(np.append(1.0, np.diff(first)))}, {'mount': kind})
+
+
+def shown(result):
+    return {name for e in result.effects
+            for name in (e.fitted.effect.name, *e.alternatives, *e.aliases)}
+
+
+SENTENCES = {
+    'flop': 'flops', 'rail_joints': '60° from there', 'cables': 'wound up its cables',
+    'uneven_fork': 'a nod would be the same', 'creeping_disc': 'nothing has jumped',
+    'focuser': 'ocuser or mirror sags'}
+
+
+@pytest.mark.parametrize('name', SENTENCES)
+def test_a_scenario_is_named(name):
+    scenario = load_scenario(f'cause_{name}')
+    encoder = scenario.incremental.azimuth if name == 'creeping_disc' else None
+    result = diagnose(made(scenario.mount, 90, encoder=encoder), **FAST)
+    wanted = undeclared(scenario_files(f'cause_{name}')[0]['text'])['shows_as']
+    assert any(one.startswith(tuple(wanted)) for one in shown(result)), shown(result)
+    text = str(view_of(result))
+    assert SENTENCES[name] in text
+    # and without it nothing is found
+    if name == 'flop':
+        plain = replace(scenario.mount, flop=MountErrors().flop)
+        assert not diagnose(made(plain, 90), **FAST).effects
+
+
+def test_the_mean_of_two_cameras_is_told_with_their_angle():
+    """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan of the elevation.
+    """
+    mount = MountErrors(ie=40.0 * ARCSEC, an=30.0 * ARCSEC)
+    runs = [made(replace(mount, ca=side * 1.2 * DEG), 60) for side in (-1.0, 1.0)]
+    away = np.mod(runs[1]['az'] - runs[0]['az'] + np.pi, 2.0 * np.pi) - np.pi
+    run = PointingRun({**runs[0].columns, 'az': runs[0]['az'] + 0.5 * away,
+                       'el': 0.5 * (runs[0]['el'] + runs[1]['el'])}, runs[0].meta)
+    found = diagnose(run, **FAST).effects[0].fitted
+    assert found.effect.name == 'off_axis_camera'
+    size = found.coefficients[0]
+    assert np.sqrt(2.0 * size) / DEG == pytest.approx(1.2, abs=0.05)
+
+
+def test_turns_are_counted_by_the_encoder():
+    scenario = load_scenario('mount_runout')
+    cage = tuple(replace(one, slip=0.0) for one in scenario.mount.runouts[:2])
+    result = diagnose(made(replace(scenario.mount, runouts=cage), 120), **FAST)
+    assert any(name.startswith('bearing_cage') for name in shown(result))
+    one = next(e.fitted.effect for e in result.effects if e.fitted.effect.form == 'bearing_cage')
+    assert one.parameters['ratio'] == pytest.approx(0.43, abs=0.04)
+    run = made(scenario.mount, 60)
+    run.columns['az_enc'] = np.mod(run['az_enc'], 2.0 * np.pi)
+    run.columns['az'] = np.mod(run['az'], 2.0 * np.pi)
+    reasons = dict(diagnose(run, **FAST).untestable)
+    assert 'turns' in reasons['cage of the bearing']
