@@ -79,7 +79,7 @@ class WeightedFit:
         return len(self.weights)
 
 
-def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
+def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trusted=None):
     """Robust least squares of `b` by `columns`, without memory.
 
     Huber, then Hampel's weights of the radial distance at the scale of the median absolute
@@ -97,6 +97,8 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
     final : bool
         Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as the direct
         solver: nothing more is looked for.
+    trusted : ndarray of bool, shape (n,), optional
+        Rows that keep all their weight, however far they are off.
 
     Returns
     -------
@@ -123,6 +125,8 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False):
         if step is not None:
             middle = np.maximum(sigma_of(standard, dof, axis=1), 1e-6 * least)
             w = step(np.hypot(*(standard / middle[:, None])))
+            if trusted is not None:
+                w = np.where(trusted, 1.0, w)
         total = max(float(w.sum()), 1.0)
         scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof, 1e-9 * least)
         return w

@@ -39,6 +39,8 @@ ROWS_PER_COLUMN = 1.5
 MOST_EFFECTS = 20
 #: searches, each without what the ones before have given up, at most
 ROUNDS = 4
+#: times that the place of what was found is refined, each four times as finely; BIC it must gain
+_LEVELS, _WORTH = 3, 0.5
 _SWEEPS = 2  # second looks at all choices: the second sees what the first has changed
 
 
@@ -91,7 +93,8 @@ def search(problem, alpha, chance, given_up=(), first=()):
     ModelChoice
     """
     plain = problem.plain
-    choice = ModelChoice(list(first), plain.fit(list(first)), held=frozenset(first))
+    first = list(dict.fromkeys([*first, *(c for c in problem.first if c not in given_up)]))
+    choice = ModelChoice(first, plain.fit(first), held=frozenset(first))
     _forward(problem, plain, choice, alpha, chance, given_up)
     for add, offered in ((_add_change, problem.variants is not None),
                          (_add_curve, len(problem.curves))):
@@ -130,6 +133,7 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
             continue
         choice.chosen.append(CandidateGroup(g))
         choice.fit = plain.fit(choice.chosen, choice.fit.weights)
+        refine(plain, choice)
         second_look(plain, choice, without)
         blocked, choice.masked = [], []
         # an addition that the second look takes back would go on for ever
@@ -177,6 +181,26 @@ def _beyond_chance(problem, fit, alpha, chance, without):
             return None
         g = max(others, key=lambda k: scores.delta_bic[k])
     return g if affordable(problem, fit, len(problem.dictionary.of(g))) else None
+
+
+def refine(problem, choice):
+    """Move what was found at one of many places to where it fits best between its neighbours.
+
+    What a large effect leaves beside its place would be found as another one.
+    """
+    for i, one in enumerate(choice.chosen):
+        if not one.plain or one.effect(problem).share != 'scans':
+            continue
+        fit = problem.fit(choice.chosen, choice.fit.weights, without=i)
+        gain = problem.dictionary.score(fit, [one.group]).delta_bic[one.group]
+        for level in range(_LEVELS):
+            near = problem.finer(one.group, level)
+            best, better = best_of(near.score(fit))
+            if better <= gain + _WORTH:
+                break
+            problem.replace(one.group, near.effects[best], near.of(best))
+            gain = better
+            choice.fit = problem.fit(choice.chosen, choice.fit.weights)
 
 
 def second_look(problem, choice, without=()):

@@ -30,8 +30,12 @@ class SelectionProblem:
         Rows may resemble their neighbours in it; without it their noise has no memory.
     variants : object, optional
         Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
-        CandidateBank; ``finer(group)``, the members of its scan between those that are tried next
-        to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+        CandidateBank; ``finer(group, level)``, the members of its scan between those that are tried
+        next to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
+    trusted : ndarray of bool, shape (n,), optional
+        Rows that a search takes for no accidents, however far they are off.
+    first : tuple of CandidateGroup
+        That a search begins with: what these rows are trusted for.
     """
 
     base: GroupColumns
@@ -41,6 +45,8 @@ class SelectionProblem:
     curves: CandidateBank
     sequence: Sequence | None = None
     variants: object = None
+    trusted: np.ndarray | None = None
+    first: tuple = ()
     _memories: dict = field(default_factory=dict, repr=False)
     _fits: dict = field(default_factory=dict, repr=False)
 
@@ -62,7 +68,12 @@ class SelectionProblem:
                                 self.dictionary.rows(rows), self.curves.rows(rows),
                                 None if self.sequence is None else self.sequence.rows(rows),
                                 None if self.variants is None else self.variants.rows(rows),
+                                None if self.trusted is None else self.trusted[rows], self.first,
                                 ChainMap({}, self._memories))
+
+    def trusting(self, trusted, first):
+        """The same, trusting some rows (a mask), with some `CandidateGroup` to begin with."""
+        return replace(self, trusted=trusted, first=tuple(first), _memories={}, _fits={})
 
     def replace(self, group, effect, columns):
         """Put another effect in the place of a group of the dictionary."""
@@ -74,7 +85,8 @@ class SelectionProblem:
         """The same with the columns of a choice in the base, and nothing to choose from."""
         known, none = self._memories.get(frozenset(chosen)), CandidateBank.empty(self.n)
         return SelectionProblem(self.design(chosen), self.b, self.inverse_sigma, none, none,
-                                self.sequence, None, {} if known is None else {frozenset(): known})
+                                self.sequence, None, self.trusted, (),
+                                {} if known is None else {frozenset(): known})
 
     def fit(self, chosen, weights=None, without=None, final=False, memory=None):
         """Fit of the base and the chosen groups.
@@ -102,7 +114,7 @@ class SelectionProblem:
             if len(self._fits) >= _KEPT:
                 del self._fits[next(iter(self._fits))]
             fit = weighted_fit(self.design(chosen, without), self.b, self.inverse_sigma, weights,
-                               final)
+                               final, None if final else self.trusted)
             self._fits[key] = fit, data
         return self.with_memory(fit, chosen, without, memory)
 
@@ -141,9 +153,12 @@ class SelectionProblem:
         groups = [CandidateGroup(k, of=g) for g, bank in banks.items() for k in range(len(bank))]
         return CandidateBank.joined(banks.values()), groups
 
-    def finer(self, group):
-        """A group of the dictionary; of a scan those about it, of which few are tried."""
-        finer = None if self.variants is None else self.variants.finer(group)
+    def finer(self, group, level=0):
+        """A group of the dictionary; of a scan those about it, of which few are tried.
+
+        At each `level` four times as near to it.
+        """
+        finer = None if self.variants is None else self.variants.finer(group, level)
         return self.dictionary.only([group]) if finer is None else finer
 
 

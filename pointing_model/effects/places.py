@@ -61,17 +61,17 @@ def _flop(axis, at, play=0.0, mount=USUAL):
 
 
 @form
-def _track_bump(at, width, count=1, mount=USUAL):
+def _track_bump(centre, width, count=1, mount=USUAL):
     """The first axis dips over a joint of its track; of `count` equal joints all are meant."""
     names = KINDS[mount]
     word = names.word('az')
 
     def of(c):
-        away = wrap(count * (c.az - at)) / count
+        away = wrap(count * (c.az - centre)) / count
         return [(0.0, np.exp(-0.5 * np.square(away / width)))]
 
     def wording(amount):
-        where = f'{np.degrees(at) % (360.0 / count):.0f}°'
+        where = f'{np.degrees(centre) % (360.0 / count):.0f}°'
         where += f' and each {360.0 / count:.0f}° from there' if count > 1 else ''
         return (f'The mount {"tips" if names.vertical else "moves"} by {arcsec(amount.size)} at '
                 f'{word} {where}, within ±{width / DEG:.1f}°')
@@ -80,7 +80,7 @@ def _track_bump(at, width, count=1, mount=USUAL):
     return Effect('track_bump' + (f's_{count}' if count > 1 else ''),
                   f'{joints} of the {names.shaft("az")}'
                   + (f': {count} alike in a turn' if count > 1 else ''),
-                  f'(0, exp(-({names.letter("az")} - {at / DEG:.1f} deg)^2 / 2 width^2))',
+                  f'(0, exp(-({names.letter("az")} - {centre / DEG:.1f} deg)^2 / 2 width^2))',
                   names.key('az'), 'el', ('height',), of, wording,
                   'the rail there: joints, grout, bolts, dirt; wheels and pads'
                   if names.vertical else
@@ -88,7 +88,8 @@ def _track_bump(at, width, count=1, mount=USUAL):
                   f'a bump at one {word}' if count == 1 else
                   f'bumps at equal distances of the {word}',
                   f'{joints} of the {names.shaft("az")}',
-                  scan=f'track_bumps_{count}', share='scans', searched=('at', 'width'), scanned=2)
+                  scan=f'track_bumps_{count}', share='scans', searched=('centre', 'width'),
+                  scanned=2)
 
 
 def propose(context, lacking, own):
@@ -100,9 +101,9 @@ def propose(context, lacking, own):
         yield Offer('flop', [effect('flop', axis='el', at=at, play=play)
                              for play in _PLAYS for at in _between(context, _FLOPS // 2)])
     yield Offer('track_bump', [
-        effect('track_bump', at=at, width=width, count=count)
+        effect('track_bump', centre=centre, width=width, count=count)
         for count in (1, *_JOINTS) for width in _WIDTHS[:3 if count == 1 else 2]
-        for at in _places(context.az, width, count)])
+        for centre in _places(context.az, width, count)])
 
 
 def _between(context, most):

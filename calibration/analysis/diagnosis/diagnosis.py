@@ -39,6 +39,7 @@ from .residual_patterns import (
     MOVES,
     ResidualRows,
     cluster_findings,
+    gathered,
     patterns_first,
     visit_findings,
 )
@@ -185,7 +186,8 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
         first_answer(one)
     chance = Chance(problem.n, flips, rng, group=problem.sequence.group)
     partitions = partitions_of(problem, folds, rng) if folds else ()
-    choice = choose(problem, alpha, chance, partitions)
+    choice = _choose_beside_outliers(run, alpha, chance, partitions)
+    problem = run.problem
     if first_answer:
         first_answer(_first_answer(problem, choice))
     choice = compare_alternatives(problem, choice, alpha, chance, partitions)
@@ -229,6 +231,27 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
             problem, obs, base, choice,
             [[one.group for one in some if one.entry['open']] for some in others])
     return result
+
+
+def _choose_beside_outliers(run, alpha, chance, partitions):
+    """`choose`; outliers that gather at a place are no accidents where an effect explains them.
+
+    `run.problem` trusts these rows then. One place after the other: beside those of another every
+    effect would look like chance.
+    """
+    obs, plain = run.obs, run.problem
+    choice, trusted, first = None, np.zeros(len(obs), bool), ()
+    for rows in gathered(ResidualRows(obs.context, obs.label, obs.lines,
+                                      plain.plain.fit([]).raw.reshape(2, -1))):
+        more = trusted | np.isin(np.arange(len(obs)), rows)
+        problem = plain.trusting(more, first)
+        found = choose(problem, alpha, chance, partitions)
+        kept = plain.plain.fit(found.chosen, final=True).weights[rows] > 0.0
+        if np.mean(kept) > 0.5:
+            choice, trusted, run.problem = found, more, problem
+            first = tuple(c for c in found.chosen
+                          if c.plain and c.effect(problem).share == 'scans')
+    return choice or choose(plain, alpha, chance, partitions)
 
 
 def _first_answer(problem, choice):

@@ -29,6 +29,8 @@ MOST_ROWS = 5000
 #: kinds of findings that say that something moved
 MOVES = ('step between visits', 'moved between visits')
 _TOGETHER = 'outliers together'
+#: windows of a place
+_OF_PLACE = ('direction', 'azimuth', 'first axis')
 #: robust sigmas from where a row is an outlier that others may lie beside
 _FAR = 4.0
 #: rad from a row, of windows about it: directions, azimuths
@@ -148,6 +150,26 @@ def cluster_findings(rows):
     -------
     list of Finding
     """
+    return [_cluster_finding(rows, one) for one in _clusters(rows)]
+
+
+def gathered(rows):
+    """Rows whose outliers lie together in a direction or at an angle of the first axis.
+
+    They may be what an effect of few rows is made of, and no accidents.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+
+    Returns
+    -------
+    list of ndarray of int
+    """
+    return [one.rows for one in _clusters(rows) if one.window.what in _OF_PLACE]
+
+
+def _clusters(rows):
     scaled = rows.residual if rows.sigma is None else rows.residual / rows.sigma
     noise = np.array([[sigma_of(one)] for one in scaled])
     if len(rows.label) < _FEW or not (noise > 0.0).all():
@@ -158,8 +180,7 @@ def cluster_findings(rows):
     kind = np.where(np.abs(worst) > _FAR, np.sign(worst) * (1 + axis), 0).astype(int)
     if np.unique(kind[kind != 0], return_counts=True)[1].max(initial=0) < 3:
         return []
-    found = clusters(kind, list(_windows(rows)), np.random.default_rng(0))
-    return [_cluster_finding(rows, one) for one in found]
+    return clusters(kind, list(_windows(rows)), np.random.default_rng(0))
 
 
 def _windows(rows):

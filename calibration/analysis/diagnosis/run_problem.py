@@ -65,28 +65,30 @@ class EffectVariants:
             self._banks[group] = one, effect_bank(changes(one, self._context), self._context)
         return self._banks[group][1]
 
-    def finer(self, group):
+    def finer(self, group, level=0):
         """Of a scan the `CandidateBank` of its members from the one that is tried before to the one
-        after it, of a step at all places between rows; None of other effects."""
+        after it, of a step at all places between rows; None of other effects. At each `level` four
+        times as near to it."""
         bank, e = self._dictionary, self._dictionary.effects[group]
         if not e.searched:
             return None
         scan = [bank.effects[g] for g in np.flatnonzero(bank.line == bank.line[group])]
-        grids = [self._between(e, scan, name) for name in e.searched]
+        grids = [self._between(e, scan, name, 0.25**level) for name in e.searched]
         return effect_bank([effect(e.form, **{**e.parameters, **dict(zip(e.searched, values))})
                             for values in product(*grids)], self._context)
 
-    def _between(self, e, scan, name):
+    def _between(self, e, scan, name, part):
         """Values of one of the numbers of a scan about that of a member."""
-        tried = sorted({f.parameters[name] for f in scan})
-        k = tried.index(e.parameters[name])
-        low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
+        tried = sorted({f.parameters[name] for f in scan if f is not e})
+        at = e.parameters[name]
+        low = at - part * (at - max((v for v in tried if v < at), default=at))
+        high = at + part * (min((v for v in tried if v > at), default=at) - at)
         if name == 'at':  # between two rows it is everywhere the same
             places = places_of_steps(self._context, e.driver)
             return places[(places >= low) & (places <= high)].tolist() or [e.parameters[name]]
         count = _FINER[len(e.searched)] // 2 + 1
-        return sorted({*np.linspace(low, tried[k], count).tolist(),
-                       *np.linspace(tried[k], high, count).tolist()})
+        return sorted({*np.linspace(low, at, count).tolist(),
+                       *np.linspace(at, high, count).tolist()})
 
     def rows(self, rows):
         """Those of some rows."""
@@ -105,8 +107,8 @@ class _SomeVariants:
             self._banks[group] = bank, bank.rows(self._rows)
         return self._banks[group][1]
 
-    def finer(self, group):
-        bank = self._whole.finer(group)
+    def finer(self, group, level=0):
+        bank = self._whole.finer(group, level)
         return None if bank is None else bank.rows(self._rows)
 
     def rows(self, rows):

@@ -9,7 +9,7 @@ from simulated import FAST
 from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
 from encoder_sim.incremental import IncrementalEncoder
-from encoder_sim.mount_geometry import MountErrors, MountGeometry, azimuth_elevation
+from encoder_sim.mount_geometry import Bump, MountErrors, MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario, scenario_files, undeclared
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import is_beyond
@@ -92,3 +92,15 @@ def test_turns_are_counted_by_the_encoder():
     run.columns['az'] = np.mod(run['az'], 2.0 * np.pi)
     reasons = dict(diagnose(run, **FAST).untestable)
     assert 'turns' in reasons['cage of the bearing']
+
+
+def test_outliers_that_gather_at_rail_joints_are_no_accidents():
+    """Two joints, each of three rows or more, 40 standard deviations deep."""
+    bumps = tuple(Bump(at=at * DEG, width=3.0 * DEG, amplitude=40.0 * ARCSEC) for at in (60, 200))
+    result = diagnose(made(MountErrors(ia=30.0 * ARCSEC, bumps=bumps), 160), **FAST)
+    found = [e.fitted.effect for e in result.effects]
+    assert [e.form for e in found] == ['track_bump'] * 2
+    at = sorted(np.degrees(e.parameters['centre']) for e in found)
+    assert at == pytest.approx([60.0, 200.0], abs=0.5)
+    assert all(e.parameters['width'] / DEG == pytest.approx(3.0, abs=0.7) for e in found)
+    assert (result.weights > 0.0).all()
