@@ -97,8 +97,8 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
     final : bool
         Bisquare weights (zero from 7 standard deviations) in place of Hampel's, as the direct
         solver: nothing more is looked for.
-    trusted : ndarray of bool, shape (n,), optional
-        Rows that keep all their weight, however far they are off.
+    trusted : ndarray of int, shape (n,), optional
+        1: rows that keep all their weight, however far they are off; -1: that have none.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
             middle = np.maximum(sigma_of(standard, dof, axis=1), 1e-6 * least)
             w = step(np.hypot(*(standard / middle[:, None])))
             if trusted is not None:
-                w = np.where(trusted, 1.0, w)
+                w = np.where(trusted == 0, w, trusted > 0)
         total = max(float(w.sum()), 1.0)
         scale = np.maximum(np.sqrt((w * standard**2).sum(axis=1) / total) * dof, 1e-9 * least)
         return w

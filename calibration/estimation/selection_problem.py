@@ -32,8 +32,9 @@ class SelectionProblem:
         Of the groups of the dictionary: ``changes(group)``, offered once it is chosen, a
         CandidateBank; ``finer(group, level)``, the members of its scan between those that are tried
         next to it, a CandidateBank or None; ``rows(rows)``, the same of some rows.
-    trusted : ndarray of bool, shape (n,), optional
-        Rows that a search takes for no accidents, however far they are off.
+    trusted : ndarray of int, shape (n,), optional
+        1: rows that a search takes for no accidents, however far they are off; -1: that it leaves
+        out.
     first : tuple of CandidateGroup
         That a search begins with: what these rows are trusted for.
     """
@@ -72,7 +73,7 @@ class SelectionProblem:
                                 ChainMap({}, self._memories))
 
     def trusting(self, trusted, first):
-        """The same, trusting some rows (a mask), with some `CandidateGroup` to begin with."""
+        """The same, trusting some rows (as `trusted`), with some `CandidateGroup` to begin with."""
         return replace(self, trusted=trusted, first=tuple(first), _memories={}, _fits={})
 
     def replace(self, group, effect, columns):

@@ -240,10 +240,15 @@ def _choose_beside_outliers(run, alpha, chance, partitions):
     effect would look like chance.
     """
     obs, plain = run.obs, run.problem
-    choice, trusted, first = None, np.zeros(len(obs), bool), ()
-    for rows in gathered(ResidualRows(obs.context, obs.label, obs.lines,
-                                      plain.plain.fit([]).raw.reshape(2, -1))):
-        more = trusted | np.isin(np.arange(len(obs)), rows)
+    groups = gathered(ResidualRows(obs.context, obs.label, obs.lines,
+                                   plain.plain.fit([]).raw.reshape(2, -1)))
+    trusted = np.zeros(len(obs), int)
+    if groups:
+        trusted[np.concatenate(groups)] = -1
+    choice, first = None, ()
+    for rows in groups:
+        more = trusted.copy()
+        more[rows] = 1
         problem = plain.trusting(more, first)
         found = choose(problem, alpha, chance, partitions)
         kept = plain.plain.fit(found.chosen, final=True).weights[rows] > 0.0
