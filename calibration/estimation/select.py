@@ -25,7 +25,7 @@ from .significance import SET_WIDTH, beside_memory, significance
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
 #: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
 #: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.2, 'curves': 0.3}
+SHARES = {'dictionary': 0.7, 'scans': 0.17, 'periods': 0.15, 'curves': 0.18}
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
