@@ -262,6 +262,9 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
         if g < 0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
                 problem, choice.fit, len(bank.of(g))):
             return False
+        if len(problem.curves) and best_of(problem.curves.score(choice.fit))[1] > \
+                scores.delta_bic[g]:
+            return False  # a bump has periods, too
         group, rate = bank.shaped(choice.fit, g)
         one = CandidateGroup(group, period=True)
         if one in choice.chosen:
