@@ -6,8 +6,9 @@ Nights of a German and an alt-azimuth mount in random order above 20 degrees. On
 gear of a whole number of periods a turn, 10 to 1000, all as likely, of which the search knows
 nothing; both axes are searched. Its amplitude is that of the angle of the axis, so of the first
 axis cos of the second angle is lost on the sky. `found`: a periodic error of that axis is added;
-`exact`: its period is that one; `other`: nights with any other effect. `clean`: nights without it,
-in white noise and in noise that remembers (correlation 0.9 from row to row, half of the variance).
+`exact`: its period is that one, to half of the resolution (1 / turns of travel); `to the tooth`:
+rounded it is that number; `other`: nights with any other effect. `clean`: nights without it, in
+white noise and in noise that remembers (correlation 0.9 from row to row, half of the variance).
 """
 
 import argparse
@@ -52,20 +53,23 @@ def periods_of(result):
 def measure(kind, rows, amplitude, args):
     """A line of the table: nights with a worm."""
     rng, start = np.random.default_rng(args.seed), time.process_time()
-    counts = np.zeros((2, 4), int)
+    counts = np.zeros((2, 5), int)
     for i in range(args.nights):
         run, axis, turns = night(kind, rows, amplitude, rng)
         result = diagnose(run, cross_validation=False, seed=i)
         mine = [found for of, found in periods_of(result) if of == axis]
-        exact = any(round(found) == turns for found in mine)
+        half = np.pi / np.ptp(run[axis])
+        exact = any(abs(found - turns) < half for found in mine)
+        tooth = any(round(found) == turns for found in mine)
         counts[int(axis == 'el')] += (
-            1, bool(mine), exact, len(result.effects) > bool(mine))
+            1, bool(mine), exact, tooth, len(result.effects) > bool(mine))
         if args.verbose and not exact:
             print('    ', axis, turns, [e.fitted.effect.name for e in result.effects])
     seconds = (time.process_time() - start) / args.nights
-    for axis, (nights, found, exact, other) in zip(('first', 'second'), counts):
+    for axis, (nights, found, exact, tooth, other) in zip(('first', 'second'), counts):
         print(f'{kind:8s} {rows:4d} {amplitude:5.1f}  {axis:7s} found {found} of {nights}, exact '
-              f'{exact} of {found}, other {other}; {seconds:.2f} s of CPU a night', flush=True)
+              f'{exact} of {found}, to the tooth {tooth}, other {other}; {seconds:.2f} s of CPU',
+              flush=True)
 
 
 def clean(kind, rows, memory, args):

@@ -20,6 +20,8 @@ from .linear_model import LIVE
 
 #: rates a resolution element (1 / length of the driver)
 OVERSAMPLED = 4
+#: waves within the rows, at least: fewer may be any bend
+_FEWEST_WAVES = 3.0
 #: shapes of a wave: orders of the period
 SHAPES = ((1,), (1, 2), (1, 2, 3))
 #: longer periods, whose harmonic a wave may be
@@ -57,11 +59,11 @@ class WaveScan:
 
     @classmethod
     def over(cls, angle, factor, low, high, effect):
-        """With rates from `low` to `high`, as close as the length of the angle asks for; None where
-        less than one and a half of the fastest waves are within it."""
+        """With rates from `low` to `high`, as close as the length of the angle asks for, of which
+        `_FEWEST_WAVES` are within it; None where there are none."""
         known = angle[np.isfinite(angle)]
         turns = float(np.ptp(known)) / (2.0 * np.pi) if len(known) else 0.0
-        low = max(low, 1.5 / turns) if turns > 0.0 else np.inf
+        low = max(low, _FEWEST_WAVES / turns) if turns > 0.0 else np.inf
         if not low < high:
             return None
         count = int(np.ceil((high - low) * turns * OVERSAMPLED)) + 1

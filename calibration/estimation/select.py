@@ -4,13 +4,11 @@ A candidate is added while the largest standardised score of all candidates is b
 (family-wise, by sign flips of leverage-corrected residual pairs); of the candidates the one with
 the largest penalised log-likelihood is taken. After each addition every earlier choice is
 offered all candidates again, and what no longer pays is dropped. What the dictionary leaves is
-then offered changes of what was found (an effect that grows through the night), and curves of each
-driver: what they are is unknown. What was found must be beyond chance with all others in the model,
-and gain on rows left out. The same rules choose in a whole run and in each fold of its
-cross-validation.
+then offered changes of what was found (an effect that grows through the night), waves of unknown
+period, and curves of each driver: what they are is unknown. What was found must be beyond chance
+with all others in the model, and gain on rows left out. The same rules choose in a whole run and
+in each fold of its cross-validation.
 """
-
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,20 +17,15 @@ from pointing_model.rms import radial_arcsec
 from .candidates import CandidateGroup, best_of
 from .chance import ChanceTest
 from .folds import cross_validate_quickly
-from .linear_model import DISTINCT, LIVE, overlap
+from .linear_model import LIVE
 from .memory_test import MemoryMask
 from .selection_problem import ModelChoice
+from .significance import SET_WIDTH, beside_memory, significance
 
-#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
-#: "strong" (Kass and Raftery 1995, section 3.2)
-SET_WIDTH = 6.0
-#: squared cosine from which two groups are the same curve: what they do not share is then below
-#: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
-ALIAS = 0.98
 #: parts of the family-wise error that the dictionary may use, what of it is tried at many places,
 #: periods or lags, waves of unknown period, and the curves. Their alarms overlap and the tests are
 #: conservative: together they stay below it (measured, benchmarks/diagnosis.py).
-SHARES = {'dictionary': 0.75, 'scans': 0.2, 'periods': 0.2, 'curves': 0.3}
+SHARES = {'dictionary': 0.7, 'scans': 0.17, 'periods': 0.15, 'curves': 0.18}
 #: the same of what is not beyond noise with memory by its estimate, for either share of the
 #: dictionary: of nights whose noise has memory this many are to have a false effect so
 MEMORY_SHARE = 0.75
@@ -281,13 +274,16 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
         if g < 0 or not _beyond(chance, choice.fit, scores, g, alpha) or not affordable(
                 problem, choice.fit, len(bank.of(g))):
             return False
+        if len(problem.curves) and best_of(problem.curves.score(choice.fit))[1] > \
+                scores.delta_bic[g]:
+            return False  # a bump has periods, too
         group, rate = bank.shaped(choice.fit, g)
         one = CandidateGroup(group, period=True)
         if one in choice.chosen:
             return False
         problem.tune(group, rate)
         chosen = [*choice.chosen, one]
-        fit = _beside_memory(problem, chosen, len(chosen) - 1, choice.fit)
+        fit = beside_memory(problem, chosen, len(chosen) - 1, choice.fit)
         if fit is None or _beyond(chance, fit, bank.score(fit), g, alpha):
             choice.chosen, choice.fit = chosen, plain.fit(chosen, choice.fit.weights)
             second_look(plain, choice, [c.group for c in given_up if c.plain])
@@ -295,19 +291,6 @@ def _add_period(problem, plain, choice, alpha, chance, given_up):
         choice.masked.append(one)
         lost.append(g)
     return False
-
-
-def _beside_memory(problem, chosen, i, plain):
-    """The fit without a wave, if noise that remembers may be mistaken for it; else None.
-
-    The memory is that which the noise seems to have without the wave: of noise alone the best of
-    hundreds of slow waves takes so much that what is left remembers too little.
-    """
-    others = chosen[:i] + chosen[i + 1:]
-    if problem.sequence is None:
-        return None
-    mask = MemoryMask.of(problem, others, problem.periods, plain)
-    return mask.fit if mask.covers(chosen[i].group) else None
 
 
 def _add_curve(problem, plain, choice, alpha, chance, given_up):
@@ -424,108 +407,3 @@ def _gains(problem, choice, folds):
         axes = {'az': [0], 'el': [1]}.get(one.effect(problem).axes, [0, 1])
         out.append(radial_arcsec(less[axes], keep) - radial_arcsec(whole[axes], keep))
     return np.array(out)
-
-
-@dataclass
-class Significance:
-    """How one chosen group stands with all others in the model.
-
-    Attributes
-    ----------
-    p : float
-        Family-wise, that chance gives any candidate a score like this.
-    delta_bic : float
-        Gain of the group.
-    equals : list of int
-        Groups of other lines of the ranking within `SET_WIDTH` of the best.
-    same : list of int
-        Of these the ones that are the same curve in this run (aliases).
-    every : ndarray, shape (G,)
-        Gain of each candidate in its place.
-    others : dict of int to list of CandidateGroup
-        Of equals that are as good only with other groups beside them (`alternatives`): these.
-    larger : dict of int to tuple of (int, float)
-        Of equals whose model has more groups: so many more, and by how much (BIC) it is better all
-        the same, or 0.
-    behind : dict of int to float
-        Of alternatives that were tried with groups of their own: how far behind (BIC) they are.
-    """
-
-    p: float
-    delta_bic: float
-    equals: list
-    same: list
-    every: np.ndarray
-    others: dict = field(default_factory=dict)
-    larger: dict = field(default_factory=dict)
-    behind: dict = field(default_factory=dict)
-
-
-def significance(problem, choice, i, chance, alpha, alone=False):
-    """Test one of a choice with the others in the model, and find what could stand in its place.
-
-    What noise with memory can be mistaken for is tested against such noise.
-
-    Parameters
-    ----------
-    problem : SelectionProblem
-    choice : ModelChoice
-    i : int
-        Of `choice.chosen`.
-    chance : Chance
-    alpha : float
-        A p that is certain to be above need not be known.
-    alone : bool
-        Whether it is not asked what could stand in its place.
-
-    Returns
-    -------
-    Significance
-    """
-    chosen, weights = choice.chosen, choice.fit.weights
-    bank, g = chosen[i].family(problem, chosen)
-    fit = problem.plain.fit(chosen, weights, without=i)
-    mask = MemoryMask.of(problem, chosen, bank, fit, i)
-    masked = not chosen[i].period and mask.covers(g)
-    if chosen[i].period:
-        fit = _beside_memory(problem, chosen, i, fit) or fit
-    if masked:
-        fit = mask.fit
-    groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
-    scores = bank.score(fit, groups)
-    p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
-    if masked and p > alpha and scores.dof[g]:
-        others = [c for j, c in enumerate(chosen) if j != i]
-        p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
-        # what memory is left is known with the group in the model
-        scores = bank.score(problem.fit(chosen, weights, without=i,
-                                        memory=problem.fit(chosen).memory), groups)
-    equals = [] if chosen[i].curve or alone else _equals(problem, choice, i, bank, g, scores)
-    same = []
-    if equals:
-        own = scores.basis(g)
-        # what it shares nothing with, as one of the other axis, is no cause of the same
-        equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT]
-        same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
-    every = scores.delta_bic
-    if chosen[i].period:  # of each scan the best: they are thousands
-        best = [*problem.periods.best_of_scans(scores, g), g]
-        every = np.full(len(every), -np.inf)
-        every[best] = scores.delta_bic[best]
-    return Significance(p, float(scores.delta_bic[g]), equals, same, every)
-
-
-def _equals(problem, choice, i, bank, g, scores):
-    """Groups of other lines that gain as much in the place of one of a choice."""
-    one = choice.chosen[i]
-    others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
-              if j != i and (c.curve, c.period, c.of is None) == (
-                  one.curve, one.period, one.of is None)}
-    limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
-    for other in np.argsort(-scores.delta_bic):
-        if scores.delta_bic[other] < max(limit, 0.0):
-            break
-        if other != g and other not in others and int(bank.line[other]) not in lines:
-            lines.add(int(bank.line[other]))
-            near.append(int(other))
-    return near

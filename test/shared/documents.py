@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect
-from calibration.estimation.select import Significance
+from calibration.estimation.significance import Significance
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 

@@ -17,14 +17,8 @@ import numpy as np
 from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
-from calibration.estimation.select import (
-    SET_WIDTH,
-    affordable,
-    choose,
-    search,
-    settled,
-    significance,
-)
+from calibration.estimation.select import affordable, choose, search, settled
+from calibration.estimation.significance import SET_WIDTH, significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
 

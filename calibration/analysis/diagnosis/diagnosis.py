@@ -5,7 +5,8 @@ from functools import partial
 import numpy as np
 
 from calibration.estimation.chance import FLIPS, Chance
-from calibration.estimation.select import SET_WIDTH, choose, settled
+from calibration.estimation.select import choose, settled
+from calibration.estimation.significance import SET_WIDTH
 from pointing_model.effects.base import readable
 from pointing_model.rms import radial_arcsec
 

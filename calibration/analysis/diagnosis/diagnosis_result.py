@@ -5,7 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.select import SET_WIDTH
+from calibration.estimation.significance import SET_WIDTH
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
 from pointing_model.fitted_effects import FittedEffect

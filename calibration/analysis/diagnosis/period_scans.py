@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
-from calibration.estimation.select import SET_WIDTH
+from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis

@@ -12,7 +12,8 @@ from calibration.analysis.diagnosis.diagnosis_result import diagnosed_effect, ve
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance
 from calibration.estimation.correlated_noise import WhiteNoise
-from calibration.estimation.select import SET_WIDTH, Significance, choose
+from calibration.estimation.select import choose
+from calibration.estimation.significance import SET_WIDTH, Significance
 from msg_tools.units import ARCSEC
 from pointing_model.effects import Effect
 from pointing_model.fitted_effects import FittedEffect

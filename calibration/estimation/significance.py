@@ -1,0 +1,133 @@
+"""How each of a choice stands with all others in the model, and what could stand in its place."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .linear_model import DISTINCT, overlap
+from .memory_test import MemoryMask
+
+#: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
+#: "strong" (Kass and Raftery 1995, section 3.2)
+SET_WIDTH = 6.0
+#: squared cosine from which two groups are the same curve: what they do not share is then below
+#: SET_WIDTH, 0.02 lambda^2 < 6, up to an effect of lambda = 17 times its noise
+ALIAS = 0.98
+
+
+def beside_memory(problem, chosen, i, plain):
+    """The fit without a wave, if noise that remembers may be mistaken for it; else None.
+
+    The memory is that which the noise seems to have without the wave: of noise alone the best of
+    hundreds of slow waves takes so much that what is left remembers too little.
+    """
+    others = chosen[:i] + chosen[i + 1:]
+    if problem.sequence is None:
+        return None
+    mask = MemoryMask.of(problem, others, problem.periods, plain)
+    return mask.fit if mask.covers(chosen[i].group) else None
+
+
+@dataclass
+class Significance:
+    """How one chosen group stands with all others in the model.
+
+    Attributes
+    ----------
+    p : float
+        Family-wise, that chance gives any candidate a score like this.
+    delta_bic : float
+        Gain of the group.
+    equals : list of int
+        Groups of other lines of the ranking within `SET_WIDTH` of the best.
+    same : list of int
+        Of these the ones that are the same curve in this run (aliases).
+    every : ndarray, shape (G,)
+        Gain of each candidate in its place.
+    others : dict of int to list of CandidateGroup
+        Of equals that are as good only with other groups beside them (`alternatives`): these.
+    larger : dict of int to tuple of (int, float)
+        Of equals whose model has more groups: so many more, and by how much (BIC) it is better all
+        the same, or 0.
+    behind : dict of int to float
+        Of alternatives that were tried with groups of their own: how far behind (BIC) they are.
+    """
+
+    p: float
+    delta_bic: float
+    equals: list
+    same: list
+    every: np.ndarray
+    others: dict = field(default_factory=dict)
+    larger: dict = field(default_factory=dict)
+    behind: dict = field(default_factory=dict)
+
+
+def significance(problem, choice, i, chance, alpha, alone=False):
+    """Test one of a choice with the others in the model, and find what could stand in its place.
+
+    What noise with memory can be mistaken for is tested against such noise.
+
+    Parameters
+    ----------
+    problem : SelectionProblem
+    choice : ModelChoice
+    i : int
+        Of `choice.chosen`.
+    chance : Chance
+    alpha : float
+        A p that is certain to be above need not be known.
+    alone : bool
+        Whether it is not asked what could stand in its place.
+
+    Returns
+    -------
+    Significance
+    """
+    chosen, weights = choice.chosen, choice.fit.weights
+    bank, g = chosen[i].family(problem, chosen)
+    fit = problem.plain.fit(chosen, weights, without=i)
+    mask = MemoryMask.of(problem, chosen, bank, fit, i)
+    masked = not chosen[i].period and mask.covers(g)
+    if chosen[i].period:
+        fit = beside_memory(problem, chosen, i, fit) or fit
+    if masked:
+        fit = mask.fit
+    groups = [g] if alone else bank.rivals(g) if chosen[i].period else None
+    scores = bank.score(fit, groups)
+    p = chance.p(fit, scores, g, alpha) if scores.dof[g] else 1.0
+    if masked and p > alpha and scores.dof[g]:
+        others = [c for j, c in enumerate(chosen) if j != i]
+        p = min(p, chance.p_beyond_memory(problem, others, bank, np.flatnonzero(mask.groups), g))
+        # what memory is left is known with the group in the model
+        scores = bank.score(problem.fit(chosen, weights, without=i,
+                                        memory=problem.fit(chosen).memory), groups)
+    equals = [] if chosen[i].curve or alone else _equals(problem, choice, i, bank, g, scores)
+    same = []
+    if equals:
+        own = scores.basis(g)
+        # what it shares nothing with, as one of the other axis, is no cause of the same
+        equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT]
+        same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
+    every = scores.delta_bic
+    if chosen[i].period:  # of each scan the best: they are thousands
+        best = [*problem.periods.best_of_scans(scores, g), g]
+        every = np.full(len(every), -np.inf)
+        every[best] = scores.delta_bic[best]
+    return Significance(p, float(scores.delta_bic[g]), equals, same, every)
+
+
+def _equals(problem, choice, i, bank, g, scores):
+    """Groups of other lines that gain as much in the place of one of a choice."""
+    one = choice.chosen[i]
+    others = {c.family(problem, choice.chosen)[1] for j, c in enumerate(choice.chosen)
+              if j != i and (c.curve, c.period, c.of is None) == (
+                  one.curve, one.period, one.of is None)}
+    limit, lines, near = scores.delta_bic.max() - SET_WIDTH, {int(bank.line[g])}, []
+    for other in np.argsort(-scores.delta_bic):
+        if scores.delta_bic[other] < max(limit, 0.0):
+            break
+        if other != g and other not in others and int(bank.line[other]) not in lines:
+            lines.add(int(bank.line[other]))
+            near.append(int(other))
+    return near
