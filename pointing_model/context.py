@@ -194,17 +194,13 @@ class Context:
 
     def _like(self, other):
         """`other` with what is known of the whole run."""
-        for name in ('time_is_utc', 'raw_reading', 'graduation', 'worms', 'drivers', 'skyline'):
-        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline',
+        for name in ('time_is_utc', 'raw_reading', 'graduation', 'worms', 'drivers', 'skyline',
                      'logs'):
             setattr(other, name, getattr(self, name))
         other.whole = self.whole or self
         return other
 
     def log_of(self, name):
-        """Times and values of a driver in all rows of the run, and in these.
-
-        Rows without a star count too.
         """Times and values of a driver in all rows of the run, in these, and in its log.
 
         Returns
