@@ -169,5 +169,7 @@ CAUSES = {
                                 sizes=((60, 14.0),)),
     'turning eccentricity': Cause(('turning',), _turning, ('altaz',), prepare=_six_hours,
                                   sizes=((60, 14.0), (60, 25.0))),
-    'wave of the second angle': Cause(('harmonic',), _wave),
+    # sin E cos 2E is half of sin 3E, and a term
+    'wave of the second angle': Cause(('harmonic',), _wave, alike=(
+        'elevation_axis_wobble', 'declination_axis_wobble')),
 }

@@ -14,7 +14,7 @@ from .base import Effect, Offer, arcsec, effect, form, single_rows
 
 _TURN = 2.0 * np.pi
 #: places of a flop that are tried, and play between both ways that is, rad
-_FLOPS, _PLAYS = 24, (6.0 * DEG, 14.0 * DEG)
+_FLOPS, _PLAYS = 24, (5.0 * DEG, 10.0 * DEG, 15.0 * DEG)
 #: rows on either side of a flop, and within a bump, at least
 _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 #: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
@@ -99,7 +99,7 @@ def propose(context, lacking, own):
     against = single_rows(context, 'approach_el', -1.0, 1.0)
     if context.mount.vertical and context.get('approach_el') is not None and not against:
         yield Offer('flop', [effect('flop', axis='el', at=at, play=play)
-                             for play in _PLAYS for at in _between(context, _FLOPS // 2)])
+                             for play in _PLAYS for at in _between(context, _FLOPS)])
     yield Offer('track_bump', [
         effect('track_bump', centre=centre, width=width, count=count)
         for count in (1, *_JOINTS) for width in _WIDTHS[:3 if count == 1 else 2]

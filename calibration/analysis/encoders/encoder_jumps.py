@@ -25,7 +25,6 @@ from ...estimation.step_scan import (
     robust_fit,
 )
 from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
-from .slow_change import is_slow
 
 #: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
 #: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
@@ -203,10 +202,6 @@ def _sky_events(night, sky, found, budget):
             if best is None:
                 break
             run, kind, time = candidates.labels[best.place]
-            if kind == 'step' and is_slow(
-                    night, sky.design.beside(*(night.on_sky(*one) for one in found)),
-                    sky.incremental, axis, candidates.column(best.place)):
-                break
             event = EncoderEvent(AXES[axis], float(run), kind, float(time),
                                  candidates.column(best.place), best.amount, best.sigma, ALIKE,
                                  1.0 - best.probability, 2.0 * best.probability)

@@ -323,17 +323,6 @@ def test_polaris_alone_will_do():
     assert 'Polaris alone' in report.notes[0]
 
 
-def test_a_disc_whose_centre_goes_round_is_no_jump():
-    for seed in (3, 4):
-        rows = night(seed)
-        time = np.linspace(0.0, 6.0 * 3600.0, len(rows['time']))
-        rows.columns['time'] = 1.8e9 + time
-        off = 7.0 * ARCSEC * np.cos(rows['az'] + seed + 1.4 * time / 3600.0)
-        for name in ('az_enc', 'az_abs'):
-            rows.columns[name] = rows[name] + off
-        assert not cross_check(rows).events
-
-
 def test_quiet_nights_are_quiet():
     reports = [cross_check(night(1000 + s, (9.0, 4.0)), night(5000 + s, start=-DAY))
                for s in range(15)]
