@@ -30,7 +30,7 @@ _LONGER = (1, 2, 3)
 #: of one effect over another
 _SHAPE_MARGIN = 6.0
 #: of waves that would be as large by chance, how many are expected, from where no flips are asked
-_PLAINLY_CHANCE = 0.3
+_PLAINLY_CHANCE = 0.03
 #: waves that a part of the rows is offered: the best of all rows, and those beside them
 _SHORTLIST, _BESIDE = 60, 2
 _SHARE = 'periods'

@@ -31,7 +31,7 @@ def axes_words(document):
     axes, more = kind_of(document).axes, 'xy'.index(found['axis'])
     sizes = [arcsec(size) for size in found['sigma_arcsec']]
     return (f'the {axes[more]} scatters {found["times"]:.1f} times as much as the '
-            f'{axes[1 - more]}, {sizes[more]} against {sizes[1 - more]} on the sky')
+            f'{axes[1 - more]}, {sizes[more]} against {sizes[1 - more]} on the sky (robust σ)')
 
 
 def is_headline(document):

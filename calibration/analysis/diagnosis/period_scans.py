@@ -4,7 +4,6 @@ import numpy as np
 
 from calibration.estimation.periodogram import SHAPES, PeriodBank, WaveScan, rate_error
 from calibration.estimation.significance import SET_WIDTH
-from msg_tools.units import ARCSEC
 from pointing_model.effects import effect
 from pointing_model.effects.base import AXES, for_mount, on_axis
 from pointing_model.effects.gears import (
@@ -13,7 +12,6 @@ from pointing_model.effects.gears import (
     SIDEREAL_DAY,
     TAPE_MARGIN,
     driver_angle,
-    peak_to_peak,
     strain_wave,
 )
 
@@ -121,8 +119,3 @@ def _finding(problem, choice, i, rate, error, whole):
         'tape': p['tape'], 'searched': float(rate),
         'strain_wave': [] if p['of'] == 'time' or p['tape'] else strain_wave(p['turns']),
         'aliases': [float(a) for a in aliases]})
-
-
-def amplitude_arcsec(fitted):
-    """Peak to peak of a fitted periodic error."""
-    return peak_to_peak(fitted.coefficients / ARCSEC, fitted.effect.parameters['orders'])

@@ -34,7 +34,7 @@ TAGS = {'html', 'head', 'meta', 'title', 'style', 'body', 'main', 'section', 'h1
         'rect', 'circle', 'text', 'caption', 'script', 'fieldset', 'legend', 'label', 'input',
         'output', 'select', 'option'}
 ATTRIBUTES = {'class', 'style', 'lang', 'charset', 'name', 'content', 'viewbox', 'role',
-              'aria-label', 'd', 'x', 'y', 'width', 'height', 'rx', 'cx', 'cy', 'r', 'dy',
+              'aria-label', 'data-h', 'd', 'x', 'y', 'width', 'height', 'rx', 'cx', 'cy', 'r', 'dy',
               'text-anchor', 'transform', 'http-equiv', 'data-i', 'data-g', 'data-say', 'scope',
               'aria-sort', 'aria-live', 'id', 'type', 'value', 'checked', 'hidden'}
 
