@@ -18,7 +18,7 @@ _KNOWN = set(COLUMNS) - {'pressure'} | {
 #: runs that begin farther apart are of several nights, s
 _NIGHT = 12.0 * 3600.0
 #: derived drivers that a row has from the rows around it
-_INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el')
+_INHERITED = ('order', 'travel_az', 'travel_el', 'before_az', 'before_el', 'slew_az', 'slew_el')
 #: drivers of an axis in words
 _IN_WORDS = {'approach': 'direction of approach in', 'travel': 'way travelled in',
              'before': 'approach before that in', 'unwrapped': 'turns of the',
@@ -95,9 +95,10 @@ class Context:
     longitude), ``reading_az``/``reading_el`` (raw encoder angle: ``az_raw``, else ``az_enc`` with
     the star's miss distance taken out), ``unwrapped_az``/``unwrapped_el`` (the angle in the turn
     that the encoder reads), ``order`` (position of the row in its run, 0 to 1),
-    ``travel_az``/``travel_el`` (from the row before, rad), ``before_az``/``before_el``
-    (approach of the row before), ``az_rate``/``el_rate`` (sidereal, where the site's latitude is
-    known), ``pm_x``/``pm_y`` (proper motion on the sky of the Hipparcos star, arcsec a year),
+    ``travel_az``/``travel_el`` (from the row before, rad), ``slew_az``/``slew_el`` (the same, with
+    its sign), ``before_az``/``before_el`` (approach of the row before), ``az_rate``/``el_rate``
+    (sidereal, where the site's latitude is known), ``pm_x``/``pm_y`` (proper motion on the sky of
+    the Hipparcos star, arcsec a year),
     ``pier_side`` (-1 through the pole, else 1; of mounts that go there), ``counterweight`` (of
     German mounts: what it pulls across the first axis, 1 to -1), and the angles of the axes by
     their names (``hour_angle``, ``declination``) beside azimuth and elevation.
@@ -119,6 +120,8 @@ class Context:
         self.graduation, self.drivers = {}, ()
         #: corners of the skyline of the site, as `guard.skyline.parse_horizon` has them
         self.skyline = ()
+        #: of all rows, where these are some of them
+        self.whole = None
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
     @classmethod
@@ -184,7 +187,28 @@ class Context:
         """`other` with what is known of the whole run."""
         for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline'):
             setattr(other, name, getattr(self, name))
+        other.whole = self.whole or self
         return other
+
+    def log_of(self, name):
+        """Times and values of a driver in all rows of the run, and in these.
+
+        Rows without a star count too.
+
+        Returns
+        -------
+        time, value : ndarray, shape (m,)
+            Rising; rows of one time are one.
+        """
+        rows = [(one.get('time'), one.get(name)) for one in {id(c): c for c in (
+            self.whole or self, self)}.values()]
+        rows = [np.stack(both) for both in rows if all(v is not None for v in both)]
+        if not rows:
+            return np.empty((2, 0))
+        rows = np.hstack(rows)
+        rows = rows[:, np.isfinite(rows).all(axis=0)]
+        time, place = np.unique(rows[0], return_inverse=True)
+        return time, np.bincount(place, rows[1]) / np.bincount(place)
 
     def extra(self):
         """Names of the numeric columns of the user's own that are causes, or named as drivers."""
@@ -360,6 +384,20 @@ class Context:
         if reading is None:
             return angle
         return angle + _TURN * np.rint((np.asarray(reading, float) - angle) / _TURN)
+
+    def _derive_slew(self, axis):
+        angle = self.columns.get(f'{axis}_enc')
+        if angle is None or np.ndim(angle) == 0 or len(self) < 2:
+            return None
+        angle = np.asarray(angle, float)
+        # encoders that read whole turns know which way it went
+        short = wrap if np.ptp(angle) <= _TURN else np.asarray
+        way = self._from_before(lambda rows, last: short(angle[rows] - angle[last]))
+        side = self.get(f'approach_{axis}')
+        # more than half a turn, where the side from which it came says so
+        round_ = 0.0 if side is None or axis == 'el' else np.nan_to_num(side * way < 0.0) * (
+            np.abs(way) > 0.25 * _TURN)
+        return way - _TURN * np.sign(way) * round_
 
     def _derive_before(self, axis):
         approach = self.get(f'approach_{axis}')

@@ -199,6 +199,11 @@ class Chance:
         """Whether the rows are a part of those that are searched."""
         return self._whole is not None
 
+    @property
+    def part(self):
+        """Part of the rows of the whole."""
+        return 1.0 if self._whole is None else self._n / self._whole._n
+
     @cached_property
     def signs(self):
         """Flips of each row, -1 and 1, shape (count, n)."""

@@ -51,6 +51,7 @@ def run_of(kind):
     for name in ('temperature', 'pressure', 'magnitude', 'wind_speed', 'wind_from', 'humidity',
                  'miss_x', 'miss_y', 'az_rate', 'el_rate'):
         columns[name] = rng.normal(size=n) * (1e-4 if '_' in name else 1.0)
+    columns['rotator_deg'] = rng.uniform(0.0, 360.0, n)
     return PointingRun(columns, {'site': site, 'mount': mount, 'raw_reading': True,
                                  'graduation': {}})
 

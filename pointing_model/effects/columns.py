@@ -6,6 +6,7 @@ from pointing_model.mount_kinds import KINDS, USUAL
 
 from .base import AXES, Effect, arcsec, effect, form, offer, on_axis, single_rows, the
 from .drifts import about, progress
+from .rotator import is_rotator
 
 _CAUSES = {
     'magnitude': ('bright and faint stars are centred differently',
@@ -60,6 +61,8 @@ def propose(context, lacking, own):
             effect('proportional', axis=axis, **about(driver, 1.0, v)) for axis in AXES
         ], _single_side(context) if driver == 'pier_side' else None)
     for driver in context.extra():
+        if is_rotator(driver):
+            continue  # an angle, see `rotator`
         yield offer('proportional', driver, context, driver, lambda v, driver=driver: [
             effect('proportional', axis=axis, pattern=pattern, **about(driver, float(np.std(v)), v))
             for axis, pattern in (('az', 'sky'), ('az', 'angle'), ('el', 'sky'))])

@@ -25,7 +25,7 @@ _ZERO_TERM = {'az': 'IA', 'el': 'IE'}
 _MOVING = ('IA', 'IE', 'CA', 'TF', 'tilt')
 
 
-def _moving(of, names):
+def moving(of, names):
     """What drifts: in a name, where it acts, in a sentence."""
     first, second = names.shafts
     return {
@@ -50,7 +50,7 @@ def _drift(of, driver, power=1, origin=0.0, scale=1.0, within=None, mount=USUAL)
 
     `of`: its name at an alt-azimuth mount.
     """
-    what, axes, words = _moving(of, KINDS[mount])
+    what, axes, words = moving(of, KINDS[mount])
     terms = terms_of(mount)
     names = tuple(map(KINDS[mount].named, ('AN', 'AW') if of == 'tilt' else (of,)))
     square = power == 2

@@ -21,8 +21,8 @@ SPECIAL = {'ra_deg': DEG, 'dec_deg': DEG, 'ra_enc_deg': DEG, 'x_arcsec': ARCSEC,
 #: what a diagnosis makes itself: see `pointing_model.context.Context`
 DERIVED = frozenset((
     'azimuth', 'elevation', 'row', 'ra', 'dec', 'lst', 'order', 'pm_x', 'pm_y', 'reading_az',
-    'reading_el', 'unwrapped_az', 'unwrapped_el', 'travel_az', 'travel_el', 'before_az',
-    'before_el', 'run_hours', 'counterweight',
+    'reading_el', 'unwrapped_az', 'unwrapped_el', 'travel_az', 'travel_el', 'slew_az', 'slew_el',
+    'before_az', 'before_el', 'run_hours', 'counterweight',
     *(key for kind in KINDS.values() for key in kind.keys)))
 _HOURS_OF_A_DAY = 24.0
 _RADIANS = 6.3  # a little more than a turn

@@ -80,7 +80,7 @@ def test_a_new_name_does_not_meet_another(read):
 def test_all_names_that_the_diagnosis_makes_are_known():
     made = {name.removeprefix('_derive_') for name in dir(context.Context)
             if name.startswith('_derive_')}
-    of_axis = {'reading', 'unwrapped', 'travel', 'before'}
+    of_axis = {'reading', 'unwrapped', 'travel', 'slew', 'before'}
     made = made - of_axis | {f'{name}_{axis}' for name in of_axis for axis in ('az', 'el')}
     made = made - {'pm'} | {'pm_x', 'pm_y'}
     read_from_files = {'pier_side', 'lst_h'}

@@ -1,0 +1,87 @@
+"""Slews that slip: a zero that moves with each slew of more than some length.
+
+A clutch, a friction wheel or a belt lets go where the slew is long (it is fast then): by the same
+amount each time, in the direction of the motion or always to one side, as where the tube is out of
+balance. One slip alone is a step (`drifts`).
+"""
+
+import numpy as np
+
+from msg_tools.units import DEG
+from pointing_model.mount_kinds import KINDS, USUAL
+
+from .base import AXES, Effect, Offer, arcsec, effect, form, on_axis
+from .drifts import clock
+
+#: slips, at least: fewer are steps; share of the slews, at most; lengths tried between them
+_FEWEST, _MOST, _TRIED = 3, 0.7, 12
+
+
+@form
+def _slips(axis, least, at, signs, driver='time', mount=USUAL):
+    """A zero that moves at each of the moments `at`, by one amount with the `signs`."""
+    names = KINDS[mount]
+    moments, level = np.asarray(at, float), np.concatenate([[0.0], np.cumsum(signs)])
+    level = level - level[-1] / 2.0
+    both = len(set(signs)) > 1
+
+    def of(c):
+        when = np.asarray(c.get(driver), float)
+        value = level[np.searchsorted(moments, when, side='right')]
+        return [on_axis(axis, np.where(np.isnan(when), np.nan, value), c.trig.cos_el)]
+
+    shaft = names.shaft(axis)
+
+    def wording(amount):
+        way = 'ahead or behind with its direction' if both else 'always to the same side'
+        return (f'The {shaft} slips by {arcsec(abs(amount.values[0]))} in each slew of more than '
+                f'{least / DEG:.0f}° ({len(moments)} slews), {way}')
+
+    return Effect(f'{names.key(axis)}_slip_of_slews' + ('' if both else '_one_way'),
+                  f'{names.word(axis)} zero moves with each long slew: something slips',
+                  f'{names.named({"az": "IA", "el": "IE"}[axis])} x number of long slews'
+                  + (', signed' if both else ''), driver, axis, ('slip',), of, wording,
+                  f'clutch, friction wheel, belt and worm mesh of the {shaft}, the coupling of its '
+                  'encoder, its balance; slew slower and compare',
+                  'a zero that moves with long slews',
+                  f'{names.word(axis)} slips in long slews',
+                  requires=(driver,), scan=f'slips_{axis}' + ('' if both else '_one_way'),
+                  share='scans')
+
+
+def propose(context, lacking, own):
+    """Where slews of an axis differ in length, by several thresholds."""
+    driver, _ = clock(context)
+    when = context.get(driver)
+    for axis, word in AXES.items():
+        way = context.get(f'slew_{axis}')
+        reason = None
+        run = context.get('run')
+        if way is None or when is None:
+            reason = 'the slews are not known'
+        elif driver == 'order' and run is not None and len(np.unique(run)) > 1:
+            reason = 'the order of several runs is none'
+        yield Offer('slips', [] if reason else _of_lengths(axis, way, when, driver),
+                    f'slips of slews in {word}', reason, axis)
+
+
+def _of_lengths(axis, way, when, driver):
+    """Slips of all slews longer than some, each set of slews once."""
+    known = np.isfinite(way) & np.isfinite(when)
+    order, out = np.argsort(when[known]), []
+    way, when = way[known][order], when[known][order]
+    length, most = np.abs(way), int(_MOST * len(way))
+    if most < _FEWEST:
+        return out
+    longest = np.sort(length)[::-1]
+    for count in np.unique(np.geomspace(_FEWEST, most, _TRIED).astype(int)):
+        least = 0.5 * float(longest[count - 1] + longest[count])
+        slipped = length > least
+        signs = np.sign(way[slipped])
+        # before the row that the slew ends at
+        at = (when[slipped] - 1e-6 * np.ptp(when)).tolist()
+        given = {'axis': axis, 'least': least, 'at': at, 'driver': driver}
+        if np.ptp(signs) > 0.0:
+            out.append(effect('slips', signs=signs.tolist(), **given))
+        out.append(effect('slips', signs=np.ones(len(at)).tolist(), **given))
+    return out

@@ -1,0 +1,163 @@
+"""What follows a temperature: late, by a thermometer on the mount, at the secondary mirror.
+
+The temperature of a heavy part follows that of the air as q' = (T - q) / tau (Newton's law of
+cooling, one time constant). The log of the air is that of the rows. Where it does not begin early
+enough, what the part had before it is one more number, which fades with tau.
+"""
+
+import re
+
+import numpy as np
+
+from pointing_model.mount_kinds import KINDS, USUAL
+from pointing_model.pointing_terms import terms_of
+
+from .base import Effect, Offer, arcsec, driver_word, effect, form, offer, the
+from .drifts import about, moving, progress
+
+#: s, tried: half as much and twice as much make nearly the same curve
+LAGS = tuple(60.0 * minutes for minutes in (10, 20, 40, 80, 160))
+#: time constants after which the log has forgotten how it began
+BEFORE = 2.0
+#: of the scatter of the temperature, that the late one differs from it and from what fades, at
+#: least: of a straight line it is nothing, and no run tells how late it is then
+_BENDS = 0.1
+#: a lag is at least so many steps from row to row
+_STEPS = 1.5
+_LATE = ('TF', 'CA')
+_WARM = re.compile(r'temp|ambient|amb(_|$)|^t[_-]?(amb|air|tube|truss|mirror|dome|cell|steel)')
+
+
+def is_thermometer(name):
+    """Whether the name of a column is that of a temperature."""
+    return bool(_WARM.search(name.lower()))
+
+
+def lagged(context, driver, tau):
+    """A driver as a part of the time constant `tau` has it, and what fades from the start.
+
+    Parameters
+    ----------
+    context : Context
+        The log is that of all rows of its run, straight between them.
+    driver : str
+    tau : float
+        s.
+
+    Returns
+    -------
+    late, fading : ndarray, shape (n,)
+        NaN where the driver or the time is unknown. `late` begins in balance with the first value.
+    """
+    time, value = context.log_of(driver)
+    at, out = context.get('time'), np.full((2, len(context)), np.nan)
+    if at is None or not len(time):
+        return out
+    steps = np.diff(time)
+    slope, left = np.diff(value) / steps, np.exp(-steps / tau)
+    late, behind = np.empty(len(time)), 0.0  # what it is behind the log
+    late[0] = value[0]
+    for i in range(len(steps)):
+        behind = slope[i] * tau + (behind - slope[i] * tau) * left[i]
+        late[i + 1] = value[i + 1] - behind
+    known = np.isfinite(at)
+    if context.get(driver) is not None:
+        known &= np.isfinite(context.get(driver))
+    place = np.minimum(np.searchsorted(time, at[known]), len(time) - 1)
+    out[0, known] = late[place]
+    out[1, known] = np.exp(-(at[known] - time[0]) / tau)
+    return out
+
+
+@form
+def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, mount=USUAL):
+    """A term x the late driver; with ``start`` what it had before the log is fitted, too."""
+    what, axes, words = moving(of, KINDS[mount])
+    term = terms_of(mount)[KINDS[mount].named(of)]
+    late_by = f'{tau / 60.0:.0f} min'
+
+    def columns(c):
+        late, fading = lagged(c, driver, tau)
+        if within is not None:
+            late = np.clip(late, *within)
+        x, y = term.of(c.trig)
+        return [(x * u, y * u) for u in ((late - origin, fading) if start else (late - origin,))]
+
+    def wording(amount):
+        text = (f'{words} follows {the(driver)} some {late_by} late: '
+                f'{arcsec(abs(amount.values[0]))} a degree')
+        if amount.span is not None:
+            range_ = amount.span[1] - amount.span[0]
+            text += f', {arcsec(abs(amount.values[0]) * range_)} for {range_:.1f} °C'
+        return text
+
+    return Effect(f'{what.partition(" of the ")[0].replace(" ", "_")}_with_{driver}_late',
+                  f'{what} follows {driver_word(driver)} with a lag',
+                  f'{term.name} x q, q\' = (T - q) / tau' + (', exp(-t / tau)' if start else ''),
+                  driver, axes, ('slope', 'start') if start else ('slope',), columns, wording,
+                  'what is heavy and slow to cool: mirror, cell, truss, pier; open the dome long '
+                  'before the first star',
+                  f'a slow change with {the(driver)}, late', '', 'arcsec/K',
+                  requires=('time', driver), scan=f'lag_{of}', searched=('tau',), share='scans')
+
+
+@form
+def _secondary(driver='temperature', origin=0.0, scale=1.0, within=None, mount=USUAL):
+    """Temperature x height: how a secondary mirror hangs changes with the temperature."""
+    def columns(c):
+        u, zenith = progress(c, driver, origin, scale, within), c.trig.zenith
+        return [c.trig.lifted(u * zenith.cos_el), c.trig.lifted(u * zenith.sin_el)]
+
+    def wording(amount):
+        range_ = 1.0 if amount.span is None else (amount.span[1] - amount.span[0]) / scale
+        return (f'The secondary mirror hangs otherwise as the temperature changes: up to '
+                f'{arcsec(amount.size * range_)} between horizon and zenith over this run')
+
+    return Effect(f'secondary_with_{driver}',
+                  f'secondary mirror tilts or shifts with {driver_word(driver)}, by its height',
+                  'cos E x T, sin E x T toward the zenith', driver,
+                  'el' if KINDS[mount].vertical else 'both', ('cos', 'sin'), columns, wording,
+                  'the cell, spider and hexapod or focuser of the secondary mirror: screws that '
+                  'came loose, its table of corrections',
+                  f'a change of flexure with {the(driver)}', '',
+                  'arcsec/K' if scale == 1.0 else f'arcsec/({scale:.4g})', requires=(driver,))
+
+
+def propose(context, lacking, own):
+    """Of the temperature, and of columns of the file that are temperatures or named as causes."""
+    yield from _lags(context)
+    yield offer('secondary', 'secondary mirror with temperature', context, 'temperature',
+                lambda v: [effect('secondary', **about('temperature', 1.0, v))])
+    for name in context.extra():
+        if is_thermometer(name) or name in context.drivers:
+            # its zeros and the collimation: `camera.propose` of any column
+            yield offer('drift', name, context, name, lambda v, name=name: [
+                *(effect('drift', of=of, **about(name, float(np.std(v)), v))
+                  for of in ('TF', 'tilt')),
+                effect('secondary', **about(name, float(np.std(v)), v))])
+
+
+def _lags(context):
+    """Lags that the run can tell from the temperature itself."""
+    what, driver = 'late temperature', 'temperature'
+    values, reason = context.span(driver)
+    at = context.get('time')
+    if reason or at is None:
+        yield Offer('lagged', [], what, reason or 'the time is not known')
+        return
+    time, log = context.log_of(driver)
+    rows = np.sort(at[np.isfinite(at)])
+    usual, out = float(np.median(np.diff(rows))), []
+    given = {k: v for k, v in about(driver, 1.0, values).items() if k != 'scale'}
+    for tau in LAGS:
+        if not _STEPS * usual <= tau <= np.ptp(rows):
+            continue
+        late, fading = lagged(context, driver, tau)
+        known = np.isfinite(late)
+        plain = np.column_stack([np.ones(known.sum()), context.get(driver)[known], fading[known]])
+        rest = late[known] - plain @ np.linalg.lstsq(plain, late[known], rcond=None)[0]
+        if rest.std() > _BENDS * log.std():
+            start = bool(rows[0] - time[0] < BEFORE * tau)
+            out += [effect('lagged', of=of, tau=tau, start=start, **given) for of in _LATE]
+    yield Offer('lagged', out, what, None if out else
+                'the temperature goes too straight in time to show a lag')
