@@ -85,7 +85,19 @@ def _encoder_moved(found):
               if event.moved == BOTH else '')
     return (f'{event.axis}: {event.moved} {verb} inside power-on {event.run:.0f} by '
             f'{event.amount * scale:+.2f} +- {event.sigma * scale:.2f} {unit}{second} '
-            f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})')
+            f'(confidence {event.confidence:.2f}, {_beside_slow(event)})')
+
+
+def _beside_slow(event):
+    """How it stands beside what goes slowly: its chance is that of noise alone, and no more."""
+    slow = 'a disc that turns or shifts' if event.kind == 'drift' else 'a slow change'
+    if event.lead >= 2.0 * np.log(_VERY):
+        return f'more than {_VERY:.0f} times likelier than {slow}'
+    return f'{float(f"{np.exp(0.5 * event.lead):.1g}"):.0f} times likelier than {slow}'
+
+
+def _no_jump(found):
+    return f'{found["axis"]}: nothing jumped: {_SLOW[found["slow"]]} explains the rows as well'
 
 
 def _counts_drift(found):
@@ -129,7 +141,14 @@ def _not_compared(found):
     return f'{before} and {after} were not compared against the sky: {found["why"]}'
 
 
+#: from where it need not be told how much likelier
+_VERY = 1000.0
+_SLOW = {'disc turns': 'a disc that turns on its hub through the night',
+         'disc shifts': 'a disc that moves off its axis little by little',
+         'zero bends': 'a zero that moves slowly'}
+
 KINDS = {
+    'no jump': _no_jump,
     'marks unknown': lambda found: MARKS_UNKNOWN,
     'no second encoder': lambda found: 'no second encoder: nothing to compare with',
     'few stars for the sky': lambda found: (

@@ -20,8 +20,10 @@ from pointing_model.zero_drift import AxisFollowing, Following, harmonic_columns
 from ...estimation.correlated_noise import WhiteNoise
 from ...estimation.group_columns import GroupColumns
 from ...estimation.step_scan import neighbour_noise, random_walk, robust_fit, two_sided
+from ..finding import Finding
 from .cross_check_rows import AXES, INCREMENTAL, LEAST, SHORT, USUAL, CrossCheckNight
 from .encoder_jumps import DifferenceEvent, difference_events, encoder_events
+from .slow_changes import slow_changes
 
 #: rows from which a walk is distinguished from noise
 _FEWEST = 20
@@ -76,7 +78,7 @@ class CountDrift(NamedTuple):
     lead: float = np.inf
 
 
-def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()):
+def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=(), slow=()):
     """Whether differences walk at random.
 
     Parameters
@@ -93,6 +95,8 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
         Chance from which on it is no walk.
     sides : sequence of ndarray, shape (n,)
         By which side the axis came: each explains it otherwise, beside the alternatives.
+    slow : sequence of (ndarray of shape (k, n), int)
+        The same of slow changes: columns, and how many numbers they cost.
 
     Returns
     -------
@@ -118,6 +122,7 @@ def count_drift(difference, angle, run, alternatives=(), limit=_CHANCE, sides=()
     curves = design.beside(*(column for column, _ in alternatives))
     cost = sum(cost for _, cost in alternatives)
     others = [(curves, cost), *((curves.beside(side), cost + 1) for side in sides),
+              *((curves.beside(*columns), cost + numbers) for columns, numbers in slow),
               (curves.beside(harmonic_columns(angle, _FINER).T), 2 * len(_FINER))]
     best, white = _bic(y, design, walk, walk.log_det, 1), WhiteNoise(np.ones(n))
     for columns, cost in others:
@@ -218,20 +223,26 @@ def movements(night, model, budget, notes):
     notes : list of Finding
         Gets what could not be tested.
     """
-    plain = [event for axis in (0, 1) for event in difference_events(night, axis, budget)]
+    slow = [slow_changes(night, axis) for axis in (0, 1)]
+    both = [difference_events(night, axis, budget, slow[axis]) for axis in (0, 1)]
+    plain = [event for found, _ in both for event in found]
     sky = night.sky(plain, model, notes)
-    events = encoder_events(night, sky, plain, budget)
+    events, instead = encoder_events(night, sky, plain, budget, slow)
+    instead += [(axis, one) for axis, (_, better) in enumerate(both) for one in better]
+    notes += [Finding('no jump', evidence={'axis': AXES[axis], 'slow': one.kind})
+              for axis, one in {(axis, one.kind): (axis, one) for axis, one in instead}.values()]
     walks = {}
     for axis, name in enumerate(AXES):
         # a step that the sky shows may be a small one of the difference
         also = [event.column for event in events[len(plain):] if event.axis == name]
-        walk = _axis_drift(night, axis, [one for one in plain if one.axis == axis], budget, also)
+        walk = _axis_drift(night, axis, [one for one in plain if one.axis == axis], budget, also,
+                           slow[axis])
         if walk is not None:
             walks[axis] = walk
     while walks:
         found = [one for one in plain if one.axis not in walks] + [one for one, _ in walks.values()]
         beside = night.sky(found, model, [])
-        named = encoder_events(night, beside, found, budget)
+        named, _ = encoder_events(night, beside, found, budget, slow)
         unsure = [axis for axis, (_, drift) in walks.items() if drift.lead < _LEAD and not any(
             event.axis == AXES[axis] and event.kind == 'walk' and event.confidence > _SEEN
             for event in named)]
@@ -242,7 +253,7 @@ def movements(night, model, budget, notes):
     return Movements(events, {}, sky)
 
 
-def _axis_drift(night, axis, events, budget, also):
+def _axis_drift(night, axis, events, budget, also, slow=()):
     """A walk of an axis, in place of its steps and drifts.
 
     Parameters
@@ -254,6 +265,8 @@ def _axis_drift(night, axis, events, budget, also):
     budget : Budget
     also : sequence of ndarray, shape (n,)
         Steps that the stars show at their own moment.
+    slow : sequence of SlowChange
+        Discs that turn are no walk.
 
     Returns
     -------
@@ -265,7 +278,9 @@ def _axis_drift(night, axis, events, budget, also):
                         for event in events] + [(column[rows], 1) for column in also[:1]]
     found = count_drift(night.difference[axis][rows], night.rows[f'{SHORT[axis]}_enc'][rows],
                         night.interval[rows], alternatives, budget.false_alarm / 2.0,
-                        [side[rows] for side in _sides(night, axis)])
+                        [side[rows] for side in _sides(night, axis)],
+                        [(one.columns[:, rows], one.numbers) for one in slow
+                         if one.kind != 'zero bends'])
     if found is None:
         return None
     column, size = np.zeros(len(night.run)), float(np.ptp(found.path))

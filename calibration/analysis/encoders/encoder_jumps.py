@@ -25,6 +25,7 @@ from ...estimation.step_scan import (
     robust_fit,
 )
 from .cross_check_rows import ABSOLUTE, ALIKE, AXES, BOTH, INCREMENTAL, LEAST
+from .slow_changes import jumps_or_slow
 
 #: rows on either side of a step. Two wild readings together at the end of 40 rows make a step in
 #: 29 % of the nights with 1 or 2, in 8 % with 3, in 1.5 % with 4, which is also later to see one
@@ -51,6 +52,8 @@ class DifferenceEvent(NamedTuple):
     probability: float
     #: that the incremental encoder did it, before the stars are asked
     odds: float = 1.0
+    #: BIC by which it is better than any slow change
+    lead: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -60,8 +63,9 @@ class EncoderEvent:
     `kind` is ``step`` (amount in rad, at `time`), ``drift`` (amount in rad/s) or ``walk`` (random,
     amount in rad from its lowest to its highest), and `column`, shape (n,), how it went. The amount
     is what `moved` reads too much, with that `confidence` (posterior). `probability` is the chance
-    of such a step anywhere in the night without one. Where `moved` is `BOTH`, the amount is that of
-    the incremental encoder, and `second` that of the absolute one.
+    of such a step anywhere in the night without one, if the noise is all there is; `lead`, by how
+    much (BIC) it is better than any slow change, see `slow_changes`. Where `moved` is `BOTH`, the
+    amount is that of the incremental encoder, and `second` that of the absolute one.
     """
 
     axis: str
@@ -76,6 +80,7 @@ class EncoderEvent:
     probability: float
     second: float = np.nan
     second_sigma: float = np.nan
+    lead: float = np.inf
 
 
 class _StepFits(NamedTuple):
@@ -89,24 +94,45 @@ class _StepFits(NamedTuple):
         return (self.size / self.sigma) ** 2
 
 
-def difference_events(night, axis, budget):
-    """Steps and drifts of incremental - absolute, a list of `DifferenceEvent`."""
+def difference_events(night, axis, budget, slow=()):
+    """Steps and drifts of incremental - absolute, a list of `DifferenceEvent`.
+
+    Parameters
+    ----------
+    night : CrossCheckNight
+    axis : {0, 1}
+    budget : Budget
+    slow : sequence of SlowChange
+        That may be taken for them.
+
+    Returns
+    -------
+    found : list of DifferenceEvent
+    instead : list of SlowChange
+        That are the better explanation of others.
+    """
     candidates, design = night.candidates(_SEGMENT), night.difference_design(axis)
-    found = []
     if not len(candidates) or len(night.run) <= len(design) + _MOST + 1:
+        return [], []
+    y = night.difference[axis]
+
+    def search(design):
+        found = []
+        while len(found) < _MOST:
+            best = detect(design.beside(*(event.column for event in found)), y, candidates,
+                          budget.false_alarm / 2.0, night.run, LEAST)  # two axes
+            if best is None:
+                break
+            found.append(DifferenceEvent(
+                axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
+                best.sigma, best.probability * 2.0))
         return found
-    while len(found) < _MOST:
-        best = detect(design.beside(*(event.column for event in found)), night.difference[axis],
-                      candidates, budget.false_alarm / 2.0, night.run, LEAST)  # two axes
-        if best is None:
-            break
-        found.append(DifferenceEvent(
-            axis, *candidates.labels[best.place], candidates.column(best.place), best.amount,
-            best.sigma, best.probability * 2.0))
-    return found
+
+    found, lead, instead = jumps_or_slow(search, slow, design, y, night.run, lambda one: one.column)
+    return [event._replace(lead=lead) for event in found], instead
 
 
-def encoder_events(night, sky, events, budget):
+def encoder_events(night, sky, events, budget, slow=((), ())):
     """Who moved in the night, by steps of either difference.
 
     Parameters
@@ -116,14 +142,18 @@ def encoder_events(night, sky, events, budget):
         None: the stars do not tell; what the encoders show is named without them.
     events : list of DifferenceEvent
     budget : Budget
+    slow : pair of sequence of SlowChange
+        Of each axis.
 
     Returns
     -------
-    list of EncoderEvent
+    found : list of EncoderEvent
         Those of `events`, in their order, then those that only the sky shows.
+    instead : list of (int, SlowChange)
+        Axes and what explains others better, that only the sky shows.
     """
     if sky is None:
-        return [_drifting_encoder(night, None, event) for event in events]
+        return [_drifting_encoder(night, None, event) for event in events], []
     events = _retimed(night, sky, events, budget)
     found, out = [(event.axis, event.column) for event in events], []
     for n, event in enumerate(events):
@@ -133,8 +163,9 @@ def encoder_events(night, sky, events, budget):
         if step is None:
             step = _drifting_encoder(night, sky, event)
         found[n] = event.axis, step.column
-        out.append(replace(step, probability=event.probability))
-    return out + _sky_events(night, sky, found, budget)
+        out.append(replace(step, probability=event.probability, lead=event.lead))
+    more, instead = _sky_events(night, sky, found, budget, slow)
+    return out + more, instead
 
 
 def _retimed(night, sky, events, budget):
@@ -189,18 +220,40 @@ def _drifting_encoder(night, sky, event):
                         float(max(trust, 1.0 - trust)), event.probability)
 
 
-def _sky_events(night, sky, found, budget):
-    """Steps and drifts against the sky that both encoders share, or have a part of."""
-    candidates, out = night.candidates(_SKY_SEGMENT), []
+def _sky_events(night, sky, found, budget, slow):
+    """Steps and drifts against the sky that both encoders share, or have a part of.
+
+    Returns
+    -------
+    found : list of EncoderEvent
+    instead : list of (int, SlowChange)
+    """
+    candidates, out, better = night.candidates(_SKY_SEGMENT), [], []
     if not len(candidates):
-        return out
+        return out, better
     for axis in (0, 1):
         on_sky = candidates.on_axis(axis, night.cos_el)
-        for _ in range(_MOST_SKY):
-            best = detect(sky.design.beside(*(night.on_sky(*one) for one in found)),
-                          sky.incremental, on_sky, budget.false_alarm / 2.0, night.run, LEAST)
-            if best is None:
-                break
+        known = sky.design.beside(*(night.on_sky(*one) for one in found))
+
+        def search(design, axis=axis, on_sky=on_sky):
+            own = []
+            while len(own) < _MOST_SKY:
+                best = detect(design.beside(*(night.on_sky(axis, candidates.column(one.place))
+                                              for one in own)),
+                              sky.incremental, on_sky, budget.false_alarm / 2.0, night.run, LEAST)
+                if best is None:
+                    break
+                own.append(best)
+            return own
+
+        shown = [change._replace(columns=np.stack(
+            [night.on_sky(axis, one) for one in change.columns])) for change in slow[axis]]
+        own, lead, instead = jumps_or_slow(
+            search, shown, known, sky.incremental, night.run,
+            lambda one, axis=axis: night.on_sky(axis, candidates.column(one.place)),
+            lambda one: candidates.labels[one.place][1])
+        better += [(axis, change) for change in instead]
+        for best in own:
             run, kind, time = candidates.labels[best.place]
             event = EncoderEvent(AXES[axis], float(run), kind, float(time),
                                  candidates.column(best.place), best.amount, best.sigma, ALIKE,
@@ -210,8 +263,8 @@ def _sky_events(night, sky, found, budget):
                 if step is not None and step.moved in (BOTH, ALIKE):
                     event = replace(step, probability=2.0 * best.probability)
             found = [*found, (axis, event.column)]
-            out.append(event)
-    return out
+            out.append(replace(event, lead=lead))
+    return out, better
 
 
 def _step(night, sky, run, found, number, budget):
