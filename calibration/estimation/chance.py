@@ -199,11 +199,6 @@ class Chance:
         """Whether the rows are a part of those that are searched."""
         return self._whole is not None
 
-    @property
-    def part(self):
-        """Part of the rows of the whole."""
-        return 1.0 if self._whole is None else self._n / self._whole._n
-
     @cached_property
     def signs(self):
         """Flips of each row, -1 and 1, shape (count, n)."""
@@ -229,6 +224,37 @@ class Chance:
         share = bank.effects[g].share
         test = self._memory_test(problem, chosen, np.intersect1d(groups, bank.rivals(g)), share)
         return test.p(g) if test is not None else 1.0
+
+    def beyond_memory(self, problem, chosen, bank, mask, without=()):
+        """The group that stands out most from noise that groups are mistaken for, and its chance.
+
+        The chance is that of any group of its share in such noise, so that all may be asked.
+
+        Parameters
+        ----------
+        problem, chosen, bank
+            As of `p_beyond_memory`.
+        mask : MemoryMask
+        without : sequence of int
+
+        Returns
+        -------
+        group : int or None
+        p : float
+        """
+        none = None, 1.0
+        if bank is not problem.dictionary or self.of_part and problem.base.groups:
+            return none
+        found, masked = [], np.flatnonzero(mask.groups)
+        for share, groups in bank.shares.items():
+            some = np.setdiff1d(np.intersect1d(masked, groups), without)
+            test = self._memory_test(problem, chosen, some, share) if len(some) else None
+            if test is not None:
+                found.append((*test.best(without), test))
+        if not found:
+            return none
+        group, _, test = max(found, key=lambda one: one[1])
+        return group, test.p(group)
 
     def simulate(self, problem, chosen):
         """Flip signs, and simulate runs with the noise beside a choice, for all parts to know.

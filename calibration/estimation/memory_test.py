@@ -122,7 +122,14 @@ class MemoryTest:
         ratio = self._ratios(self._problem.finer(g), self._problem.b[None]).max()
         if ratio < _LEAST_RATIO:
             return 1.0
-        return (SIMULATIONS * tail_share(self.by_chance, ratio) + 1.0) / (SIMULATIONS + 1)
+        return tail_share(self.by_chance, ratio)
+
+    def best(self, without=()):
+        """The group with the largest ratio, and that."""
+        ratios = self._ratios(self._bank.only(self._groups), self._problem.b[None])[0]
+        ratios[np.isin(self._groups, without)] = -np.inf
+        place = int(np.argmax(ratios))
+        return int(self._groups[place]), float(ratios[place])
 
     @property
     def has_simulated(self):

@@ -33,6 +33,9 @@ ALIAS = 0.98
 #: periods or lags, and the curves. Their alarms overlap and the tests are conservative: together
 #: they stay below it (measured, benchmarks/diagnosis.py).
 SHARES = {'dictionary': 0.75, 'scans': 0.2, 'curves': 0.25}
+#: the same of what is not beyond noise with memory by its estimate, for either share of the
+#: dictionary: of nights whose noise has memory this many are to have a false effect so
+MEMORY_SHARE = 0.75
 #: an effect may be bought only with rows enough: half as many free values as it has coefficients
 ROWS_PER_COLUMN = 1.5
 #: effects that a search adds, at most
@@ -128,9 +131,17 @@ def _forward(problem, plain, choice, alpha, chance, given_up):
             break
         lost = _masked(problem, choice, bank, mask, g, alpha, chance)
         if len(lost):
-            choice.masked.append(CandidateGroup(g))
+            # of all that such noise is mistaken for another may stand out from it
+            other, p = (None, 1.0) if blocked else chance.beyond_memory(
+                problem, choice.chosen, bank, mask, without)
+            choice.masked += [CandidateGroup(k) for k in dict.fromkeys((other, g))
+                              if k is not None]
             blocked += list(lost)
-            continue
+            if p > alpha * MEMORY_SHARE or not affordable(
+                    problem, choice.fit, len(bank.of(other))):
+                continue
+            g = other
+            choice.against_memory.add(CandidateGroup(g))
         choice.chosen.append(CandidateGroup(g))
         choice.fit = plain.fit(choice.chosen, choice.fit.weights)
         refine(plain, choice)
@@ -158,7 +169,7 @@ def _masked(problem, choice, bank, mask, g, alpha, chance):
         return (g,)
     if _beyond(chance, mask.fit, mask.scores, g, alpha) or chance.p_beyond_memory(
             problem, choice.chosen, bank, np.flatnonzero(mask.groups),
-            g) <= alpha * SHARES[bank.effects[g].share]:
+            g) <= alpha * MEMORY_SHARE:
         return ()
     z = ChanceTest(mask.fit, mask.scores, g, np.flatnonzero(mask.groups)).all
     return np.flatnonzero(mask.groups & (z <= z[g]))
@@ -210,7 +221,8 @@ def second_look(problem, choice, without=()):
         i = 0
         while i < len(choice.chosen) and len(choice.chosen) > 1:
             one = choice.chosen[i]
-            if not one.plain or one.changes(choice.chosen) or one in choice.held:
+            if (not one.plain or one.changes(choice.chosen) or one in choice.held
+                    or one in choice.against_memory):
                 i += 1
                 continue
             fit = problem.fit(choice.chosen, choice.fit.weights, without=i)

@@ -179,6 +179,8 @@ class ModelChoice:
         Beyond chance if rows had no memory, but not beyond noise that has one.
     held : frozenset of CandidateGroup
         That a search may neither drop nor replace.
+    against_memory : set of CandidateGroup
+        Chosen because they stand out from noise with memory: without one others gain more.
     significances : list of Significance
         Of each that was chosen.
     gains : list of float
@@ -194,6 +196,7 @@ class ModelChoice:
     not_repeated: list = field(default_factory=list)
     masked: list = field(default_factory=list)
     held: frozenset = frozenset()
+    against_memory: set = field(default_factory=set)
     significances: list = field(default_factory=list)
     gains: list = field(default_factory=list)
     replaced: bool = False

@@ -157,7 +157,9 @@ def _lags(context):
         plain = np.column_stack([np.ones(known.sum()), context.get(driver)[known], fading[known]])
         rest = late[known] - plain @ np.linalg.lstsq(plain, late[known], rcond=None)[0]
         if rest.std() > _BENDS * log.std():
-            start = bool(rows[0] - time[0] < BEFORE * tau)
-            out += [effect('lagged', of=of, tau=tau, start=start, **given) for of in _LATE]
+            # in balance as the log begins; and not, unless it is long forgotten
+            starts = (False, True)[:1 + (rows[0] - time[0] < BEFORE * tau)]
+            out += [effect('lagged', of=of, tau=tau, start=start, **given)
+                    for of in _LATE for start in starts]
     yield Offer('lagged', out, what, None if out else
                 'the temperature goes too straight in time to show a lag')
