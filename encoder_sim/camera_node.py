@@ -77,7 +77,8 @@ class StarCamera(MountedDevice):
         moments = np.array([begin, middle, end])
         side = np.nan_to_num(sides[-1])
         frames = self._geometry.frames(
-            az, el, time=moments * 1e-9, temperature=self.warmth(moments),
+            az, el, time=moments * 1e-9,
+            temperature=self.warmth(moments, self.scenario.mount.behind_air),
             approach_az=side[0], approach_el=side[1])
         if self._wind.bends:
             frames = bent(frames, self._wind.bend(

@@ -62,9 +62,9 @@ class MountedDevice(MountNode):
         return [kind(getattr(pair, axis), self.value('seed'), name, start=self.start * 1e-9,
                      **where) for axis, name in zip(convert.AXES, self.names)]
 
-    def warmth(self, stamps):
-        """Temperature of mount and encoders at `stamps` (ns), degC."""
-        return self.scenario.temperature(stamps * 1e-9, self.start * 1e-9)
+    def warmth(self, stamps, behind=0.0):
+        """Temperature of mount and encoders at `stamps` (ns), degC; `behind` (s) the air."""
+        return self.scenario.temperature(stamps * 1e-9, self.start * 1e-9, behind)
 
     def required(self):
         """It needs axes to sit on."""

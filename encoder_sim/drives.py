@@ -12,6 +12,8 @@ from .field_kinds import number
 #: so many time constants of the loop are remembered, in pieces of one with 8 nodes each
 _REMEMBERED = 30
 _NODES, _WEIGHTS = leggauss(8)
+#: rad from one call to the next: less is no slew (sidereal rate at 10 a second is 7e-6)
+_SLEWS = 1e-4
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,15 @@ class Coupling:
         over 500 Nm/rad is 4".
     distance : float
         Way over which all but 1/e of a change has been made, rad.
+    slip, slip_from : float
+        In a slew of more than `slip_from` (rad) it lets go, and the encoder stays behind by `slip`
+        (rad) for good.
     """
 
     wind_up: float = number(0.0, 'arcsec', 0.0, 3600.0)
     distance: float = number(0.5, 'deg', 1e-3, 90.0)
+    slip: float = number(0.0, 'arcsec', 0.0, 3600.0)
+    slip_from: float = number(60.0, 'deg', 0.1, 360.0)
 
 
 class Drives:
@@ -135,7 +142,10 @@ class ShaftCouplings:
         self._wind_up = np.array([one.wind_up for one in both])
         self._distance = np.array([one.distance for one in both])
         self._twist, self._last = np.zeros(2), None
-        self._yields = bool(self._wind_up.any())
+        self._slip, self._slip_from = (np.array([getattr(one, name) for one in both])
+                                       for name in ('slip', 'slip_from'))
+        self._slipped, self._slew = np.zeros(2), np.zeros(2)
+        self._yields = bool(self._wind_up.any() or self._slip.any())
 
     def turn(self, angles):
         """Angles of the encoders' shafts when the axes have come to `angles`.
@@ -159,6 +169,16 @@ class ShaftCouplings:
             way = angles - self._last
             end = np.sign(way) * self._wind_up
             self._twist = end + (self._twist - end) * np.exp(-np.abs(way) / self._distance)
+            self._let_go(way)
         if np.isfinite(angles).all():
             self._last = angles
-        return angles - self._twist
+        return angles - self._twist - self._slipped
+
+    def _let_go(self, way):
+        """Slip once in each slew that gets long enough; a stop or a return ends a slew."""
+        goes_on = (np.abs(way) > _SLEWS) & (way * self._slew >= 0.0)
+        slew = np.where(goes_on, self._slew + way, np.where(np.abs(way) > _SLEWS, way, 0.0))
+        long = (np.abs(slew) > self._slip_from) & ~(
+            goes_on & (np.abs(self._slew) > self._slip_from))
+        self._slipped = self._slipped + self._slip * np.sign(way) * long
+        self._slew = slew

@@ -108,3 +108,22 @@ class Focuser:
         """Right and up, rad: of gravity as the tube sees it (n, 3), and whether beyond the pole."""
         part = np.where(beyond, self.other_side, 1.0)
         return part * self.sideways * down[..., 0], part * self.upright * down[..., 2]
+
+
+@dataclass(frozen=True)
+class Secondary:
+    """A secondary mirror in a cell that gives way more, the warmer it is.
+
+    Attributes
+    ----------
+    along_slope, across_slope : float
+        How far the line of sight goes up in the tube for each degree, where all the weight of the
+        mirror presses along the tube into its cell, and where it hangs across it; rad/degC.
+    """
+
+    along_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+    across_slope: float = number(0.0, 'arcsec_per_degc', -600.0, 600.0)
+
+    def shift(self, down, warmer):
+        """Up, rad: of gravity as the tube sees it (n, 3), and degC above the reference."""
+        return -warmer * (self.along_slope * down[..., 1] + self.across_slope * down[..., 2])

@@ -21,12 +21,12 @@ from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
 
 from .field_kinds import choice, number, pier_only, section, sections, term, text
-from .loose_parts import Cables, Flop, Focuser, Yielding
+from .loose_parts import Cables, Flop, Focuser, Secondary, Yielding
 from .seeing import ar_noise
 
 RIGHT, FORWARD, UP = 0, 1, 2
 _DOWN = np.array([0.0, 0.0, -1.0])
-_FREE, _STIFF = Cables(), Focuser()
+_FREE, _STIFF, _FIRM = Cables(), Focuser(), Secondary()
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,9 @@ class MountErrors:
         Drift with time, rad/s.
     ca_slope, an_slope, aw_slope, tf_slope : float
         Drift with temperature, rad/degC from `reference_temperature`.
+    behind_air : float
+        Time constant with which the parts that drift so follow the air, s.
+    secondary : Secondary
     """
 
     kind: str = text('altaz', parse=lambda kind: parse_mount(kind, 0.0))
@@ -192,6 +195,8 @@ class MountErrors:
     aw_slope: float = term('AW', 'arcsec_per_degc', -600.0, 600.0)
     tf_slope: float = term('TF', 'arcsec_per_degc', -600.0, 600.0)
     reference_temperature: float = number(10.0, 'c', -60.0, 60.0)
+    behind_air: float = number(0.0, 'h', 0.0, 100.0)
+    secondary: Secondary = section(Secondary)
 
     def at(self, latitude=0.0):
         """The `pointing_model.mounts.Mount` of this kind at `latitude`, rad."""
@@ -352,6 +357,9 @@ class MountGeometry:
         if mount.focuser != _STIFF:
             tube = self._aside(tube, *mount.focuser.shift(
                 _DOWN @ tube, np.cos(raised) < 0.0))
+        if mount.secondary != _FIRM and temperature is not None:
+            warmer = np.asarray(temperature) - mount.reference_temperature
+            tube = self._aside(tube, 0.0, mount.secondary.shift(_DOWN @ tube, warmer))
         return np.swapaxes(tube, -1, -2)
 
     def _counterweight(self, azimuth, raised):

@@ -50,14 +50,21 @@ class TrueWeather:
     nightly_range: float = number(0.0, 'c', 0.0, 60.0)
     nightly_draw: int = number(1, '', 0, 2**31 - 1, kind=int)
 
-    def temperature_at(self, time, start):
-        """Temperature (degC) at `time`, of a night that began at `start` (UTC s)."""
+    def temperature_at(self, time, start, behind=0.0):
+        """Temperature (degC) at `time`, of a night that began at `start` (UTC s).
+
+        Or that of a body of the time constant `behind` (s), whose heat goes over to the air as the
+        difference of both (Newton), long after it was put there: of the response of a low-pass
+        filter of first order to a ramp and to a sine.
+        """
         seconds = np.asarray(time) - start
-        swing = np.sin(2.0 * np.pi * seconds / self.swing_period)
+        turn = 2.0 * np.pi / self.swing_period
+        swing = np.sin(turn * seconds - np.arctan(turn * behind)) / np.hypot(1.0, turn * behind)
+        seconds = seconds - behind
         night = 0.0
         if self.nightly_range > 0.0:
             # it changes by day, an hour before the next night begins
-            days = np.floor((seconds + 3600.0) / 86400.0).astype(np.int64)
+            days = np.floor((seconds + behind + 3600.0) / 86400.0).astype(np.int64)
             night = self.nightly_range * (
                 keyed_noise.uniform(self.nightly_draw, 'weather', 'night', days) - 0.5)
         return (self.temperature + self.temperature_rate * seconds
@@ -137,7 +144,11 @@ class Scenario:
                 for axis, (low, high) in zip(('azimuth', 'elevation'), travel)}
         return replace(self, mount=mount, axes=replace(self.axes, **axes))
 
-    def temperature(self, time, start):
-        """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`."""
+    def temperature(self, time, start, behind=0.0):
+        """Temperature (degC) of mount and encoders at `time`, of a night begun at `start`.
+
+        Or of a part that is `behind` (s) the air.
+        """
         weather = TrueWeather() if self.weather is None else self.weather
-        return weather.temperature_at(time, start) + self.housing.excess(np.asarray(time) - start)
+        return weather.temperature_at(time, start, behind) + self.housing.excess(
+            np.asarray(time) - start)

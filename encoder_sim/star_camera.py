@@ -37,6 +37,9 @@ class CameraErrors:
         Relative error of the plate scale: distances come out too large by it.
     rotation : float
         Measured miss distances are turned by this from +x towards +y, rad.
+    rotator_x, rotator_y : float
+        Of a camera on a field rotator: where its middle lies at angle 0 of the rotator, beside the
+        axis of that, to the right and up, rad; miss distances are from the middle.
     trail : float
         Charge that the read-out leaves behind draws the image of a star of magnitude 4 towards
         +x by this, rad; less of a bright one (its flux to the power -0.1).
@@ -48,6 +51,8 @@ class CameraErrors:
     scale_error: float = number(0.0, 'percent', -50.0, 50.0)
     rotation: float = number(0.0, 'deg', -180.0, 180.0)
     trail: float = number(0.0, 'arcsec', -600.0, 600.0)
+    rotator_x: float = number(0.0, 'arcsec', -3600.0, 3600.0)
+    rotator_y: float = number(0.0, 'arcsec', -3600.0, 3600.0)
 
 
 class ExposureTimes(NamedTuple):
@@ -105,7 +110,7 @@ class Camera:
         self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
 
-    def expose(self, stamps, frames):
+    def expose(self, stamps, frames, rotator=0.0):
         """Measure the brightest star of the field.
 
         Parameters
@@ -114,6 +119,8 @@ class Camera:
             ns, of the middle of the exposure.
         frames : ndarray, shape (n, 3, 3)
             Of the tube, from `geometry.MountGeometry.frames`.
+        rotator : float or ndarray, shape (n,)
+            Angle of a field rotator, from right to up, rad; the miss distances are turned back.
 
         Returns
         -------
@@ -136,7 +143,13 @@ class Camera:
             hip[rows], mag[rows] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
             miss[rows] = self._measure(
                 stamps[rows], place[chosen], height[chosen], mag[rows])
-        return ExposureTimes(miss, hip, mag)
+        return ExposureTimes(miss - self._middle(rotator), hip, mag)
+
+    def _middle(self, rotator):
+        """Where the middle of the camera is, (n, 2) or (2,), rad."""
+        c, s = np.cos(rotator), np.sin(rotator)
+        x, y = self.params.rotator_x, self.params.rotator_y
+        return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
     def expose_satellite(self, stamps, frames):
         """Measure the satellite.

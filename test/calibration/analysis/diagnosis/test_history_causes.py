@@ -1,0 +1,99 @@
+"""What temperature, slews and rotator do to a simulated mount is in the set and said."""
+
+import numpy as np
+import pytest
+from simulated import FAST
+
+from calibration.analysis.diagnosis import diagnose
+from calibration.report.diagnosis_view import view_of
+from encoder_sim.drives import ShaftCouplings
+from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
+from encoder_sim.scenario_file import load_scenario
+from encoder_sim.star_camera import Camera
+from msg_tools.units import ARCSEC, wrap
+from pointing_model.runs.run import PointingRun
+
+START = 1_768_482_000.0
+
+
+def run_of(scenario, rows=70, seed=2):
+    """A run of the mount of a scenario at its temperatures, with 1" of noise an axis."""
+    rng = np.random.default_rng(seed)
+    az, el = rng.uniform(-np.pi, np.pi, rows), np.arcsin(rng.uniform(0.4, 0.98, rows))
+    time = START + 150.0 * np.arange(rows) + rng.uniform(0.0, 30.0, rows)
+    part = scenario.temperature(time, START, scenario.mount.behind_air)
+    seen = azimuth_elevation(MountGeometry(scenario.mount, START).boresight(
+        az, el, time=time, temperature=part))
+    noise = rng.normal(size=(2, rows)) * ARCSEC
+    return PointingRun({
+        'az': seen[0], 'el': seen[1], 'az_enc': az + noise[0] / np.cos(el), 'el_enc': el + noise[1],
+        'time': time, 'temperature': scenario.temperature(time, START)})
+
+
+def names(result):
+    return {name for e in result.effects
+            for name in (e.fitted.effect.name, *e.alternatives, *e.aliases)}
+
+
+@pytest.mark.parametrize('name, effect, words', [
+    ('late_flexure', 'flexure_with_temperature_late', 'late'),
+    ('secondary', 'secondary_with_temperature', 'secondary mirror')])
+def test_what_follows_the_temperature_is_named(name, effect, words):
+    result = diagnose(run_of(load_scenario(f'cause_{name}')), **FAST)
+    assert effect in names(result)
+    assert words in str(view_of(result))
+
+
+def test_the_mount_is_behind_the_air():
+    scenario = load_scenario('cause_late_flexure')
+    time = START + np.arange(0.0, 20000.0, 10.0)
+    air, part = (scenario.temperature(time, START, behind) for behind in (0.0, 1800.0))
+    # q' = (T - q) / tau
+    assert np.gradient(part, 10.0)[1:-1] == pytest.approx(
+        ((air - part) / 1800.0)[1:-1], abs=1e-6)
+
+
+def test_a_column_of_a_truss_explains_flexure_better_than_the_order():
+    scenario = load_scenario('cause_late_flexure')
+    run = run_of(scenario)
+    truss = scenario.temperature(run['time'], START, 1800.0)
+    columns = {name: run[name] for name in ('az', 'el', 'az_enc', 'el_enc')}
+    run = PointingRun({**columns, 'auxiliary_1': truss}, {'drivers': ('auxiliary_1',)})
+    result = diagnose(run, **FAST)
+    assert result.effects[0].fitted.effect.name == 'flexure_with_auxiliary_1'
+    assert not any('order' in name for name in names(result))
+
+
+def test_a_coupling_that_lets_go_in_long_slews_is_named():
+    scenario = load_scenario('cause_slipping_coupling')
+    run = run_of(scenario)
+    shafts, read = ShaftCouplings(scenario.coupling), []
+    at = np.zeros(2)
+    for az in run['az_enc']:
+        way = wrap(az - at[0])
+        for part in np.linspace(0.0, 1.0, 40)[1:]:
+            now = shafts.turn(at + part * np.array([way, 0.0]))
+        shafts.turn(at + np.array([way, 0.0]))  # it stops
+        at = at + np.array([way, 0.0])
+        read.append(now[0] - at[0])
+    read = np.array(read)
+    assert len(np.unique(np.round(read / ARCSEC, 3))) > 2
+    run.columns['az_enc'] = run['az_enc'] + read
+    result = diagnose(run, **FAST)
+    assert any(name.startswith(('azimuth_slip_of_slews', 'azimuth_zero_step'))
+               for name in names(result)), names(result)
+
+
+@pytest.mark.parametrize('sense, name', [(1.0, 'left'), (-1.0, 'right')])
+def test_a_camera_beside_the_axis_of_its_rotator_is_named(sense, name):
+    scenario, rng = load_scenario('cause_rotator'), np.random.default_rng(5)
+    run = run_of(scenario)
+    angle = rng.uniform(-np.pi, np.pi, len(run))
+    middle = Camera(scenario, 1)._middle(sense * angle)
+    run.columns['az_enc'] = run['az_enc'] - middle[:, 0] / np.cos(run['el'])
+    run.columns['el_enc'] = run['el_enc'] - middle[:, 1]
+    run.columns['rotator_deg'] = np.degrees(angle)
+    result = diagnose(run, **FAST)
+    effect, = result.effects
+    assert effect.fitted.effect.name == f'rotator_offset_{name}'
+    assert np.hypot(*effect.fitted.coefficients) / ARCSEC == pytest.approx(np.hypot(5, 3), abs=0.6)
