@@ -10,7 +10,7 @@ effect (a near alias of `alike` counts); a shape without a cause is all that is 
 or an effect with another name is found whose set lacks the true one. `--full` runs 200 nights of
 60 rows at lambda 9 and of 120 rows at lambda 7, or at the sizes that a cause has of its own.
 
-A cause more is an entry more of `CAUSES`, here from `mount_cause_nights.py`.
+A cause more is an entry more of `CAUSES`: see `mount_cause_nights.py`, `mount_history_nights.py`.
 """
 
 import argparse
@@ -18,12 +18,14 @@ from collections import Counter
 
 import numpy as np
 from equatorial_runs import LATITUDE, make_run, scaled, sky
-from mount_cause_nights import CAUSES
+from mount_cause_nights import CAUSES as OF_PLACES
+from mount_history_nights import HISTORIES
 
 from calibration.analysis.diagnosis import diagnose
 from pointing_model.mounts import Mount
 
 SIZES = ((60, 9.0), (120, 7.0))
+CAUSES = {**OF_PLACES, **HISTORIES}
 ANSWERS = ('set', 'shape', 'nothing', 'wrong')
 
 
@@ -42,6 +44,9 @@ def night(cause, kind, rows, size, rng):
     if signal is None:
         return None, None
     turns = columns.pop('turns', 0.0)
+    # not of the file: what nobody has read, and what `prepare` takes away
+    columns = {name: values for name, values in columns.items()
+               if values is not None and not name.startswith('_')}
     run = make_run(columns, *(signal + rng.normal(size=(2, rows))), mount)
     run.columns['az_enc'] = run.columns['az_enc'] + 2.0 * np.pi * turns
     return run, float(np.abs(signal).max())

@@ -165,7 +165,7 @@ def _turning_disc(axis, turns, span, start=0.0, mount=USUAL):
     """A disc off its centre, toward a side that goes round `turns` times in `span` s."""
     names = KINDS[mount]
     rate = 2.0 * np.pi * turns / span
-    hours = span / 3600.0 / abs(turns)
+    hours = span / 3600.0 / max(abs(turns), 1e-9)
 
     def of(c):
         angle = (c.az if axis == 'az' else c.el) + rate * (c.get('time') - start)
