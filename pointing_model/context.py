@@ -122,6 +122,8 @@ class Context:
         self.skyline = ()
         #: of all rows, where these are some of them
         self.whole = None
+        #: times and values of drivers between and before the rows
+        self.logs = {}
         self._derived = dict(zip(mount.names.keys, (self.az, self.el)))
 
     @classmethod
@@ -152,6 +154,8 @@ class Context:
             context.graduation = declared_graduation(given)
         context.drivers = tuple(run.meta.get('drivers') or ())
         context.skyline = tuple(run.meta.get('skyline') or ())
+        if run.meta.get('temperature_log'):
+            context.logs['temperature'] = np.asarray(run.meta['temperature_log'], float)
         hours = context._run_hours()
         if hours is not None:
             context.columns.setdefault('run_hours', hours)
@@ -185,15 +189,14 @@ class Context:
 
     def _like(self, other):
         """`other` with what is known of the whole run."""
-        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline'):
+        for name in ('time_is_utc', 'raw_reading', 'graduation', 'drivers', 'skyline',
+                     'logs'):
             setattr(other, name, getattr(self, name))
         other.whole = self.whole or self
         return other
 
     def log_of(self, name):
-        """Times and values of a driver in all rows of the run, and in these.
-
-        Rows without a star count too.
+        """Times and values of a driver in all rows of the run, in these, and in its log.
 
         Returns
         -------
@@ -203,6 +206,7 @@ class Context:
         rows = [(one.get('time'), one.get(name)) for one in {id(c): c for c in (
             self.whole or self, self)}.values()]
         rows = [np.stack(both) for both in rows if all(v is not None for v in both)]
+        rows += [self.logs[name]] if name in self.logs else []
         if not rows:
             return np.empty((2, 0))
         rows = np.hstack(rows)

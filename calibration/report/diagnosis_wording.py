@@ -107,8 +107,38 @@ def _runs_held_out(found):
             f'{found["outliers"]} outliers set aside')
 
 
+def _lag(found):
+    what, driver = readable(found.causes[0]).partition(' with ')[0], the(found['driver'])
+    if found['why'] == 'start':
+        return (f'how late the {what} follows {driver} is not told: its log has to begin '
+                f'{found["before"]:.0f} min before the run (rows with time and temperature '
+                'and no angles count)')
+    if found['why']:
+        return (f'how late the {what} follows {driver} is not told: it goes too straight through '
+                'the run')
+    return (f'the {what} follows {driver} {found.size:.0f} min late ({found["low"]:.0f} to '
+            f'{found["high"]:.0f} min)')
+
+
+_LONGEST = {1: 'the longest', 2: 'the second longest', 3: 'the third longest'}
+
+
+def _slip(found):
+    place = _LONGEST.get(found['longer'], f'number {found["longer"]} in length')
+    return (f'the {found["axis"]} zero jumped with the slew to line {found["line"]} '
+            f'({found.size:.0f}°, {place} of {found["slews"]}): did a clutch or coupling slip?')
+
+
+def _column_better(found):
+    return (f'{found["cause"]}: that explains {readable(found.causes[0])} better '
+            f'(ΔBIC {found.size:.0f}); if the column is a cause, say --cause {found["column"]}')
+
+
 #: kind of a `Finding` -> its sentence
 KINDS = {
+    'lag of temperature': _lag,
+    'slip of a slew': _slip,
+    'column explains better': _column_better,
     'too few rows': lambda found: (
         f'{found.size} of {found["read"]} rows could be used. With more than a third left out no '
         'effect is claimed: what the others show may come from what is wrong with those. Look at '

@@ -22,7 +22,7 @@ from .base import (
 _HOUR = 3600.0
 _ZERO_TERM = {'az': 'IA', 'el': 'IE'}
 #: what may drift
-_MOVING = ('IA', 'IE', 'CA', 'TF', 'tilt')
+MOVING = ('IA', 'IE', 'CA', 'TF', 'tilt')
 
 
 def moving(of, names):
@@ -150,7 +150,7 @@ def about(driver, scale, values):
 def _drifts(driver, scale, values):
     """Terms that follow a driver."""
     given = about(driver, scale, values)
-    out = [effect('drift', of=of, **given) for of in _MOVING]
+    out = [effect('drift', of=of, **given) for of in MOVING]
     if driver != 'temperature':
         out += [effect('drift', of=of, power=2, **given) for of in ('IA', 'IE')]
     return out

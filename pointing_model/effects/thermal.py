@@ -74,7 +74,6 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
     """A term x the late driver; with ``start`` what it had before the log is fitted, too."""
     what, axes, words = moving(of, KINDS[mount])
     term = terms_of(mount)[KINDS[mount].named(of)]
-    late_by = f'{tau / 60.0:.0f} min'
 
     def columns(c):
         late, fading = lagged(c, driver, tau)
@@ -84,8 +83,7 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
         return [(x * u, y * u) for u in ((late - origin, fading) if start else (late - origin,))]
 
     def wording(amount):
-        text = (f'{words} follows {the(driver)} some {late_by} late: '
-                f'{arcsec(abs(amount.values[0]))} a degree')
+        text = f'{words} follows {the(driver)} late: {arcsec(abs(amount.values[0]))} a degree'
         if amount.span is not None:
             range_ = amount.span[1] - amount.span[0]
             text += f', {arcsec(abs(amount.values[0]) * range_)} for {range_:.1f} °C'

@@ -29,6 +29,7 @@ from .diagnosis_result import (
     ranking_of,
 )
 from .expected_error import ahead, expected_error
+from .history_facts import history_findings
 from .implausible_terms import implausible_terms
 from .input_check import check_columns
 from .next_observations import propose
@@ -209,6 +210,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     fits = _fits(run, choice, left, mixed)
     result = _assemble(run, choice, fits, _models(run, choice, fits, mixed), chance,
                        partial(run.fits, left=left, mixed=mixed))
+    result.notes += history_findings(run, choice, obs.lines)
     twice = repeats(problem.sequence.group, obs.lines, result.residual_after, row_word(obs.run))
     result.notes += [twice] if twice else []
     result.notes += again + cluster_findings(ResidualRows(

@@ -8,12 +8,13 @@ import numpy as np
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 from pointing_model.runs.copies import SAME
+from pointing_model.runs.formats.checks import LOG_OF_AIR
 
 from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT
 
-#: reasons of rows that whoever wrote the file took back
-_TAKEN_BACK = ('commented out', 'rejected by')
+#: reasons of rows that whoever wrote the file took back, or that never were any
+_TAKEN_BACK = ('commented out', 'rejected by', LOG_OF_AIR)
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')

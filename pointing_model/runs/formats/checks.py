@@ -132,8 +132,13 @@ def to_si(columns):
             columns[name] = values * unit
 
 
+#: why a row without a star is none of those read
+LOG_OF_AIR = 'a row of the log of temperatures, without a star'
+
+
 def flag_numbers(table):
     """Leave out rows with a number that is missing where it is needed, infinite or no angle."""
+    _take_log(table)
     needed = set(REQUIRED) | set(SPECIAL)
     if 'ra_deg' in table.columns or ('ra_enc_deg' in table.columns
                                      and 'lst_h' not in table.columns):
@@ -150,6 +155,19 @@ def flag_numbers(table):
             with np.errstate(invalid='ignore'):
                 table.exclude(np.abs(values) > _TURNS * _TURN,
                               f'{table.label(name)} is beyond {_TURNS} turns')
+
+
+def _take_log(table):
+    """Rows with time and temperature and no angle at all are a log: what was before the run."""
+    columns = table.columns
+    angles = [columns[name] for name in sum(PAIRS, ()) if name in columns]
+    if 'temperature' not in columns or 'time' not in columns or not angles:
+        return
+    both = [np.asarray(columns[name], float) for name in ('time', 'temperature')]
+    rows = np.isfinite(both).all(axis=0) & np.isnan(angles).all(axis=0) & (table.reasons == 0)
+    if rows.any():
+        table.exclude(rows, LOG_OF_AIR)
+        table.meta['temperature_log'] = [values[rows].tolist() for values in both]
 
 
 def blank_absurd(table):

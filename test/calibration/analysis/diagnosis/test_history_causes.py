@@ -6,11 +6,14 @@ from simulated import FAST
 
 from calibration.analysis.diagnosis import diagnose
 from calibration.report.diagnosis_view import view_of
+from calibration.report.wording import wording
 from encoder_sim.drives import ShaftCouplings
 from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
 from msg_tools.units import ARCSEC, wrap
+from pointing_model.context import Context
+from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
 
 START = 1_768_482_000.0
@@ -53,15 +56,50 @@ def test_the_mount_is_behind_the_air():
         ((air - part) / 1800.0)[1:-1], abs=1e-6)
 
 
+def notes(result):
+    return [note if isinstance(note, str) else wording(note) for note in result.notes]
+
+
 def test_a_column_of_a_truss_explains_flexure_better_than_the_order():
     scenario = load_scenario('cause_late_flexure')
     run = run_of(scenario)
     truss = scenario.temperature(run['time'], START, 1800.0)
     columns = {name: run[name] for name in ('az', 'el', 'az_enc', 'el_enc')}
-    run = PointingRun({**columns, 'auxiliary_1': truss}, {'drivers': ('auxiliary_1',)})
-    result = diagnose(run, **FAST)
+    columns['auxiliary_1'] = truss
+    result = diagnose(PointingRun(columns, {'drivers': ('auxiliary_1',)}), **FAST)
     assert result.effects[0].fitted.effect.name == 'flexure_with_auxiliary_1'
     assert not any('order' in name for name in names(result))
+    # and it is named where it was not said to be a cause
+    result = diagnose(PointingRun(columns, {}), **FAST)
+    assert any('say --cause auxiliary_1' in note for note in notes(result))
+
+
+def test_how_late_it_is_is_told_by_a_log_that_begins_early_enough(tmp_path):
+    scenario, lines = load_scenario('cause_late_flexure'), []
+    run = run_of(scenario)
+
+    def cells(time, temperature, *angles):
+        when = np.datetime64(round(time * 1000.0), 'ms')
+        return ','.join([f'{when}Z', f'{temperature:.3f}', *angles])
+    for row in range(len(run)):
+        lines.append(cells(run['time'][row], run['temperature'][row], *(
+            f'{np.degrees(run[name][row]):.7f}' for name in ('az', 'el', 'az_enc', 'el_enc'))))
+    before = START - 180.0 * np.arange(40, 0, -1)
+    log = [cells(time, scenario.temperature(time, START), *[''] * 4) for time in before]
+    told = []
+    for rows in (lines, log + lines):
+        path = tmp_path / 'run.csv'
+        path.write_text('\n'.join(
+            ['time,temperature_c,az_deg,el_deg,az_enc_deg,el_enc_deg', *rows]) + '\n')
+        read = read_run(path)
+        context = Context.from_run(read)
+        assert len(context.log_of('temperature')[0]) == len(rows)
+        result = diagnose(read, **FAST)
+        assert result.counts['rows_used'] == result.counts['rows_read'] == len(run)
+        told.append(next(note for note in notes(result) if 'the flexure follows' in note))
+    assert 'is not told: its log has to begin' in told[0]
+    minutes = float(told[1].split('temperature ')[1].split(' min')[0])
+    assert minutes == pytest.approx(30.0, abs=3.0)
 
 
 def test_a_coupling_that_lets_go_in_long_slews_is_named():
@@ -82,6 +120,15 @@ def test_a_coupling_that_lets_go_in_long_slews_is_named():
     result = diagnose(run, **FAST)
     assert any(name.startswith(('azimuth_slip_of_slews', 'azimuth_zero_step'))
                for name in names(result)), names(result)
+
+
+def test_a_jump_comes_with_its_slew():
+    run = run_of(load_scenario('default'))
+    way = np.abs(wrap(np.diff(run['az_enc'])))
+    row = 20 + int(np.argmax(way[19:50])) + 0
+    run.columns['az_enc'] = run['az_enc'] + 8.0 * ARCSEC * (np.arange(len(run)) >= row)
+    told = next(note for note in notes(diagnose(run, **FAST)) if 'jumped with the slew' in note)
+    assert f'to line {row} ' in told and f'({np.degrees(way[row - 1]):.0f}°' in told
 
 
 @pytest.mark.parametrize('sense, name', [(1.0, 'left'), (-1.0, 'right')])
