@@ -96,7 +96,9 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
                   'what is heavy and slow to cool: mirror, cell, truss, pier; open the dome long '
                   'before the first star',
                   f'a slow change with {the(driver)}, late', '', 'arcsec/K',
-                  requires=('time', driver), scan=f'lag_{of}', searched=('tau',), share='scans')
+                  requires=('time', driver), scan=f'lag_{of}', searched=('tau',), share='scans',
+                  # a lag changes the curve little: it is no number that is free
+                  scanned=0)
 
 
 @form
