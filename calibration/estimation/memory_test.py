@@ -25,6 +25,8 @@ _INFLATED = 1.2
 _UNLIKE = 0.05
 #: runs simulated, of which 1 in 100 is as extreme as a p of 0.01
 SIMULATIONS = 199
+#: times that the chance of what is not scanned is larger than its tail says
+_SAFE = 1.5
 #: share of these that is taken as the tail
 TAIL = 0.2
 #: 2 ln of a likelihood ratio below which no group is beyond the noise at a p of 0.01: what the
@@ -126,7 +128,7 @@ class MemoryTest:
         if self._bank.effects[g].share == 'scans':
             return share
         # what goes with the clock is what such noise looks like most: on the safe side
-        return (SIMULATIONS * share + 1.0) / (SIMULATIONS + 1)
+        return min(_SAFE * share, 1.0)
 
     def best(self, without=()):
         """The group with the largest ratio, and that."""
