@@ -60,13 +60,13 @@ def _cable_drag(axis, middle, half, mount=USUAL):
     def of(c):
         u = np.clip((c.get(_ANGLE) - middle) / half, -1.0, 1.0)
         return [on_axis(axis, one, c.trig.cos_el)
-                for one in (u, np.cos(np.pi * u), np.sin(np.pi * u))]
+                for one in (u, u**3 - 0.6 * u)]
 
     return Effect(f'cable_drag_{names.key(axis)}',
                   f'cables drag: the {names.word(axis)} error grows as the {shaft} winds them up',
-                  f'{names.letter("az")} counted in turns: a line and one wave over its range',
-                  # a line alone would be preferred to a cage that goes half a turn
-                  _ANGLE, axis, ('line', 'cos', 'sin'), of,
+                  f'{names.letter("az")} counted in turns: a line, and its cube',
+                  # a spring that stiffens; a wave over the range is that of a disc off its centre
+                  _ANGLE, axis, ('line', 'cube'), of,
                   lambda amount: f'The {names.word(axis)} error follows how far the {shaft} has '
                   f'wound up its cables, {arcsec(2.0 * abs(amount.values[0]))} over the '
                   f'{turns:.1f} turns of this run',
