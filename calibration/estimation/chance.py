@@ -295,13 +295,12 @@ class Chance:
         return self._memory_tests[key]
 
     def _simulated(self, share, key):
-        """Noise to simulate runs with, or what the whole has found for a choice alike.
+        """Noise to simulate runs with, or what was found for the choice that is most alike.
 
         None in a part for a scan that nothing of the whole rests on: it would take too long.
         """
-        known = {} if self._whole is None else {
-            chosen: test.by_chance for (of, chosen), test in self._whole._memory_tests.items()
-            if of == share and test.has_simulated}
+        known = {chosen: test.by_chance for (of, chosen), test in (
+            self._whole or self)._memory_tests.items() if of == share and test.has_simulated}
         if not known:
             return None if self.of_part and share != 'dictionary' else self._normal
         # the largest ratios by chance hardly depend on what is in the model

@@ -41,16 +41,16 @@ def two(c):
 
 @pytest.fixture(scope='module')
 def both():
-    """A part of 4000 rows, and all."""
-    run = PointingRun.concatenate([night(50 + i, effect=two) for i in range(10)])
+    """A part of 2400 rows, and all."""
+    run = PointingRun.concatenate([night(50 + i, effect=two) for i in range(6)])
     run.columns['az_enc'][7] += 900.0 * ARCSEC
-    return (diagnose(run, most_rows=1500, holdout=night(60, effect=two), folds=3),
+    return (diagnose(run, most_rows=900, holdout=night(60, effect=two), folds=3),
             diagnose(run, cross_validation=False, flips=299))
 
 
 def test_a_part_of_the_rows_finds_what_all_of_them_do(both):
     part, whole = both
-    assert len(part.observations) == 1500 and len(part.observations.whole) == 4000
+    assert len(part.observations) == 900 and len(part.observations.whole) == 2400
     values = {e.fitted.effect.name: e.fitted for e in part.effects}
     assert set(values) == {'azimuth_encoder_2', 'elevation_hysteresis'}
     for e in whole.effects:
@@ -66,14 +66,14 @@ def test_it_says_how_many_rows_and_what_that_costs(both):
     part, whole = both
     told = part.to_dict()
     json.dumps(told)
-    assert (told['rows_read'], told['rows_not_drawn']) == (4000, 2500)
-    assert told['detection_factor'] == pytest.approx((4000 / 1500)**0.5, rel=0.01)
+    assert (told['rows_read'], told['rows_not_drawn']) == (2400, 1500)
+    assert told['detection_factor'] == pytest.approx((2400 / 900)**0.5, rel=0.01)
     assert told['after']['cv_rms_arcsec'] is not None
     assert whole.to_dict()['rows_not_drawn'] == 0 and whole.to_dict()['detection_factor'] == 1.0
     (note,) = (wording(n) for n in part.notes if n.kind == 'rows searched')
-    assert note.startswith('1500 of 4000 rows') and '1.6 times as large' in note
+    assert note.startswith('900 of 2400 rows') and '1.6 times as large' in note
     assert 'rows searched' not in [n.kind for n in whole.notes]
-    assert '1500 of 4000 rows were searched' in render(view_of(part))
+    assert '900 of 2400 rows were searched' in render(view_of(part))
 
 
 def test_the_part_is_spread_over_each_run_and_keeps_short_ones():
