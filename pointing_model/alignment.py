@@ -60,7 +60,7 @@ class PolarAxis:
         return tuple(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist())
 
     @property
-    def apart(self):
+    def pole_distance(self):
         """Angle between axis and pole and its standard error, rad."""
         along = np.cos(self.altitude) * np.cos(self.pole)
         half = (np.sin(0.5 * self.altitude_error)**2

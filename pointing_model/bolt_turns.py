@@ -126,7 +126,7 @@ def _check_turn(images, axis, latitude):
     read = wrap(last.first - first.first)
     if abs(seen + read) < _AGREES * abs(read):
         raise ValueError('the hour angle reads with the wrong sign: it grows as the images go '
-                         'east. Nothing is told of the bolts')
+                         'east. No bolt is named')
     if abs(wrap(seen - read)) > _AGREES * abs(read):
         raise ValueError(f'the hour axis turned by {read / DEG:.2f} deg by its readings and by '
                          f'{seen / DEG:.2f} deg by the images: look at clock, site and readings')

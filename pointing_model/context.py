@@ -150,12 +150,11 @@ class Context:
         context = cls(az, el, columns, **place, mount=run.mount)
         context.time_is_utc = run.meta.get('time_is_utc', True)
         context.raw_reading = run.meta.get('raw_reading', True)
+        from .effects import declared_graduation, declared_worms
         given = run.meta.get('graduation' if encoder == 'enc' else f'graduation_{encoder}')
         if given:
-            from .effects import declared_graduation
             context.graduation = declared_graduation(given)
         if run.meta.get('worms'):
-            from .effects import declared_worms
             context.worms = declared_worms(run.meta['worms'])
         context.drivers = tuple(run.meta.get('drivers') or ())
         context.skyline = tuple(run.meta.get('skyline') or ())
@@ -441,12 +440,8 @@ class Context:
         lst = self.get('lst')
         if self.latitude is None or lst is None:
             return None
-        s, c = np.sin(self.latitude), np.cos(self.latitude)
-        sin_t, cos_t = np.sin(lst), np.cos(lst)
-        one = np.ones_like(lst)
-        return np.array([[-sin_t, -s * cos_t, c * cos_t],
-                         [cos_t, -s * sin_t, c * sin_t],
-                         [0 * one, c * one, s * one]])
+        from .sky.star_catalogue import equatorial_axes
+        return equatorial_axes(lst, self.latitude)
 
     def tangent(self):
         """East-north-up unit vectors toward growing angles of the axes, each shape (3, n)."""
@@ -460,23 +455,9 @@ class Context:
         axes, star = self.equatorial(), self.columns.get('star')
         if axes is None or star is None or np.asarray(star).dtype.kind not in 'iu':
             return None
-        from .sky.star_catalogue import load_catalogue
+        from .sky.star_catalogue import proper_motion
 
-        star = np.broadcast_to(star, self.az.shape)
-        try:
-            known = load_catalogue(hip=np.unique(star[star > 0]))
-        except ValueError:  # numbers that are no Hipparcos numbers
-            return None
-        order = np.argsort(known.hip)
-        place = np.minimum(np.searchsorted(known.hip[order], star), len(known) - 1)
-        at = order[place]
-        good = known.hip[at] == star
-        # toward growing right ascension and declination
-        ra, dec = known.ra[at], known.dec[at]
-        east = -np.sin(ra) * axes[0] + np.cos(ra) * axes[1]
-        north = -np.sin(dec) * (np.cos(ra) * axes[0] + np.sin(ra) * axes[1]) \
-            + np.cos(dec) * axes[2]
-        motion = (known.pm_ra_cosdec[at] * east + known.pm_dec[at] * north) / ARCSEC
-        toward = self.tangent()['xy'.index(axis)]
-        return np.where(good, np.sum(motion * toward, axis=0), np.nan)
+        motion = proper_motion(np.broadcast_to(star, self.az.shape), axes)
+        return None if motion is None else np.sum(
+            motion * self.tangent()['xy'.index(axis)], axis=0) / ARCSEC
 

@@ -18,7 +18,7 @@ _DOUBLE = 2.0
 THREE, ONE, COLLECTED, STOPPED = 'three', 'one', 'collected', 'stopped'
 
 
-class Told(NamedTuple):
+class BoltReading(NamedTuple):
     """What an image tells.
 
     Attributes
@@ -36,7 +36,7 @@ class Told(NamedTuple):
         Of three after a turn: azimuth and altitude minus what the last image had, rad.
     bolt : str
         Of which the error has doubled.
-    told : float
+    before : float
         What it was, rad.
     """
 
@@ -46,7 +46,7 @@ class Told(NamedTuple):
     again: bool = False
     moved: tuple | None = None
     bolt: str = ''
-    told: float = 0.0
+    before: float = 0.0
 
 
 class BoltWatch:
@@ -83,7 +83,7 @@ class BoltWatch:
 
         Returns
         -------
-        Told
+        BoltReading
 
         Raises
         ------
@@ -99,16 +99,16 @@ class BoltWatch:
                      if abs(wrap(one.first - image.first)) > APART] + [image]
         if len(self._arc) < 3:
             known = self.model and axis_after(self.axis, *self._given(image))
-            return Told(COLLECTED, known, len(self._arc))
+            return BoltReading(COLLECTED, known, len(self._arc))
         arc, self._arc = self._arc, []
         found = axis_of_arc(arc, self.latitude, self.refraction)
         moved = self._turned and (wrap(found.azimuth - self._now.azimuth),
                                   found.altitude - self._now.altitude)
-        told = Told(THREE, found, len(arc), self._turned, moved or None)
+        reading = BoltReading(THREE, found, len(arc), self._turned, moved or None)
         # what a model has of the axis is no longer so
         self.model, self.axis, self._reference, self._now = None, found, arc[-1], found
         self._turning = True
-        return told
+        return reading
 
     def _axis_turned(self, last, image):
         turned = wrap(image.first - last.first)
@@ -123,8 +123,8 @@ class BoltWatch:
                 (self.axis.azimuth_error, self.axis.altitude_error), now.sigmas):
             if abs(was) > _CLEAR * error and one * was > 0.0 \
                     and abs(one) > _DOUBLE * abs(was) - 2.0 * error:
-                return Told(STOPPED, now, bolt=bolt, told=was)
-        return Told(ONE, now)
+                return BoltReading(STOPPED, now, bolt=bolt, before=was)
+        return BoltReading(ONE, now)
 
     def _given(self, image):
         """Where it would look with its readings, had no bolt been turned; the image; the sigma."""

@@ -205,12 +205,12 @@ def _watched(source, args, model):
     """Tell of the images of a folder or camera; the exit code."""
     from .commands import bolts as command
     from .commands.console import new_console, write_outputs
-    console, watch, told, last = new_console(), None, [], None
+    console, watch, readings, last = new_console(), None, [], None
     per_turn = args.per_turn and [60.0 * v for v in args.per_turn]
     console.print('Three images first: turn the hour axis alone by 15 degrees or more between '
-                  'them.' if model is None else 'What is left is told after each image.')
+                  'them.' if model is None else 'What is left is reported after each image.')
     quiet, code = time.monotonic(), 1
-    while time.monotonic() - quiet < args.patience and not (told and told[-1].get('end')):
+    while time.monotonic() - quiet < args.patience and not (readings and readings[-1].get('end')):
         for name, written, image, reason in source.new_images():
             quiet = time.monotonic()
             if watch is None and source.site is not None:
@@ -225,8 +225,8 @@ def _watched(source, args, model):
                 continue
             entry = axis_document(found.axis, args.pole != 'true') if found.axis else None
             late = time.time() - written
-            near = entry and entry['apart_arcsec'] < max(
-                args.within, 2.0 * entry['apart_sigma_arcsec'])
+            near = entry and entry['pole_distance_arcsec'] < max(
+                args.within, 2.0 * entry['pole_distance_sigma_arcsec'])
             done = near and found.kind == THREE and found.again
             lines = watch_lines(found, entry, near, per_turn)
             if found.kind != COLLECTED or lines != last:  # a camera goes on while nothing turns
@@ -234,17 +234,17 @@ def _watched(source, args, model):
                 for line in lines:
                     console.print(f'  {line}', soft_wrap=True)
             last = lines
-            told.append({'image': name, 'by': found.kind, 'images': found.count,
+            readings.append({'image': name, 'by': found.kind, 'images': found.count,
                          'seconds': late, 'polar_axis': entry,
                          'end': bool(done) or found.kind == STOPPED})
             code = 0 if done else 1
-            if told[-1]['end']:
+            if readings[-1]['end']:
                 break
         else:
             time.sleep(args.every)
-    if not told:
+    if not readings:
         console.print('No image came.')
-    write_outputs(console, args, {'images': told})
+    write_outputs(console, args, {'images': readings})
     return code
 
 

@@ -31,13 +31,26 @@ def overlap(a, b):
     a, b : ndarray, shape (d, 2n)
         Orthonormal rows (zero rows are ignored).
     """
-    a = a[np.einsum('ij,ij->i', a, a) > 0.5]
-    b = b[np.einsum('ij,ij->i', b, b) > 0.5]
-    if not len(a) or not len(b):
-        return 0.0, 0.0
-    values = np.linalg.svd(a @ b.T, compute_uv=False)
-    smallest = values[-1] if len(a) == len(b) else 0.0
-    return float(smallest**2), float(values[0] ** 2)
+    values, (m, k) = _cosines(a, b)
+    return (float(values[-1]) if m == k else 0.0, float(values[0])) if m and k else (0.0, 0.0)
+
+
+def contained(small, large):
+    """Smallest squared cosine of a span to one of more directions; 0 where it has no more.
+
+    Parameters
+    ----------
+    small, large : ndarray, shape (d, 2n)
+        Orthonormal rows (zero rows are ignored).
+    """
+    values, (m, k) = _cosines(small, large)
+    return float(values[-1]) if 0 < m < k else 0.0
+
+
+def _cosines(a, b):
+    """Squared cosines between two spans, the largest first, and how many directions each has."""
+    a, b = (one[np.einsum('ij,ij->i', one, one) > 0.5] for one in (a, b))
+    return np.square(np.linalg.svd(a @ b.T, compute_uv=False)), (len(a), len(b))
 
 
 @dataclass

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .linear_model import DISTINCT, overlap
+from .linear_model import DISTINCT, contained, overlap
 from .memory_test import MemoryMask
 
 #: candidates within this BIC of the best are one set: from 6 on the evidence for one of two is
@@ -108,8 +108,9 @@ def significance(problem, choice, i, chance, alpha, alone=False):
         own = scores.basis(g)
         # what it shares nothing with, as one of the other axis, is no cause of the same
         equals = [k for k in equals if overlap(own, scores.basis(k))[1] > DISTINCT
+                  # nor what holds it and more, and fits no better
                   and (scores.delta_bic[k] > scores.delta_bic[g]
-                       or not _contains(scores.basis(k), own))]
+                       or contained(own, scores.basis(k)) <= ALIAS)]
         same = [k for k in equals if overlap(own, scores.basis(k))[0] > ALIAS]
     every = scores.delta_bic
     if chosen[i].period:  # of each scan the best: they are thousands
@@ -117,13 +118,6 @@ def significance(problem, choice, i, chance, alpha, alone=False):
         every = np.full(len(every), -np.inf)
         every[best] = scores.delta_bic[best]
     return Significance(p, float(scores.delta_bic[g]), equals, same, every)
-
-
-def _contains(large, small):
-    """Whether a span holds another and more: where it fits no better it is no other cause."""
-    large, small = (one[np.einsum('ij,ij->i', one, one) > 0.5] for one in (large, small))
-    return len(large) > len(small) > 0 and np.linalg.svd(
-        large @ small.T, compute_uv=False)[len(small) - 1]**2 > ALIAS
 
 
 def _equals(problem, choice, i, bank, g, scores):

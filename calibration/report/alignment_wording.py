@@ -42,12 +42,12 @@ def alignment_document(model, refraction=0.0, equinox=None):
 def axis_document(axis, refracted=False):
     """A `PolarAxis` as of `alignment_document`; whether the refracted pole is meant."""
     sigma_az, sigma_alt = axis.sigmas
-    size, sigma = axis.apart
+    size, sigma = axis.pole_distance
     return {'unknown': None, 'south': axis.south,
             'pole': {'which': REFRACTED if refracted else TRUE, 'altitude_deg': axis.pole / DEG,
                      'refraction_arcsec': (axis.pole - abs(axis.latitude)) / ARCSEC},
             'axis_azimuth_deg': axis.azimuth / DEG, 'axis_altitude_deg': axis.altitude / DEG,
-            'apart_arcsec': size / ARCSEC, 'apart_sigma_arcsec': sigma / ARCSEC,
+            'pole_distance_arcsec': size / ARCSEC, 'pole_distance_sigma_arcsec': sigma / ARCSEC,
             'azimuth_error_arcsec': axis.azimuth_error / ARCSEC,
             'azimuth_sigma_arcsec': sigma_az / ARCSEC,
             'altitude_error_arcsec': axis.altitude_error / ARCSEC,
@@ -73,8 +73,8 @@ def alignment_lines(found, per_turn=None):
     pole = found['pole']
     return [
         *_if_so(found.get('equinox')),
-        f'The polar axis points {angle_text(found["apart_arcsec"])} '
-        f'± {angle_text(found["apart_sigma_arcsec"])} from the {pole["which"]} pole '
+        f'The polar axis points {angle_text(found["pole_distance_arcsec"])} '
+        f'± {angle_text(found["pole_distance_sigma_arcsec"])} from the {pole["which"]} pole '
         f'(altitude {pole["altitude_deg"]:.4f}°'
         + f', {pole["refraction_arcsec"]:.0f}″ above the true one' * (pole['which'] == REFRACTED)
         + ').',
@@ -151,12 +151,12 @@ def feet_lines(feet, unit='mm'):
             zip(np.mod(feet.azimuths, 2.0 * np.pi), feet.lifts, feet.sigmas), 1)]
 
 
-def watch_lines(told, found, near, per_turn=None):
+def watch_lines(reading, found, near, per_turn=None):
     """What an image tells while the bolts are turned, in sentences.
 
     Parameters
     ----------
-    told : telescope_mount.bolt_watch.Told
+    reading : telescope_mount.bolt_watch.BoltReading
     found : dict or None
         Of `axis_document`.
     near : bool
@@ -168,25 +168,26 @@ def watch_lines(told, found, near, per_turn=None):
     -------
     list of str
     """
-    if told.kind == 'collected':
-        lines = [f'Image {told.count} of 3 is solved: '
-                 + ('turn the hour axis, and take the next.' if told.count < 3 else '')]
+    if reading.kind == 'collected':
+        lines = [f'Image {reading.count} of 3 is solved: '
+                 + ('turn the hour axis, and take the next.' if reading.count < 3 else '')]
         return lines + ([f'By this one image: {line}' for line in _both(found, per_turn)]
                         if found else [])
-    if told.kind == 'stopped':
-        now = found[f'{told.bolt}_error_arcsec']
-        return [f'Stop: the error in {told.bolt} has doubled, from '
-                f'{angle_text(told.told / ARCSEC)} to {angle_text(now)}.',
+    if reading.kind == 'stopped':
+        now = found[f'{reading.bolt}_error_arcsec']
+        return [f'Stop: the error in {reading.bolt} has doubled, from '
+                f'{angle_text(reading.before / ARCSEC)} to {angle_text(now)}.',
                 'The bolt was turned the wrong way, or a sign of the readings is wrong. Take three '
                 'images anew.']
-    by = ('Three images are solved' if told.kind == 'three' else
+    by = ('Three images are solved' if reading.kind == 'three' else
           'One image is solved; all but the bolts is held')
-    lines = [f'{by}: the axis is {angle_text(found["apart_arcsec"])} '
-             f'± {angle_text(found["apart_sigma_arcsec"])} from the {found["pole"]["which"]} pole.']
-    if told.moved:
-        az, alt = (angle_text(v / ARCSEC) for v in told.moved)
+    lines = [f'{by}: the axis is {angle_text(found["pole_distance_arcsec"])} '
+             f'± {angle_text(found["pole_distance_sigma_arcsec"])} from the '
+             f'{found["pole"]["which"]} pole.']
+    if reading.moved:
+        az, alt = (angle_text(v / ARCSEC) for v in reading.moved)
         lines.append(f'Since the last image it moved by {az} in azimuth and {alt} in altitude.')
-    if near and told.kind == 'three' and told.again:
+    if near and reading.kind == 'three' and reading.again:
         return [*lines, 'Done: measured once more after the bolts were locked.']
     lines += _both(found, per_turn)
     if near:

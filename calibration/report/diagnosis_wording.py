@@ -110,11 +110,11 @@ def _runs_held_out(found):
 def _lag(found):
     what, driver = readable(found.causes[0]).partition(' with ')[0], the(found['driver'])
     if found['why'] == 'start':
-        return (f'how late the {what} follows {driver} is not told: its log has to begin '
+        return (f'how late the {what} follows {driver} is unknown: its log has to begin '
                 f'{found["before"]:.0f} min before the run (rows with time and temperature '
                 'and no angles count)')
     if found['why']:
-        return (f'how late the {what} follows {driver} is not told: it goes too straight through '
+        return (f'how late the {what} follows {driver} is unknown: it goes too straight through '
                 'the run')
     return (f'the {what} follows {driver} {found.size:.0f} min late ({found["low"]:.0f} to '
             f'{found["high"]:.0f} min)')

@@ -231,3 +231,49 @@ def satellite_target(text):
     if text == 'gps-26690':
         return SatelliteTarget(parse_elements(GPS_26690))
     return SatelliteTarget(load_elements(text))
+
+
+def equatorial_axes(lst, latitude):
+    """East-north-up components of the equatorial axes X, Y, Z, shape (3, 3, n): axis, component.
+
+    Parameters
+    ----------
+    lst : ndarray, shape (n,)
+        Sidereal time, rad.
+    latitude : float
+        rad.
+    """
+    s, c = np.sin(latitude), np.cos(latitude)
+    sin_t, cos_t, one = np.sin(lst), np.cos(lst), np.ones_like(lst)
+    return np.array([[-sin_t, -s * cos_t, c * cos_t],
+                     [cos_t, -s * sin_t, c * sin_t],
+                     [0 * one, c * one, s * one]])
+
+
+def proper_motion(star, axes):
+    """Proper motion of Hipparcos stars as vectors.
+
+    Parameters
+    ----------
+    star : ndarray of int, shape (n,)
+        Hipparcos numbers.
+    axes : ndarray, shape (3, 3, n)
+        Components of the equatorial axes X, Y, Z: axis, component, star.
+
+    Returns
+    -------
+    ndarray, shape (3, n), or None
+        Radians a year; NaN of numbers that are none. None where none of them is one.
+    """
+    try:
+        known = load_catalogue(hip=np.unique(star[star > 0]))
+    except ValueError:  # numbers that are no Hipparcos numbers
+        return None
+    order = np.argsort(known.hip)
+    at = order[np.minimum(np.searchsorted(known.hip[order], star), len(known) - 1)]
+    # toward growing right ascension and declination
+    ra, dec = known.ra[at], known.dec[at]
+    east = -np.sin(ra) * axes[0] + np.cos(ra) * axes[1]
+    north = -np.sin(dec) * (np.cos(ra) * axes[0] + np.sin(ra) * axes[1]) + np.cos(dec) * axes[2]
+    motion = known.pm_ra_cosdec[at] * east + known.pm_dec[at] * north
+    return np.where(known.hip[at] == star, motion, np.nan)

@@ -92,7 +92,7 @@ def run(args):
         raise ValueError('give a model or a run; or a folder of images with --live')
     from .console import new_console, print_all, print_lines, write_outputs
     model, notes, equinox = model_of(args)
-    document, lines = told(model, args, equinox)
+    document, lines = alignment_of(model, args, equinox)
     console = new_console()
     print_all(console, lines)
     print_lines(console, 'note', notes)
@@ -128,7 +128,7 @@ def refraction_of(args, latitude):
     return float(refracted(abs(latitude), weather) - abs(latitude))
 
 
-def told(model, args, equinox=None):
+def alignment_of(model, args, equinox=None):
     """What to move, as a document and in lines."""
     import numpy as np
 

@@ -131,7 +131,7 @@ def test_the_angle_that_is_left_is_that_between_the_directions():
     bolted.raise_axis(-1.0 * DEG)
     model = fit_terms(bolted.run(30, 1e-3 * ARCSEC, np.random.default_rng(2)),
                       bolted.mount.names.physical).model
-    assert polar_axis(model).apart[0] == pytest.approx(bolted.off(), abs=0.01 * ARCSEC)
+    assert polar_axis(model).pole_distance[0] == pytest.approx(bolted.off(), abs=0.01 * ARCSEC)
     turned(model, bolted)
     assert bolted.off() < 0.01 * ARCSEC
 

@@ -54,7 +54,7 @@ def test_three_images_then_one_a_turn_then_three_again(latitude, dec):
     assert max(left.axis.sigmas) < 15.0 * ARCSEC
     bolted.turn_azimuth(-0.6 * DEG)
     bolted.raise_axis(0.45 * DEG)
-    assert watch.add(shot(bolted, 30.5, dec, number=11)).axis.apart[0] < 0.01 * ARCSEC
+    assert watch.add(shot(bolted, 30.5, dec, number=11)).axis.pole_distance[0] < 0.01 * ARCSEC
     bolted.turn_azimuth(20.0 * ARCSEC)  # as it is locked
     last = three(watch, bolted, 20, dec)[-1]
     assert last.kind == THREE and last.again

@@ -79,7 +79,7 @@ class BoltCamera:
             own = {name: value if name == 'height' else value / DEG for name, value in own.items()}
             own.update({name: value for name, value in self._given.items() if value is not None})
             if not {'latitude', 'longitude'} <= set(own):
-                raise ValueError('the driver tells no site: --latitude and --longitude')
+                raise ValueError('the driver gives no site: --latitude and --longitude')
             self.site = Site(own['latitude'] * DEG, own['longitude'] * DEG,
                              own.get('height', 0.0))
         except BaseException:

@@ -82,7 +82,7 @@ def propose(context, lacking, own):
     turns = 0.0 if reason else float(np.ptp(values)) / _TURN
     cage = reason or (None if turns >= _TRAVEL else (
         f'the {context.mount.names.word("az")} readings go over {turns:.1f} turns; from '
-        f'{_TRAVEL:g} on a cage is told from what repeats each turn'))
+        f'{_TRAVEL:g} on a cage is separable from what repeats each turn'))
     ratios = np.linspace(*_CAGE, int(np.ceil((_CAGE[1] - _CAGE[0]) * turns / _APART)) + 1)
     yield Offer('bearing_cage', [] if cage else [
         effect('bearing_cage', ratio=float(ratio), how=how)
