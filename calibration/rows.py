@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
-from pointing_model.context import Context
 from pointing_model.mounts import mount_wording
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
@@ -25,7 +24,6 @@ LEAST_SIGMA = 1e-12 * ARCSEC
 #: of the median sigma of an axis, that of a row which claims to be far better; part of the rows
 #: that may do so and are no instrument of their own
 _FLOOR, _LONE = 0.2, 0.1
-_RATE_NOISE = 2.0 * ARCSEC  # a second; stars go 15, satellites 30 and more
 
 
 def is_kept_out(rows):
@@ -121,21 +119,9 @@ def without_zeros(rows, zeros, site=None):
         if f'{axis}_raw' not in columns:
             columns[f'{axis}_raw'] = rows[f'{axis}_enc'] - np.nan_to_num(rows.get(miss)) / factor
         columns[f'{axis}_enc'] = rows[f'{axis}_enc'] - zero
-    if site and _sidereal(rows, site):
-        # what differs from the stars' own rates is noise of the encoder, and no latency
-        for name in ('az_rate', 'el_rate'):
-            columns.pop(name, None)
     if np.all(columns['star'] == np.floor(columns['star'])):
         columns['star'] = columns['star'].astype(np.int64)
     return PointingRun(columns, {**rows.meta, **({'site': site} if site else {})})
-
-
-def _sidereal(rows, site):
-    """Whether the rates of the rows are those of stars, but for the noise of two readings."""
-    alone = Context(rows['az'], rows['el'], None, site['latitude'])
-    off = np.hypot((rows.get('az_rate') - alone.get('az_rate')) * np.cos(rows['el']),
-                   rows.get('el_rate') - alone.get('el_rate'))
-    return bool(np.nanmedian(off) < _RATE_NOISE) if np.isfinite(off).any() else False
 
 
 class Usable(NamedTuple):

@@ -10,6 +10,7 @@ from msg_tools.units import ARCSEC, wrap
 from .mounts import ALTAZ, OF_MOUNT, is_beyond
 from .pointing_terms import Trig
 from .runs.run import COLUMNS, known_site
+from .sky.star_rates import are_star_rates, star_rates
 
 #: columns of a run that are no drivers of the user's own
 _KNOWN = set(COLUMNS) - {'pressure'} | {
@@ -35,7 +36,6 @@ UNKNOWN = {
     'pier_side': 'the side of the pier is not known',
     'lst': 'the sidereal time is not known (a column time, and the longitude of the site)'}
 _TURN = 2.0 * np.pi
-_SIDEREAL = _TURN / 86164.0905  # rad/s
 _J2000 = 946728000.0  # UTC seconds of 2000-01-01T12:00
 
 
@@ -160,9 +160,9 @@ class Context:
         context.skyline = tuple(run.meta.get('skyline') or ())
         if run.meta.get('temperature_log'):
             context.logs['temperature'] = np.asarray(run.meta['temperature_log'], float)
-        hours = context._run_hours()
-        if hours is not None:
+        if (hours := context._run_hours()) is not None:
             context.columns.setdefault('run_hours', hours)
+        context._drop_noisy_rates()
         return context
 
     def __len__(self):
@@ -414,20 +414,21 @@ class Context:
         return self._from_before(lambda _, last: approach[last])
 
     def _derive_az_rate(self):
-        return self._sidereal_rates[0]
+        return None if self.latitude is None else self._star_rates[0] / self.trig.cos_el
 
     def _derive_el_rate(self):
-        return self._sidereal_rates[1]
+        return None if self.latitude is None else self._star_rates[1]
 
     @cached_property
-    def _sidereal_rates(self):
-        """Rates of both angles: the stars turn about the pole, as -(direction x pole)."""
-        if self.latitude is None:
-            return None, None
-        pole = np.array([[0.0], [np.cos(self.latitude)], [np.sin(self.latitude)]])
-        moves = -_SIDEREAL * np.cross(pole, self.direction(), axis=0)
-        x, y = (np.sum(moves * t, axis=0) for t in self.tangent())
-        return x / self.trig.cos_el, y
+    def _star_rates(self):
+        return star_rates(self.direction(), self.tangent(), self.latitude)
+
+    def _drop_noisy_rates(self):
+        """Measured rates that are those of stars but for noise give way to the stars' own."""
+        x, y = self.columns.get('az_rate'), self.columns.get('el_rate')
+        if self.latitude is not None and x is not None and y is not None and are_star_rates(
+                x * self.trig.cos_el, y, *self._star_rates):
+            del self.columns['az_rate'], self.columns['el_rate']
 
     def equatorial(self):
         """East-north-up components of the equatorial axes X, Y, Z, or None.

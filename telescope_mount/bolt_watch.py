@@ -7,10 +7,10 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 from pointing_model.bolt_turns import APART, AT_REST, axis_after, axis_of_arc, expected
 from pointing_model.mounts import through_pole
+from pointing_model.sky.star_rates import SIDEREAL
 
 #: of one image: the first axis did not turn, but for a track, by more than this
 _TURNED = 3.0 * DEG
-_TRACK = 2.0 * np.pi / 86164.0905  # rad/s
 #: an error that is told is so many times its sigma
 _CLEAR = 5.0
 #: an error that grew to this many times of what was told: the wrong way
@@ -112,7 +112,7 @@ class BoltWatch:
 
     def _axis_turned(self, last, image):
         turned = wrap(image.first - last.first)
-        track = min(max(_TRACK * (image.time - last.time), 0.0), np.pi)
+        track = min(max(SIDEREAL * (image.time - last.time), 0.0), np.pi)
         return min(abs(turned), abs(wrap(turned - track))) > _TURNED
 
     def _one(self, image):

@@ -6,13 +6,12 @@ How many periods a turn has is searched (`calibration.estimation.periodogram`) o
 import numpy as np
 
 from pointing_model.mount_kinds import KINDS, USUAL
+from pointing_model.sky.star_rates import SIDEREAL
 
 from .base import AXES, Effect, Offer, arcsec, driver_word, effect, form, on_axis
 from .graduation import BY_COLUMN, is_gear
 
 _TURN = 2.0 * np.pi
-#: seconds in which the sky turns once
-SIDEREAL_DAY = 86164.0905
 #: periods a turn that are looked for: of worm wheels 50 to 720 teeth, of the motor's gears more
 FEWEST, MOST = 10.0, 1000.0
 #: reductions of strain-wave drives (ratios that the makers of their gears list). They err twice a
@@ -100,7 +99,7 @@ def peak_to_peak(coefficients, orders):
 
 def period_words(turns, names, axis, clock=False):
     """A period for people: ``180 per turn (2.0000°, 478.7 s at sidereal rate)``."""
-    seconds = SIDEREAL_DAY / turns
+    seconds = _TURN / SIDEREAL / turns
     if clock:
         return f'each {seconds:.1f} s'
     sidereal = f', {seconds:.1f} s at sidereal rate' if names.celestial and axis == 'az' else ''
@@ -174,7 +173,7 @@ def driver_angle(context, axis, of, origin=0.0):
     if of == 'reading':
         return context.get(f'reading_{axis}')
     time = context.get('time')
-    return None if time is None else (time - origin) * (_TURN / SIDEREAL_DAY)
+    return None if time is None else (time - origin) * SIDEREAL
 
 
 def propose(context, lacking, own):

@@ -17,8 +17,7 @@ from msg_tools.units import DEG, wrap
 
 from .earth import terrestrial
 from .frame import frame
-
-_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
+from .star_rates import SIDEREAL
 
 
 @dataclass(frozen=True)
@@ -248,7 +247,7 @@ def moment_of(lst, near, site=DEFAULT_SITE):
     """
     time = np.broadcast_to(np.asarray(near, float), np.shape(lst)).copy()
     for _ in range(3):  # each leaves what the equation of the equinoxes does in between
-        time += wrap(lst - sidereal_time(time, site)) / _SIDEREAL
+        time += wrap(lst - sidereal_time(time, site)) / SIDEREAL
     return time
 
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.sky.star_rates import SIDEREAL
 
 ROWS = 600  # that are tried, evenly: more tell nothing else
 _SOME = 20 * ROWS  # that are looked at for numbers
-_SIDEREAL = 2.0 * np.pi / 86164.0905  # rad/s
 _SAME = 1e-7  # of sines of angles
 
 
@@ -118,7 +118,7 @@ def _clock(run, written, place, some):
         lst = Context.from_run(run).get('lst')
     if lst is not None:
         return _whole(np.asarray(lst, float)[place[some]]), True
-    for name, unit in (('lst_h', np.pi / 12.0), ('time', _SIDEREAL)):
+    for name, unit in (('lst_h', np.pi / 12.0), ('time', SIDEREAL)):
         if name in written:
             return _whole(unit * np.asarray(written[name], float)[some]), name == 'lst_h'
         if name in run and len(run) and (place[some] >= 0).all():

@@ -9,11 +9,11 @@ from pointing_model.effects.base import AXES, for_mount, on_axis
 from pointing_model.effects.gears import (
     FEWEST,
     MOST,
-    SIDEREAL_DAY,
     TAPE_MARGIN,
     driver_angle,
     strain_wave,
 )
+from pointing_model.sky.star_rates import SIDEREAL
 
 from ..finding import Finding
 
@@ -53,7 +53,7 @@ def period_bank(context):
                                        (1.0 + TAPE_MARGIN) * lines,
                                        _maker(context, axis, of, tape=lines)))
         time = context.get('time')
-        if time is None or not np.isfinite(time).all() or np.ptp(time) > 0.5 * SIDEREAL_DAY:
+        if time is None or not np.isfinite(time).all() or SIDEREAL * np.ptp(time) > np.pi:
             continue
         origin = float(time.min())
         turned = driver_angle(context, axis, 'time', origin)
