@@ -70,8 +70,8 @@ def way(document):
 def best_pair(document, held=True):
     """The most honest pair of errors there is: held out, else cross-validated, else fitted.
 
-    Where neighbouring rows err alike those left out at random have told of themselves by their
-    neighbours: stretches of time left out have not, and are taken if they are missed by more.
+    Rows left out at random have told of themselves by their neighbours in time; of blocks of time
+    left out nothing is known, as of the stars of the next hour.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def best_pair(document, held=True):
     before, after : float or None
         Radial RMS on the sky, arcsec.
     """
-    blocks, correlation = document.get('cv_contiguous') or {}, document.get('wander') or {}
+    blocks = document.get('cv_contiguous') or {}
     for key, label in (('holdout_rms_arcsec', HELD),
                        ('cv_rms_arcsec', LEFT_OUT),
                        ('rms_arcsec', FITTED)):
         pair = document['before'].get(key), document['after'].get(key)
         if None in pair or (label == HELD and not held):
             continue
-        if label == LEFT_OUT and correlation.get('slow') and blocks.get('after', 0.0) > pair[1]:
+        if label == LEFT_OUT and blocks:
             return STRETCHES, blocks['before'], blocks['after']
         return label, *pair
     return FITTED, None, None
@@ -219,7 +219,8 @@ def figures_sentence(document):
     else:
         out = [f'Use {arcsec(quoted)} RMS ({label})']
         own = document['before' if document['verdict'] in STAYS else 'after'].get('cv_rms_arcsec')
-        if label not in (HELD, LEFT_OUT) and own is not None:
+        if label == STRETCHES and own is not None and own < quoted and (
+                document.get('wander') or {}).get('slow'):
             out.append(f'{arcsec(own)}, cross-validated in random folds, is too low: neighbouring '
                        'rows err alike')
         if label == HELD and own is not None:

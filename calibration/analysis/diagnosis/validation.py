@@ -40,13 +40,12 @@ from .row_facts import nights_held_out
 FOLDS, FEW_FOLDS, LONG = 10, 5, 1500
 #: runs from which on whole runs are left out: with fewer, a fold is a third of all there is
 RUNS = 4
-#: partitions into folds over which the cross-validated RMS is a mean: at least and at most; as many
-#: as bring its standard error below the part `SPREAD`. A few that agree by luck ended it too early:
-#: over 20 seeds the figure of 105 rows (8 m) went from 1.02 to 1.10", 8 %, with three at least, by
-#: 6 % with five
-PARTITIONS, MOST_PARTITIONS, SPREAD = 10, 16, 0.01
-#: rows from which on few partitions do, a row more or less in a fold changes little: so many
-MANY, FEW_PARTITIONS = 250, 3
+#: partitions into folds over which the figure of rows left out at random is a mean: at least and at
+#: most; from `MANY` rows on, where a row more or less in a fold changes little, one at least
+PARTITIONS, MOST_PARTITIONS, MANY = 2, 10, 250
+#: there are more while the standard error of the mean is above this part of it, or while what the
+#: effects gain is below so many of its standard errors (of one partition: below this part)
+SPREAD, _CLEAR = 0.03, 3.0
 _IN = ('radial', 'x', 'y')
 #: part by which one axis may seem worse while the whole gains: from partition to partition the
 #: figure of the MMT's night differs by 0.4 %, that of the 8 m telescope by 3 %
@@ -55,8 +54,6 @@ _WORSE = 0.02
 #: axis gives its rows more weight in the terms that both share, which the other axis feels
 #: (a second flexure of 2.3": 2.74 to 1.43" on the sky, and 1.06 to 1.09" in azimuth)
 _LOST = 0.1
-#: partitions by whose scatter it is told how many there will be
-_FEWEST_COMPARED = 4
 #: RMS of rows left out over the noise floor, times what the fit's freedom makes of it (see
 #: `_expected_ratio`), from where the model fails there; where something was dropped besides, and
 #: where nothing was. On 150 clean nights each of 12, 16, 30 and 60 stars it was 1.5, 1.4, 1.1 and
@@ -143,7 +140,7 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
         Of all rows.
     rng : numpy.random.Generator
     ways : int, optional
-        Partitions; by default until the mean is known to `SPREAD`.
+        Partitions; by default until the mean is known to `SPREAD` and the gain is clear.
     progress : callable, optional
         As of `diagnose`.
     chooser : callable
@@ -179,11 +176,11 @@ def cross_validated(run, chosen, remembers, count, alpha, chance, rng, ways=None
     parts, every, folds_done, expected = [], [], 0, 0
     chance.simulate(problem, chosen)  # once, and not in each fold
     least, most = (ways, ways) if ways is not None else (
-        (PARTITIONS, MOST_PARTITIONS) if problem.n <= MANY else (FEW_PARTITIONS, FEW_PARTITIONS))
+        PARTITIONS if problem.n <= MANY else 1, MOST_PARTITIONS)
     while len(parts) < least or (len(parts) < most and _unsure(parts, keep)):
         folds = partitions_of(problem, count, rng)[0]
         each_run = len(folds) == len(np.unique(problem.sequence.run)) > 1
-        expected = len(folds) * ((1 if each_run else _needed(parts, keep, least, most)) + (
+        expected = len(folds) * ((1 if each_run else max(least, len(parts) + 1)) + (
             effective_runs(problem.sequence.run) < RUNS))
         parts.append(errors_of(folds))
         if each_run:
@@ -270,8 +267,14 @@ def _by_rows(by_count, stretches, keep, chosen, words):
 
 
 def _unsure(parts, keep):
-    every = np.array([_rms(squares[-1], keep)['radial'] for _, squares in parts])
-    return every.std(ddof=1) > SPREAD * np.sqrt(len(every)) * every.mean()
+    """Whether more partitions could change the figure, or whether the effects gain at all."""
+    before, after = np.array([(one['radial'], _rms(squares[-1], keep)['radial'])
+                              for one, squares in parts]).T
+    gain = abs(np.mean(before - after))
+    if len(parts) == 1:
+        return bool(gain < SPREAD * before[0])
+    error, of_gain = (each.std(ddof=1) / np.sqrt(len(parts)) for each in (after, before - after))
+    return bool(error > SPREAD * after.mean() or gain < _CLEAR * of_gain)
 
 
 def _worse(what, before, after, surely, words=ALTAZ.names.axes):
@@ -313,15 +316,6 @@ def _surely(before, after):
     more = after - before
     scatter = more.std(axis=1, ddof=1) / np.sqrt(more.shape[1])
     return {axis for axis, worse in zip('xy', more.mean(axis=1) > scatter) if worse}
-
-
-def _needed(parts, keep, least, most):
-    """How many partitions there will be, as far as those that there are tell it."""
-    if least == most or len(parts) < _FEWEST_COMPARED:
-        return least
-    every = np.array([_rms(squares[-1], keep)['radial'] for _, squares in parts])
-    needed = np.ceil((every.std(ddof=1) / (SPREAD * every.mean()))**2)
-    return int(np.clip(needed, max(least, len(parts) + 1), most))
 
 
 def _rms(squares, keep):

@@ -7,7 +7,7 @@ import pytest
 from simulated import make_context, make_problem
 
 from calibration.analysis.diagnosis.run_problem import effect_bank
-from calibration.analysis.diagnosis.validation import _needed, nested
+from calibration.analysis.diagnosis.validation import nested
 from calibration.estimation.candidates import CandidateBank, CandidateGroup
 from calibration.estimation.chance import Chance, ChanceTest, normal_score, pair_corrected
 from calibration.estimation.correlated_noise import WhiteNoise
@@ -327,16 +327,3 @@ def test_a_cause_of_known_size_is_offered_where_the_rows_ask_for_that_size(size,
              for e, sizes in ((free, True), (east, False), (east, True))]
     assert gains[0] == gains[1] > 20.0
     assert np.isfinite(gains[2]) == offered
-
-
-def test_how_many_partitions_there_will_be_is_told_by_the_scatter_of_those_there_are():
-    keep = np.ones(3, bool)
-
-    def parts(*radial):  # each: squares of choices, of rows, as `nested` leaves them
-        return [(None, [np.full((2, 3), 0.5 * (value * ARCSEC)**2)]) for value in radial]
-    assert _needed(parts(), keep, 10, 16) == _needed(parts(5.0, 9.0), keep, 10, 16) == 10
-    assert _needed(parts(5.0, 5.01, 4.99, 5.0), keep, 10, 16) == 10
-    assert _needed(parts(5.0, 5.4, 4.6, 5.0), keep, 10, 16) == 16
-    # a standard deviation of 3.27 % of the mean: of 11 the mean is known to 1 %
-    assert _needed(parts(96.0, 100.0, 100.0, 104.0), keep, 10, 16) == 11
-    assert _needed(parts(*[5.0, 9.0] * 3), keep, 3, 3) == 3

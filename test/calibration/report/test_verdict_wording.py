@@ -130,18 +130,17 @@ def test_which_figure_to_quote_and_why_others_differ(figures, wanders, said):
         '3.70″ is the RMS of the fitted rows only')
 
 
-@pytest.mark.parametrize('slow, apart, quoted', [(True, 5.3, '5.30'), (False, 5.3, '4.30'),
-                                                 (True, 4.1, '4.30')])
-def test_where_neighbours_err_alike_the_larger_figure_is_quoted_everywhere(slow, apart, quoted):
+@pytest.mark.parametrize('slow, blocks, low', [(True, 5.3, True), (False, 5.3, False),
+                                               (True, 4.1, False)])
+def test_the_figure_of_blocks_of_time_is_quoted_everywhere(slow, blocks, low):
     told = document(CAUSES, wander={'slow': slow, 'text': 'it wanders'},
-                    cv_contiguous={'before': 6.1, 'after': apart})
+                    cv_contiguous={'before': 6.1, 'after': blocks})
     headline, sentences = verdict_sentences(told, [Statement('A.')])
-    where = 'cross-validated' + ' in blocks of time' * (quoted == '5.30')
-    assert f'RMS {quoted}″ with it, {where} (' in headline
-    assert figures_sentence(told).startswith(f'Use {quoted}″ RMS ({where})')
-    assert f'{quoted}″ with one effect more; {where}.' in way(told)
-    assert ('4.30″, cross-validated in random folds, is too low' in figures_sentence(told)) == (
-        quoted == '5.30')
+    assert f'RMS {blocks:.2f}″ with it, cross-validated in blocks of time (' in headline
+    text = figures_sentence(told)
+    assert text.startswith(f'Use {blocks:.2f}″ RMS (cross-validated in blocks of time)')
+    assert f'{blocks:.2f}″ with one effect more; cross-validated in blocks of time.' in way(told)
+    assert ('4.30″, cross-validated in random folds, is too low' in text) == low
 
 
 @pytest.mark.parametrize('hour, kind, up', [(186.0, 'german', True), (-20.0, 'german', True),

@@ -460,17 +460,23 @@ def test_equal_causes_share_the_folds_and_the_effect_is_added():
     assert result.after['cv_rms_arcsec'] < 0.8 * result.before['cv_rms_arcsec']
 
 
-def test_the_cross_validated_figure_is_a_mean_of_ten_partitions(monkeypatch):
-    monkeypatch.setattr(validation, 'PARTITIONS', 10)
-    monkeypatch.setattr(validation, 'MOST_PARTITIONS', 16)
+def test_the_cross_validated_figure_is_a_mean_of_partitions():
     after = diagnose(night(1, n=30, effect=backlash(8.0)), flips=199, folds=2).after
     spread = after['cv_spread']
-    assert 10 <= spread['partitions'] <= 16
     assert spread['min_arcsec'] < after['cv_rms_arcsec'] < spread['max_arcsec']
     # two folds of each, and two stretches
     assert spread['folds'] == 2 * spread['partitions'] + 2
     (count,) = spread['chosen'].values()
     assert 0 < spread['same_choice'] <= count <= spread['folds'] - spread['no_choice']
+
+
+@pytest.mark.parametrize('after, more', [
+    ([1.00], False), ([1.98], True),  # of one partition: a gain of half, and of 1 %
+    ([1.00, 1.01, 1.02], False), ([1.00, 1.30, 1.60], True),  # the mean is known to 0.6 and 14 %
+    ([1.98, 2.02, 1.97], True)])  # it is, and whether the effects gain is not
+def test_there_are_more_partitions_while_figure_or_gain_is_unsure(after, more):
+    parts = [({'radial': 2.0}, np.full((1, 2, 9), (one * ARCSEC)**2 / 2.0)) for one in after]
+    assert validation._unsure(parts, np.ones(9, bool)) == more
 
 
 def test_same_seed_same_answer_with_any_number_of_processes(monkeypatch):
