@@ -1,4 +1,4 @@
-"""Robust losses, the noise of rows with outliers, and the iteration that all robust fits share.
+"""Robust losses, and the noise of rows with outliers.
 
 A loss is what one does with a row by its distance from the fit, in standard deviations: of one
 residual, or of both axes of a row together (the radial distance, of which the Gaussian share beyond
@@ -94,41 +94,3 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
     middle = [(size.shape[-1] - 1) // 2, size.shape[-1] // 2]
     # a fifth of the time of `numpy.median` for a hundred rows
     return MAD * dof_factor * np.partition(size, middle)[..., middle].mean(axis=-1)
-
-
-def reweighted(solve, weigh, fit, most, settled=None):
-    """Iteratively reweighted least squares, whatever the solver.
-
-    Stages (Huber's weights, then some that reject) are calls in a row, each from the fit of the
-    one before; a noise that is estimated on the way is kept by `weigh`.
-
-    Parameters
-    ----------
-    solve : callable
-        ``solve(weights) -> fit``, least squares with a weight for each row.
-    weigh : callable
-        ``weigh(fit) -> weights`` by what a fit leaves; None: go no further.
-    fit
-        To start from.
-    most : int
-        Solutions, at most.
-    settled : callable, optional
-        ``settled(fit, before)``: whether the last two agree, which ends it too.
-
-    Returns
-    -------
-    fit
-        The last.
-    weights : ndarray or None
-        That it was solved with; None if that is `fit` as given.
-    """
-    weights = None
-    for _ in range(most):
-        new = weigh(fit)
-        if new is None:
-            break
-        weights, before = new, fit
-        fit = solve(weights)
-        if settled is not None and settled(fit, before):
-            break
-    return fit, weights
