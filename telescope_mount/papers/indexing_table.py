@@ -6,12 +6,12 @@ from functools import partial
 import numpy as np
 
 from encoder_reading.disc import INVERSION
-from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader
+from encoder_reading.paper_reader import PaperReader
 from encoder_reading.template_reader import TemplateReader
 from msg_tools.units import ARCSEC, wrap
 
-from .absolute import Absolute
-from .ccd import LinearCCD
+from ..simulation import Absolute, LinearCCD
+from .rival_readers import CentroidReader, ParabolaReader
 
 FACES = 23
 #: readings whose bars are damaged in the paper's fig. 12, counted from 1
