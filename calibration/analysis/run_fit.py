@@ -160,8 +160,8 @@ def _patterns(run, result, terms, how):
     rows = ResidualRows.from_fit(run, result, how['encoder'])
     out = visit_findings(rows, rows.visits(terms))
     if not how['run_zeros'] and out and out[0].kind == STEP:
-        apart = at_steps(run, '+'.join(terms), how['encoder'])
-        after = fit_terms(apart, terms, **{**how, 'run_zeros': True})
+        split = at_steps(run, '+'.join(terms), how['encoder'])
+        after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]
     return out + cluster_findings(rows)
