@@ -10,7 +10,7 @@ from encoder_reading.paper_reader import PaperReader, sine_start
 from encoder_sim.absolute import Absolute
 from encoder_sim.ccd import LinearCCD
 from msg_tools.units import ARCSEC, wrap
-from telescope_mount.papers.rival_readers import CentroidReader, ParabolaReader
+from telescope_mount.papers.indexing_table import CentroidReader, ParabolaReader
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}
 GROSS = 600.0  # arcsec: half a bar

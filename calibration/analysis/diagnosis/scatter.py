@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.special import chdtrc
 
-from calibration.estimation.robust import sigma_of
-from calibration.estimation.unequal_scales import scale_law, scale_ratio
+from calibration.estimation.robust import scale_law, scale_ratio, sigma_of
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
