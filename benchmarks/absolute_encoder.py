@@ -51,8 +51,8 @@ from encoder_reading.paper_reader import PaperReader, sine_start  # noqa: E402
 from encoder_reading.template_reader import TemplateReader  # noqa: E402
 from encoder_sim.absolute import AbsoluteEncoder  # noqa: E402
 from encoder_sim.ccd import LinearCCD  # noqa: E402
-from encoder_sim.indexing_table import SCALES, IndexingTable  # noqa: E402
 from msg_tools.units import ARCSEC, wrap  # noqa: E402
+from telescope_mount.papers.indexing_table import SCALES, IndexingTable  # noqa: E402
 
 BATCH = 64
 STRONG_SHADING = {'shading_tilt': 0.10, 'shading_falloff': 0.30}

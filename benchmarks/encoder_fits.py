@@ -11,8 +11,8 @@ from encoder_frames import DISCS, SHADING, SHIFTED, TURN, Source, rms, row
 from encoder_reading.disc import INVERSION, WINDOW
 from encoder_reading.paper_reader import PaperReader, sine_start
 from encoder_reading.template_reader import TemplateReader
-from encoder_sim.indexing_table import SCALES
 from msg_tools.units import ARCSEC, wrap
+from telescope_mount.papers.indexing_table import SCALES
 
 # --- the bound ------------------------------------------------------------------------------------
 

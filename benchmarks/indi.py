@@ -14,6 +14,7 @@ checks (half an hour of waiting, hardly any of computing).
 import argparse
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from indi_survey import Survey, places
@@ -26,10 +27,12 @@ from pointing_model.mounts import Mount
 from pointing_model.rms import rms
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
-from telescope_mount.bridges.indi.indi_simulator import MODEL, set_model
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
-from telescope_mount.bridges.indi.two_axes import draw_errors
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'examples' / 'simulated_servers'))
+from indi_server import DEVICE, SimulatorServer, missing
+from indi_simulator import MODEL, set_model
+from two_axes import draw_errors
 
 
 def survey(seed, pointings, checks, period_ms=100):

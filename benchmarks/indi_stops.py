@@ -17,6 +17,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import rclpy
@@ -28,11 +29,13 @@ from msg_tools import convert, topics
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
-from telescope_mount.bridges.indi.indi_simulator import set_model
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope
 from telescope_mount.graph import server_graph
 from telescope_mount.server_night import SIMULATED
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'examples' / 'simulated_servers'))
+from indi_server import DEVICE, SimulatorServer, missing
+from indi_simulator import set_model
 
 KILLED = ('commander', 'mount_guard', 'indi_mount')
 TARGETS = {'commander': 'at rest 0.5 s', 'mount_guard': 'the last piece is over: 1.6 s',

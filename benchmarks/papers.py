@@ -19,7 +19,6 @@ from encoder_reading.disc import INVERSION
 from encoder_reading.paper_reader import THRESHOLD, WIDTH_THRESHOLD, PaperReader
 from encoder_reading.template_reader import TemplateReader
 from encoder_sim.ccd import LinearCCD
-from encoder_sim.indexing_table import SCALES
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.harmonics import INTERPRETATIONS, basis, sky_factor
 from pointing_model.model import PointingModel
@@ -27,6 +26,7 @@ from pointing_model.pointing_terms import design
 from pointing_model.rms import rms_arcsec
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
+from telescope_mount.papers.indexing_table import SCALES
 from telescope_mount.papers.table_1 import PAPER_TABLE_1
 
 MMT = resources.files('calibration') / 'data' / 'mmt_2021-08-21.csv'

@@ -17,10 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from encoder_reading.evaluation import sigma_interval
-from encoder_sim.indexing_table import SCALES, IndexingTable
 from msg_tools.units import ARCSEC
+from telescope_mount.papers.encoder_evaluation import sigma_interval
 from telescope_mount.papers.encoder_test import PRINTED_STD
+from telescope_mount.papers.indexing_table import SCALES, IndexingTable
 
 METHODS = {'centroid': 'centroid', 'parabola': 'parabola', 'paper_by_centres': 'paper'}
 PLACES = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # um RMS

@@ -16,7 +16,7 @@ from pointing_model.zero_drift import KEY as FOLLOWS
 from .analysis.diagnosis import Diagnosis, diagnose
 from .estimation.comparison import FEWEST
 from .publication import (
-    UNJUDGED,
+    NOT_COMPARED,
     AmendmentComparison,
     BlindStars,
     ModelWithZeros,
@@ -127,7 +127,7 @@ def diagnose_night(rows, start, provenance=None, alpha=0.01, site=None, base='ph
             {e.fitted.effect.name: e.delta_bic or 0.0 for e in result.effects}, stars, zeros,
             AmendmentComparison(blind, stars, old, search))
         if compared is None:
-            result.notes.append(UNJUDGED)
+            result.notes.append(NOT_COMPARED)
     if len(blind):
         for entry, candidate in ((result.before, old), (result.after, chosen)):
             entry['holdout_rms_arcsec'] = rms_arcsec(*blind.residuals(candidate)).radial

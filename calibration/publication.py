@@ -15,8 +15,8 @@ from .estimation.comparison import FEWEST, compare_residuals
 from .report.fit_wording import comparison_sentence
 from .rows import is_kept_out, without_zeros
 
-UNJUDGED = (f'not judged before it was published: fewer than {FEWEST} rows to judge by, and too '
-            'few to leave some out')
+NOT_COMPARED = (f'not judged before it was published: fewer than {FEWEST} rows to judge by, and '
+                'too few to leave some out')
 
 
 class ModelWithZeros(NamedTuple):

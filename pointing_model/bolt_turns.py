@@ -16,7 +16,7 @@ from msg_tools.units import ARCSEC, DEG, wrap
 from .alignment import axis_at
 
 #: two images of an arc are this far apart in hour angle
-APART = 5.0 * DEG
+LEAST_TURN = 5.0 * DEG
 #: by how much the second axis may be off between them
 AT_REST = 60.0 * ARCSEC
 #: turn of an arc by the images against that by the readings, for which they agree

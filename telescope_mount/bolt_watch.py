@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import DEG, wrap
-from pointing_model.bolt_turns import APART, AT_REST, axis_after, axis_of_arc, expected
+from pointing_model.bolt_turns import AT_REST, LEAST_TURN, axis_after, axis_of_arc, expected
 from pointing_model.mounts import through_pole
 from pointing_model.sky.star_rates import SIDEREAL
 
@@ -96,7 +96,7 @@ class BoltWatch:
         if self._turning:
             return self._one(image)
         self._arc = [one for one in self._arc
-                     if abs(wrap(one.first - image.first)) > APART] + [image]
+                     if abs(wrap(one.first - image.first)) > LEAST_TURN] + [image]
         if len(self._arc) < 3:
             known = self.model and axis_after(self.axis, *self._given(image))
             return BoltReading(COLLECTED, known, len(self._arc))

@@ -1,7 +1,8 @@
-"""What a night writes into its folder beside its log: rows, model, report and page."""
+"""The folder of a night: its log, and beside it rows, model, report and page."""
 
 import json
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from msg_tools.whole_files import reason, tried, write_text
@@ -22,6 +23,39 @@ class Written(NamedTuple):
     report: dict
     run: object
     model: object = None
+
+
+def log_of(path):
+    """The log at a path: of a night's folder its `bag`, else what was given.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Path
+    """
+    path = Path(path)
+    if (path / 'bag').is_dir() and not (path / 'metadata.yaml').is_file() \
+            and not any(path.glob('*.mcap')):
+        return path / 'bag'
+    return path
+
+
+def model_of(path):
+    """The model at a path: of a night's folder its `model.json`, else what was given.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Path
+    """
+    path = Path(path)
+    return path / 'model.json' if (path / 'model.json').is_file() else path
 
 
 def add_truth(bag, report):

@@ -12,7 +12,6 @@ from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.topic_names import prefix_of
-from msg_tools.whole_files import log_of
 from pointing_model.context import Context
 from pointing_model.effects import declared_graduation, declared_worms
 from pointing_model.mounts import is_beyond, mount_text, parse_mount
@@ -22,6 +21,8 @@ from pointing_model.runs.row_exclusion import without_excluded
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.skyline import parse_horizon
+
+from .night_files import log_of
 
 
 def load_run(path, azimuth_origin=None, *, site=None, weather=None, encoder=None,

@@ -2,19 +2,20 @@
 
 Who calibrates may not know the truth, so nobody else outside of `encoder_sim` names it, but for the
 modules of its nodes in `graph.NODES`. What comes through here is a list of names, what kind of
-mount one has, a bench that calibrates nothing, and what a scenario did, out of the log of the truth
-when all is over.
+mount one has, an encoder and its CCD for a bench that calibrates nothing, and what a scenario did,
+out of the log of the truth when all is over.
 """
 
 import json
 
-from encoder_sim.indexing_table import SCALES, IndexingTable
+from encoder_sim.absolute import Absolute
+from encoder_sim.ccd import LinearCCD
 from encoder_sim.scenario_file import described_scenarios, load_scenario, scenario_names
 from encoder_sim.scenario_file import undeclared as _undeclared
 from msg_tools.bag import BagReader
 
-__all__ = ['SCALES', 'IndexingTable', 'described_scenarios', 'kind_of_mount',
-           'scenario_names', 'undeclared']
+__all__ = ['Absolute', 'LinearCCD', 'described_scenarios', 'kind_of_mount', 'scenario_names',
+           'undeclared']
 
 
 def kind_of_mount(scenario):

@@ -19,7 +19,8 @@ from telescope_mount.threads import ONE_THREAD
 
 TESTS = Path(__file__).resolve().parent
 # what several tests share, and the benchmarks of which they try a part
-sys.path += [str(TESTS / 'shared'), str(TESTS.parent / 'benchmarks')]
+sys.path += [str(TESTS / 'shared'), str(TESTS.parent / 'benchmarks'),
+             str(TESTS.parent / 'examples' / 'simulated_servers')]
 import few_folds  # noqa: E402
 
 os.environ.update(ONE_THREAD | os.environ)  # before numpy comes, and for what is started

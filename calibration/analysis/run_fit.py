@@ -15,6 +15,7 @@ from pointing_model.zero import NO_ZERO
 from .diagnosis.implausible_terms import suspicious
 from .diagnosis.input_check import ColumnCheck, check_columns
 from .diagnosis.residual_patterns import (
+    STEP,
     ResidualRows,
     cluster_findings,
     patterns_first,
@@ -157,11 +158,10 @@ def fit_run(run, terms=None, *, encoder='enc', robust=True, base=None, harmonics
 def _patterns(run, result, terms, how):
     """Findings on places visited again, with what zeros after a step bring, and on outliers."""
     rows = ResidualRows.from_fit(run, result, how['encoder'])
-    visits, alone = rows.visits(terms), not how['run_zeros']
-    out = visit_findings(rows, visits)
-    if alone and visits.at_once:
-        apart = at_steps(run, '+'.join(terms), how['encoder'])
-        after = fit_terms(apart, terms, **{**how, 'run_zeros': True})
+    out = visit_findings(rows, rows.visits(terms))
+    if not how['run_zeros'] and out and out[0].kind == STEP:
+        split = at_steps(run, '+'.join(terms), how['encoder'])
+        after = fit_terms(split, terms, **{**how, 'run_zeros': True})
         out = [replace(out[0], before=result.rms_arcsec().radial,
                        after=after.rms_arcsec().radial)]
     return out + cluster_findings(rows)

@@ -11,6 +11,9 @@ that is significant says (Rosner 1983), so that two wrong rows do not hide each 
 
 import numpy as np
 
+from .least_squares import satterthwaite
+from .step_scan import two_sided
+
 #: degrees of freedom below which 95 % are not within two sigmas, and rows may be few
 FEW = 30
 #: degrees of freedom a coefficient up to which robust weights mislead (`are_few`): they reject a
@@ -99,26 +102,8 @@ def _chances(design, b, least_noise):
     parts = np.square(error_of).reshape(n, 2, 2, n).sum(axis=3) * noise[:, None]
     variance = np.maximum(parts.sum(axis=2), 1e-300)
     dof = satterthwaite(parts, freedom[:, None])
-    from .step_scan import two_sided
     chance = two_sided(error / np.sqrt(variance), dof)
     return np.where(enough, chance, np.inf).min(axis=1)
-
-
-def satterthwaite(parts, freedom):
-    """Degrees of freedom of a sum of variances that are estimated each by itself.
-
-    Parameters
-    ----------
-    parts, freedom : ndarray, shape (..., m)
-        The variances, and the degrees of freedom of each.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        At least 1.
-    """
-    wide = np.sum(np.square(parts) / freedom, axis=-1)
-    return np.maximum(np.square(parts.sum(axis=-1)) / np.maximum(wide, 1e-300), 1.0)
 
 
 def interval_factor(dof, share=0.95):

@@ -11,9 +11,8 @@ import numpy as np
 
 from msg_tools.units import ARCSEC
 
-from .few_rows import satterthwaite
 from .group_columns import GroupColumns, bordered, inverse_root
-from .robust import LOSS, huber, reweighted, sigma_of
+from .robust import LOSS, huber, sigma_of
 
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate
@@ -167,6 +166,44 @@ def _solve_beside_groups(design, b, weights, rcond):
                     inner.rank + int(np.count_nonzero(root.any(axis=1))))
 
 
+def reweighted(solve, weigh, fit, most, settled=None):
+    """Iteratively reweighted least squares, whatever the solver.
+
+    Stages (Huber's weights, then some that reject) are calls in a row, each from the fit of the
+    one before; a noise that is estimated on the way is kept by `weigh`.
+
+    Parameters
+    ----------
+    solve : callable
+        ``solve(weights) -> fit``, least squares with a weight for each row.
+    weigh : callable
+        ``weigh(fit) -> weights`` by what a fit leaves; None: go no further.
+    fit
+        To start from.
+    most : int
+        Solutions, at most.
+    settled : callable, optional
+        ``settled(fit, before)``: whether the last two agree, which ends it too.
+
+    Returns
+    -------
+    fit
+        The last.
+    weights : ndarray or None
+        That it was solved with; None if that is `fit` as given.
+    """
+    weights = None
+    for _ in range(most):
+        new = weigh(fit)
+        if new is None:
+            break
+        weights, before = new, fit
+        fit = solve(weights)
+        if settled is not None and settled(fit, before):
+            break
+    return fit, weights
+
+
 class System:
     """Rows b = p @ design of one or two axes, solved with weights of values and of rows.
 
@@ -316,7 +353,7 @@ def uncertainty_of(system, solution, row_weights, loss, given, basis):
 
     Degrees of freedom have the standard errors that the scatter gives. Each axis has its own (the
     rows less what the coefficients took of them), and a coefficient that both determine one
-    between them: `few_rows.satterthwaite`.
+    between them: `satterthwaite`.
 
     Parameters
     ----------
@@ -380,3 +417,20 @@ def need_rows(n, k, given):
         raise ValueError(
             f'{n} usable observations do not determine {k} coefficients; observe at least '
             f'{k // 2 + 1} stars or fit fewer terms')
+
+
+def satterthwaite(parts, freedom):
+    """Degrees of freedom of a sum of variances that are estimated each by itself.
+
+    Parameters
+    ----------
+    parts, freedom : ndarray, shape (..., m)
+        The variances, and the degrees of freedom of each.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        At least 1.
+    """
+    wide = np.sum(np.square(parts) / freedom, axis=-1)
+    return np.maximum(np.square(parts.sum(axis=-1)) / np.maximum(wide, 1e-300), 1.0)

@@ -12,8 +12,8 @@ from msg_tools.units import ARCSEC
 
 from .correlated_noise import CorrelatedNoise, WhiteNoise, noise_memory
 from .group_columns import Basis
-from .least_squares import weighted_solve
-from .robust import bisquare, hampel, huber, reweighted, sigma_of
+from .least_squares import reweighted, weighted_solve
+from .robust import bisquare, hampel, huber, sigma_of
 
 #: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
 #: 50 times that of the column alone, and what is found rests on the second order

@@ -321,13 +321,13 @@ class PeriodBank(CandidateBank):
         gains = self._scored(fit, first).delta_bic[first]
         best = float(self._gains_at(fit, int(first[0]), np.array([
             own * order for order in SHAPES[g // self.count]])).max())
-        apart = OVERSAMPLED * self.scans[scan].step
+        spacing = OVERSAMPLED * self.scans[scan].step
         out = []
         for k in np.argsort(-gains):
             rate = float(self.scans[scan].rates[k])
             if gains[k] < best - 2.0 * width or len(out) > 9:
                 break
-            if all(abs(rate - other) > apart for other in (
+            if all(abs(rate - other) > spacing for other in (
                     *out, *(own * n for n in SHAPES[g // self.count]))):
                 tuned, gain = self.tuned_rate(fit, int(first[k]), rate)
                 if gain > best - width:

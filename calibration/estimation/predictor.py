@@ -338,9 +338,9 @@ def _between(ways, shares):
     Each counts by its share, and all that go beyond the terms alike.
     """
     each = np.array([ways[way] for way in WAYS])
-    apart = each - np.tensordot(shares, each, axes=1)
+    spread = each - np.tensordot(shares, each, axes=1)
     weight = 0.5 * shares + 0.5 * np.append(0.0, np.full(len(WAYS) - 1, 1.0 / (len(WAYS) - 1)))
-    return np.einsum('w,wfi,wfj->fij', weight, apart, apart, optimize=True)
+    return np.einsum('w,wfi,wfj->fij', weight, spread, spread, optimize=True)
 
 
 def _calibrated(problem, left, scale, covariance, blocks):

@@ -44,7 +44,7 @@ _VARIANCES = np.concatenate(([0.0], np.geomspace(0.05, 2000.0, 12)))
 _MEMORIES = (0.02, 0.06, 0.2)
 
 
-class Move(NamedTuple):
+class VisitMove(NamedTuple):
     """What moved between visits.
 
     Attributes
@@ -86,7 +86,7 @@ class Revisits:
         What a shift of each axis makes in `value`, as cos E of an azimuth.
     group : ndarray of int, shape (n,), optional
         Rows that are one visit: exposures of a star within minutes share their errors.
-    apart : ndarray of int, shape (n,), optional
+    side : ndarray of int, shape (n,), optional
         Rows with another number are of another place, as the other side of the pier.
 
     Attributes
@@ -102,11 +102,11 @@ class Revisits:
     """
 
     def __init__(self, direction, position, value, radius, design=None, factor=None, group=None,
-                 apart=None):
+                 side=None):
         n = len(position)
         group = np.arange(n) if group is None else group
         factor = np.ones((2, n)) if factor is None else factor
-        apart = np.zeros(n, int) if apart is None else apart
+        side = np.zeros(n, int) if side is None else side
         first, visit = np.unique(group, return_index=True, return_inverse=True)[1:]
         when = np.bincount(visit, position) / np.bincount(visit)
         order = np.argsort(when, kind='stable')
@@ -118,7 +118,7 @@ class Revisits:
         self.position, self._factor, self._value = when[order], mean(factor), mean(value)
         self._design = [np.ones((1, len(order))) if design is None else mean(design[axis])
                         for axis in (0, 1)]
-        self.place = _places(direction[:, first[order]], apart[first[order]], radius)
+        self.place = _places(direction[:, first[order]], side[first[order]], radius)
         self.again = _thinned(self.place, np.bincount(self.place)[self.place] > 1)
         self._own = np.unique(self.place[self.again], return_inverse=True)[1]
 
@@ -190,7 +190,7 @@ class Revisits:
 
     @cached_property
     def move(self):
-        """What moved, by one step at the moment that explains most: `Move`, or None."""
+        """What moved, by one step at the moment that explains most: `VisitMove`, or None."""
         if self.differences < FEWEST or min(self._dof) < FEWEST - 1 or not len(self._moments):
             return None
         dofs = self._dof
@@ -219,8 +219,8 @@ class Revisits:
         amount = step @ tame / (step @ step)
         left = tame - amount * step
         sigma = np.sqrt(left @ left / dof / (step @ step))
-        return Move(axis, float(amount), float(sigma), moment,
-                    min(float(chance) + 1.0 / _NOISES, by_student))
+        return VisitMove(axis, float(amount), float(sigma), moment,
+                         min(float(chance) + 1.0 / _NOISES, by_student))
 
     def _placed(self, axis, at, dof):
         """The likeliest moment about one of those tried, and a unit step there.
@@ -360,16 +360,16 @@ def _squares(steps, data, dof):
     return dof * gain / left
 
 
-def _places(direction, apart, radius):
+def _places(direction, side, radius):
     """Number of the place of each visit: of the nearest first visit within the radius."""
-    n, count, nearest = len(apart), 0, np.cos(radius)
+    n, count, nearest = len(side), 0, np.cos(radius)
     centres, sides, out = np.zeros((n, 3)), np.zeros(n), np.empty(n, int)
     for i, one in enumerate(direction.T):
-        along = np.where(sides[:count] == apart[i], centres[:count] @ one, -2.0)
+        along = np.where(sides[:count] == side[i], centres[:count] @ one, -2.0)
         if along.max(initial=-2.0) >= nearest:
             out[i] = int(np.argmax(along))
         else:
-            out[i], centres[count], sides[count] = count, one, apart[i]
+            out[i], centres[count], sides[count] = count, one, side[i]
             count += 1
     return out
 

@@ -1,4 +1,4 @@
-"""Robust losses, the noise of rows with outliers, and the iteration that all robust fits share.
+"""Robust losses, the noise of rows with outliers, and whether two values of a row scatter alike.
 
 A loss is what one does with a row by its distance from the fit, in standard deviations: of one
 residual, or of both axes of a row together (the radial distance, of which the Gaussian share beyond
@@ -27,6 +27,7 @@ BISQUARE = 7.0
 HAMPEL = (3.0, 12.0, 25.0)
 #: radial distance from which a row is gross: where the bisquare gives none of it any weight
 GROSS = BISQUARE
+_TINY = 1e-12  # of the scale, below which a value counts as so much
 
 
 def huber(u):
@@ -96,39 +97,59 @@ def sigma_of(residual, dof_factor=1.0, axis=None):
     return MAD * dof_factor * np.partition(size, middle)[..., middle].mean(axis=-1)
 
 
-def reweighted(solve, weigh, fit, most, settled=None):
-    """Iteratively reweighted least squares, whatever the solver.
+def scale_ratio(first, second, order=None):
+    """How many times as much one of two values scatters, and the chance that both do alike.
 
-    Stages (Huber's weights, then some that reject) are calls in a row, each from the fit of the
-    one before; a noise that is estimated on the way is kept by `weigh`.
+    By the signed ranks of ln(|first| / |second|), row by row (Wilcoxon 1945, Biometrics 1, 80):
+    outliers count no more than others, and what makes a row worse in both counts nothing. Rows that
+    resemble their neighbours count as fewer.
 
     Parameters
     ----------
-    solve : callable
-        ``solve(weights) -> fit``, least squares with a weight for each row.
-    weigh : callable
-        ``weigh(fit) -> weights`` by what a fit leaves; None: go no further.
-    fit
-        To start from.
-    most : int
-        Solutions, at most.
-    settled : callable, optional
-        ``settled(fit, before)``: whether the last two agree, which ends it too.
+    first, second : ndarray, shape (n,)
+    order : ndarray of int, shape (n,), optional
+        Rows in their sequence.
 
     Returns
     -------
-    fit
-        The last.
-    weights : ndarray or None
-        That it was solved with; None if that is `fit` as given.
+    ratio : float
+        Of the robust scales.
+    p : float
+        Two-sided.
     """
-    weights = None
-    for _ in range(most):
-        new = weigh(fit)
-        if new is None:
-            break
-        weights, before = new, fit
-        fit = solve(weights)
-        if settled is not None and settled(fit, before):
-            break
-    return fit, weights
+    from scipy.special import ndtr
+    scales = [max(float(sigma_of(one)), 1e-300) for one in (first, second)]
+    x, y = (np.log(np.maximum(np.abs(one), _TINY * scale))
+            for one, scale in zip((first, second), scales))
+    off = (x - y)[np.arange(len(x)) if order is None else order]
+    rank = np.empty(len(off))
+    rank[np.argsort(np.abs(off), kind='stable')] = np.arange(1.0, len(off) + 1.0)
+    signed = rank * np.sign(off)
+    left = signed - signed.mean()
+    alike, n = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300), len(off)
+    # of few rows it is estimated too small (Marriott and Pope 1954, Biometrika 41, 390)
+    alike = min(max(alike + (1.0 + 3.0 * alike) / n, 0.0), 0.95)
+    variance = float(np.square(rank).sum()) * (1.0 + alike) / (1.0 - alike)
+    p = 2.0 * float(ndtr(-abs(signed.sum()) / np.sqrt(variance)))
+    return scales[0] / scales[1], min(p, 1.0)
+
+
+def scale_law(values, factors):
+    """How much likelier values scatter with a factor than evenly, as ln of the likelihood ratio.
+
+    Of Laplace's distribution, whose tails hold outliers.
+
+    Parameters
+    ----------
+    values, factors : ndarray, shape (n,)
+        Factors are positive.
+
+    Returns
+    -------
+    float
+        Below zero: evenly.
+    """
+    size = np.abs(values)
+    even = -len(size) * np.log(max(float(np.mean(size)), 1e-300))
+    scaled = -len(size) * np.log(max(float(np.mean(size / factors)), 1e-300))
+    return float(scaled - np.log(factors).sum() - even)

@@ -264,12 +264,12 @@ def shrunk(beyond, group, rounds, start=None):
         matrix[:, diagonal, diagonal] += 1.0
         inverse = _inverse(matrix)
         values = root * np.einsum('fij,fj->fi', inverse, root * right) / noise[:, None]
-        told = np.clip(1.0 - np.einsum('fii->fi', inverse), 0.0, 1.0) @ of_group
+        known = np.clip(1.0 - np.einsum('fii->fi', inverse), 0.0, 1.0) @ of_group
         used_variances = variances
-        variances = np.clip(values**2 @ of_group / np.maximum(told, 1e-9), *bounds)
+        variances = np.clip(values**2 @ of_group / np.maximum(known, 1e-9), *bounds)
         left = squares - 2.0 * np.einsum('fi,fi->f', values, right) + np.einsum(
             'fi,fij,fj->f', values, normal, values)
-        noise = np.maximum(left / np.maximum(free - told.sum(axis=1), 0.1 * free),
+        noise = np.maximum(left / np.maximum(free - known.sum(axis=1), 0.1 * free),
                            _LEAST_NOISE * mean)
     if k:
         root = np.sqrt(used_variances)[:, group]

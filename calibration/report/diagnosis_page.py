@@ -89,8 +89,8 @@ def _effect_table(effects, first=0):
     """The ranked table of effects, from the one that is to come first."""
     return html.table(
         ('', 'effect', 'peak to peak', 'RMS removed', 'likely causes', 'check first'),
-        ((str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec), one.causes_text,
-          one.check) for i, one in list(enumerate(effects, 1))[first:]), 'folding stack')
+        [(str(i), one.name, _size(one.reach_arcsec), _size(one.removes_arcsec), one.causes_text,
+          one.check) for i, one in list(enumerate(effects, 1))[first:]], 'folding stack')
 
 
 def _size(value):

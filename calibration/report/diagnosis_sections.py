@@ -270,9 +270,9 @@ def outliers(document, limit=8):
     rows = sorted(document.get('outliers') or (),
                   key=lambda row: -np.hypot(row['x_arcsec'], row['y_arcsec']))
     word = document.get('rows_are') or 'row'
-    return html.table((word, 'star', 'off on the sky'), (
+    return html.table((word, 'star', 'off on the sky'), [
         (f'{row.get("source", "")} {row["row"]}'.strip(), row.get('star'),
-         arcsec(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]),
+         arcsec(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
         'numbers') + html.paragraph(
             f'And {len(rows) - limit} more.' * (len(rows) > limit), 'note')
 

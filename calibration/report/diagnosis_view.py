@@ -5,7 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.analysis.diagnosis.residual_patterns import is_pattern
+from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import arcsec, coefficient_word, readable
 from pointing_model.mounts import is_beyond
@@ -190,7 +190,8 @@ def view_of(diagnosis, document=None):
         _terms(diagnosis),
         summary_of(document, [e.title for e in effects], [one.reach_arcsec for one in summaries],
                    [*filter(None, [caution]),
-                    *(wording(one) for one in diagnosis.notes if is_pattern(one))]),
+                    *(wording(one) for one in diagnosis.notes
+                      if getattr(one, 'kind', '') in PATTERNS)]),
         _without_headline(verdict, document, effects),
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),

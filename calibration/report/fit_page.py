@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.analysis.diagnosis.residual_patterns import is_pattern
+from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import readable
@@ -57,7 +57,7 @@ def render_fit(found, document):
         f'{clean(run.mount.kind)}</p>',
         controls(data),
         html.verdict('', headline, [
-            outliers, *map(wording, [*filter(is_pattern, found.findings), *result.findings(run)])],
+            outliers, *map(wording, [*_patterns(found.findings), *result.findings(run)])],
                      html.cards([(before['rms_arcsec'], 'raw'),
                                  (after['rms_arcsec'], 'fit residuals'),
                                  (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves'),
@@ -77,6 +77,11 @@ def render_fit(found, document):
             [source] if source else ()),
         html.FOOTER]
     return html.whole(f'Fit: {headline}', body, 'Fit of a pointing model')
+
+
+def _patterns(findings):
+    """Those that say where to look first."""
+    return [one for one in findings if getattr(one, 'kind', '') in PATTERNS]
 
 
 def _residuals(found):

@@ -18,7 +18,7 @@ _CAGE = (0.35, 0.6)
 #: in turns
 _TRAVEL, _WOUND = 1.2, 0.75
 #: phase at the ends of the travel from one ratio to the next that is tried, turns
-_APART = 0.08
+_SPACING = 0.08
 _ANGLE = 'unwrapped_az'
 
 
@@ -83,7 +83,7 @@ def propose(context, lacking, own):
     cage = reason or (None if turns >= _TRAVEL else (
         f'the {context.mount.names.word("az")} readings go over {turns:.1f} turns; from '
         f'{_TRAVEL:g} on a cage is separable from what repeats each turn'))
-    ratios = np.linspace(*_CAGE, int(np.ceil((_CAGE[1] - _CAGE[0]) * turns / _APART)) + 1)
+    ratios = np.linspace(*_CAGE, int(np.ceil((_CAGE[1] - _CAGE[0]) * turns / _SPACING)) + 1)
     yield Offer('bearing_cage', [] if cage else [
         effect('bearing_cage', ratio=float(ratio), how=how)
         for how in ('el', 'az', 'lean') for ratio in ratios], 'cage of the bearing', cage)

@@ -7,7 +7,8 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from msg_tools import NAMESPACE
-from msg_tools.whole_files import log_of, model_of
+
+from ..night_files import log_of, model_of
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of

@@ -70,7 +70,7 @@ class WatchState:
     temperature_c : float or None
     plan : dict
         The rows of `Progress`; empty without an observer.
-    said : dict of str to str
+    messages : dict of str to str
         What ``observer``, ``guard`` and ``calibration`` say.
     guard : str or None
         Its state.
@@ -101,7 +101,7 @@ class WatchState:
     miss_arcsec: list | None = None
     temperature_c: float | None = None
     plan: dict = field(default_factory=dict)
-    said: dict = field(default_factory=dict)
+    messages: dict = field(default_factory=dict)
     guard: str | None = None
     left_by: str = ''
     stars: dict = field(default_factory=lambda: {name: [] for name in STAR_COLUMNS})
@@ -310,7 +310,7 @@ class LastMessages:
                            ('calibration', topics.CALIBRATION_STATUS)):
             message = self._get(topic)
             if message is not None:
-                state.said[key] = message.message
+                state.messages[key] = message.message
         guard = self._get(topics.GUARD_STATUS)
         state.guard = guard and rows_of(guard).get('state')
         observer = self._get(topics.OBSERVER_STATUS)

@@ -90,11 +90,11 @@ def _head(state, screen, note):
         refused = f', {plan["refused"]} refused' if plan['refused'] else ''
         lines += screen.lines(f'plan {plan["state"]}{step}; {plan["observations"]} stars observed, '
                             f'{plan["lost"]} lost{refused}, power-on {plan["run"]}')
-    if 'guard' in state.said:
+    if 'guard' in state.messages:
         doing = f'{state.guard}: ' if state.guard else ''
-        lines += screen.lines(f'guard {doing}{state.said["guard"]}')
-    if 'calibration' in state.said:
-        lines += screen.lines(f'calibration {state.said["calibration"]}')
+        lines += screen.lines(f'guard {doing}{state.messages["guard"]}')
+    if 'calibration' in state.messages:
+        lines += screen.lines(f'calibration {state.messages["calibration"]}')
     return lines
 
 

@@ -1,11 +1,8 @@
 """The 23-face test of an absolute encoder, as paper 001 does it in its section 3.
 
 An indexing table turns the disc to 23 standard angles, and the errors of the readings are
-evaluated by eqs. 14 to 16 of the paper (`encoder_reading.evaluation`, which serves the measured
-angles of any encoder).
-
-The bench is simulated: `run` takes it through the one door to the simulator,
-`telescope_mount.simulation`. It calibrates nothing.
+evaluated by eqs. 14 to 16 of the paper (`encoder_evaluation`, which serves the measured angles of
+any encoder). The bench is simulated (`indexing_table`) and calibrates nothing.
 """
 
 from dataclasses import replace
@@ -13,16 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.report.terminal_tables import decimals, new_table
-from encoder_reading.evaluation import (
+from msg_tools.units import ARCSEC
+
+from .encoder_evaluation import (
     TABLE_2_MEASURED,
     TABLE_2_STANDARD,
     evaluate,
     harmonic_verdict,
     sigma_interval,
 )
-from msg_tools.units import ARCSEC
-
-from ..simulation import SCALES, IndexingTable
+from .indexing_table import SCALES, IndexingTable
 
 #: what the paper found for each method: standard deviation, arcsec
 PRINTED_STD = {'paper': 4.57, 'centroid': 26.77, 'parabola': 16.93}

@@ -6,10 +6,11 @@ import pytest
 from encoder_reading.design import Design
 from encoder_reading.disc import BAR_ANGLE, Disc
 from encoder_reading.frame_readings import EXACT, REJECTED
-from encoder_reading.paper_reader import CentroidReader, PaperReader, ParabolaReader, sine_start
+from encoder_reading.paper_reader import PaperReader, sine_start
 from encoder_sim.absolute import Absolute
 from encoder_sim.ccd import LinearCCD
 from msg_tools.units import ARCSEC, wrap
+from telescope_mount.papers.indexing_table import CentroidReader, ParabolaReader
 
 SCALES = {48: {}, 60: {'bar_pitch': 60.0, 'blur': 8.0, 'base': 88.0}}
 GROSS = 600.0  # arcsec: half a bar

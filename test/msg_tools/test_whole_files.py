@@ -26,7 +26,6 @@ OTHERS = {
     'telescope_mount/domain.py': 'a lock, which stays empty',
     'pointing_model/runs/plate_solves/solvers.py': 'for the solver, in a folder of its own',
     'telescope_mount/bridges/indi/bolt_camera.py': 'an image for the solver, in its folder',
-    'telescope_mount/bridges/indi/indi_server.py': 'output of a server',
     'telescope_mount/bridges/indi/indi_sources.py': 'an image for the solver, in its folder',
 }
 

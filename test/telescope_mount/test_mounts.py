@@ -34,6 +34,7 @@ def german_csv(tmp_path_factory):
 
 def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypatch):
     monkeypatch.setitem(predictive_model.__kwdefaults__, 'folds', 3)
+    monkeypatch.setattr('calibration.analysis.diagnosis.prediction.BLOCKS', 3)
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Parts of the prediction',

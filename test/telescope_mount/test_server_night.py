@@ -4,15 +4,15 @@ import re
 from pathlib import Path
 
 import pytest
+from alpaca_simulator import SimulatedTelescope
 from fake_server import TELESCOPE, FakeServer, switch
+from two_axes import TwoAxes
 
 from msg_tools.status_rows import Progress
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount import whole_night as night
-from telescope_mount.bridges.alpaca.alpaca_simulator import SimulatedTelescope
-from telescope_mount.bridges.indi.indi_server import SIMULATOR
-from telescope_mount.bridges.indi.two_axes import TwoAxes
+from telescope_mount.bridges.indi.indi_telescope import SIMULATOR
 from telescope_mount.night_files import Written
 from telescope_mount.observing.night_file import NightFile
 from telescope_mount.observing.plan import parse_plan

@@ -18,12 +18,12 @@ _SET_SITE = 'set the site right'
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
+class MovedRun:
     """The run as written, with catalogue places at another time or site.
 
     Attributes
     ----------
-    said : str
+    sentence : str
         What is mistaken.
     kind : {'times', 'site'}
     advice : str
@@ -36,7 +36,7 @@ class Elsewhere:
         By which hour angles of the mount are others, that were made by the clock; radians.
     """
 
-    said: str
+    sentence: str
     kind: str
     advice: str
     az: np.ndarray
@@ -58,7 +58,7 @@ class Elsewhere:
 
     def text(self, zero=0.0, names=None):
         """For people."""
-        return self.said
+        return self.sentence
 
 
 def other_places(rows):
@@ -70,7 +70,7 @@ def other_places(rows):
 
     Returns
     -------
-    list of Elsewhere
+    list of MovedRun
     """
     out = []
     if rows.solved is not None:
@@ -80,7 +80,7 @@ def other_places(rows):
         out = [one for one in out if one is not None]
     elif rows.mount.celestial:
         az, el = rows.columns[:2]
-        out.append(Elsewhere('the latitude with the other sign', _SITE, _SET_SITE, az, el,
+        out.append(MovedRun('the latitude with the other sign', _SITE, _SET_SITE, az, el,
                              Mount.equatorial(-rows.mount.latitude, rows.mount.kind)))
     return out
 
@@ -131,4 +131,4 @@ def _of_stars(rows, text, kind, advice, site, hours=0.0):
                                                                                 solved.site)
     places = np.full((3, len(rows.line)), np.nan)
     places[:2, there], places[2, there] = (az, el), turn
-    return Elsewhere(text, kind, advice, *places[:2], mount, places[2])
+    return MovedRun(text, kind, advice, *places[:2], mount, places[2])

@@ -434,9 +434,9 @@ def star_groups(context, position, run, timed):
     first = np.arange(len(order))
     for lag in range(1, min(_LAGS, len(order) - 1) + 1):
         passed = position[lag:] - position[:-lag] if timed else np.full(len(order) - lag, _SOON)
-        apart = np.linalg.norm(place[:, lag:] - place[:, :-lag], axis=0)
+        distance = np.linalg.norm(place[:, lag:] - place[:, :-lag], axis=0)
         same = (run[lag:] == run[:-lag]) & (passed < _MINUTES) & (
-            apart < _PLACE + _SIDEREAL * passed)
+            distance < _PLACE + _SIDEREAL * passed)
         first[lag:] = np.where(same, np.minimum(first[lag:], first[:-lag]), first[lag:])
     out = np.empty(len(order), int)
     out[order] = first

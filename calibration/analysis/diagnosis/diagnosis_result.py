@@ -119,7 +119,7 @@ class Diagnosis:
         Readings of the columns that fit as well, see `input_check`.
     cautions : list of Finding or str
         Where the gain does not hold on some kind of rows left out.
-    wander : dict or None
+    noise_memory : dict or None
         Rows resemble their neighbours in time though no effect explains it, see
         `residual_correlation.correlation_entry`.
     expected : dict or None
@@ -163,7 +163,7 @@ class Diagnosis:
     cv_contiguous: dict = field(default_factory=dict)
     columns_alike: list = field(default_factory=list)
     cautions: list = field(default_factory=list)
-    wander: dict | None = None
+    noise_memory: dict | None = None
     expected: dict | None = None
     held_out: list = field(default_factory=list)
     no_star: list = field(default_factory=list)
@@ -177,7 +177,7 @@ class Diagnosis:
 
     def add_correlation(self, entry):
         """Take a `residual_correlation.correlation_entry`."""
-        self.wander = entry
+        self.noise_memory = entry
         if self.verdict == 'none' and entry['slow']:
             self.verdict = 'wanders'
 
@@ -198,7 +198,7 @@ class Diagnosis:
             'columns_alike': self.columns_alike, 'readings': [],
             'excluded': _excluded(self.excluded, self.observations),
             'next_observations': self.next_observations, 'detectable': self.detectable,
-            'wander': self.wander, 'expected': self.expected,
+            'wander': self.noise_memory, 'expected': self.expected,
             'as_read_rms_arcsec': raw_rms_arcsec(
                 self.observations, self.weights) if self.whole else None,
             'as_read_terms': raw_terms(self) if self.whole else [],

@@ -224,11 +224,11 @@ class _RunCheck:
             or 'catalogue and encoders do not belong together'
         used, read = self.rows.rows_used, self.rows.rows_read
         text = f'{self.rows.where}{what}: {used} of {read} rows can be used as written, and {left}'
-        said = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
+        fitting = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
         if len(fits) > 1:
-            text += f'. These readings fit, and cannot be told apart: {said}'
+            text += f'. These readings fit, and cannot be told apart: {fitting}'
         elif fits:
-            text += f'. Read otherwise they fit: {said}'
+            text += f'. Read otherwise they fit: {fitting}'
         else:
             text += '. No other reading that was tried fits'
         advice = 'look at the columns and at the rows' if not fits else fits[0].reading.advice \

@@ -40,7 +40,7 @@ class ReadingFit:
 
     Attributes
     ----------
-    reading : Reading or Elsewhere
+    reading : Reading or MovedRun
     places : tuple of ndarray, shape (n,)
         Catalogue, readings, number of the run.
     taken : float
@@ -143,7 +143,7 @@ class ReadingFits:
 
         Parameters
         ----------
-        reading : Reading or Elsewhere
+        reading : Reading or MovedRun
         centred : bool
             The first zero is taken off before the fit.
         terms : tuple of str, optional
@@ -187,7 +187,7 @@ class ReadingFits:
 
         Parameters
         ----------
-        readings : sequence of Reading or Elsewhere
+        readings : sequence of Reading or MovedRun
         near : float
             How many times the best misfit in first order.
 

@@ -168,14 +168,14 @@ class Reading:
         for name in dict.fromkeys((*self.catalogue, *self.encoders)):
             where = (_BOTH if name in self.catalogue and name in self.encoders
                      else _CATALOGUE if name in self.catalogue else _ENCODERS)
-            said = _MISTAKES[name][0].format(of=where, **words)
+            text = _MISTAKES[name][0].format(of=where, **words)
             if name == 'ascension' and where == _ENCODERS:
-                said += ' (call the column ra_enc_deg, with time and longitude)'
+                text += ' (call the column ra_enc_deg, with time and longitude)'
             if name == 'reversed' and where != _BOTH:
                 reversed_here = True
                 if south:
-                    said = f'azimuth {where} counted from the south through east'
-            parts.append(said)
+                    text = f'azimuth {where} counted from the south through east'
+            parts.append(text)
         if self.offsets:
             parts.append(f'offsets in place of the encoders\' readings, in {self.offsets}')
         if self.exchanged:

@@ -27,8 +27,11 @@ _FEWEST, _FEW = 10, 18
 #: rows that are looked at, at most
 MOST_ROWS = 5000
 #: kinds of findings that say that something moved
-MOVES = ('step between visits', 'moved between visits')
+STEP = 'step between visits'
+MOVES = (STEP, 'moved between visits')
 _TOGETHER = 'outliers together'
+#: kinds that say where to look first
+PATTERNS = (*MOVES, _TOGETHER)
 #: windows of a place
 _OF_PLACE = ('direction', 'azimuth', 'first axis')
 #: robust sigmas from where a row is an outlier that others may lie beside
@@ -95,14 +98,9 @@ class ResidualRows(NamedTuple):
             sequence.group, is_beyond(context.el).astype(int))
 
 
-def is_pattern(found):
-    """Whether a finding is on what moved or on outliers together: where to look first."""
-    return getattr(found, 'kind', '') in (*MOVES, _TOGETHER)
-
-
 def patterns_first(findings):
-    """Findings, those of `is_pattern` before the others."""
-    return sorted(findings, key=lambda one: not is_pattern(one))
+    """Findings, those of `PATTERNS` before the others."""
+    return sorted(findings, key=lambda one: getattr(one, 'kind', '') not in PATTERNS)
 
 
 def visit_findings(rows, visits):
@@ -131,12 +129,36 @@ def visit_findings(rows, visits):
     after = visits.rows[int(np.flatnonzero(when > move.position)[0])][0]
     both = len(set(visits.place[visits.again & (when < move.position)])
                & set(visits.place[visits.again & (when > move.position)]))
-    return [Finding(MOVES[0] if visits.at_once else MOVES[1],
+    return [Finding(STEP if visits.at_once else MOVES[1],
                     move.amount / ARCSEC, move.sigma / ARCSEC, evidence={
                         **known, 'axis': names.axes[move.axis], 'word': rows.word,
                         'term': names.index[move.axis], 'both': both,
                         'before': rows.lines[before], 'after': rows.lines[after],
                         'chance': move.chance})]
+
+
+def step_of(rows, terms, least=0.0):
+    """Where the visits of places begin to disagree at once.
+
+    Parameters
+    ----------
+    rows : ResidualRows
+    terms : sequence of str
+        That the residuals are of.
+    least : float
+        A smaller step is none, in the noise of one visit.
+
+    Returns
+    -------
+    position : float or None
+        Time, or place in the order, between the visits before and after it.
+    found : Finding or None
+    """
+    visits = rows.visits(terms)
+    move = visits.move
+    if move is None or abs(move.amount) < least * visits.noise[move.axis] or not visits.at_once:
+        return None, None
+    return move.position, visit_findings(rows, visits)[0]
 
 
 def cluster_findings(rows):

@@ -194,5 +194,5 @@ def refused_if_few(result):
     return replace(
         result, verdict='refused', effects=[], model=result.base_model,
         after=dict(result.before), residual_after=result.residual_before, next_observations=[],
-        cv_contiguous={}, cautions=[counts.refusal], wander=None, detectable=None,
+        cv_contiguous={}, cautions=[counts.refusal], noise_memory=None, detectable=None,
         expected=None, no_star=[])

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.special import chdtrc
 
-from calibration.estimation.robust import sigma_of
-from calibration.estimation.unequal_scales import scale_law, scale_ratio
+from calibration.estimation.robust import scale_law, scale_ratio, sigma_of
 from msg_tools.units import ARCSEC
 from pointing_model.rms import rms
 
@@ -82,7 +81,7 @@ def unequal_axes(diagnosis):
     if p >= _UNEQUAL or max(ratio, 1.0 / ratio) < _AXES_TIMES:
         return None
     law = scale_law(left[0], np.maximum(np.abs(np.cos(context.el[rows])), 1e-3))
-    told = 'cosine' if law > _LAW else 'even' if law < -_LAW else None
+    found = 'cosine' if law > _LAW else 'even' if law < -_LAW else None
     return {'axis': 'x' if ratio > 1.0 else 'y', 'times': float(max(ratio, 1.0 / ratio)), 'p': p,
             'sigma_arcsec': [float(sigma_of(one)) / ARCSEC for one in left],
-            'law': told if ratio > 1.0 else None}
+            'law': found if ratio > 1.0 else None}

@@ -21,7 +21,7 @@ from pointing_model.runs.run import PointingRun
 from ..finding import Finding
 from ..term_fit import fit_terms
 from .diagnosis_base import Base, linearised, mount_of, observations
-from .residual_patterns import MOST_ROWS, ResidualRows, visit_findings
+from .residual_patterns import MOST_ROWS, ResidualRows, step_of
 
 #: gaps that may end a session, h: a break, the day between two nights, a day without observing
 GAPS = (3.0, 6.0, 12.0)
@@ -200,17 +200,15 @@ def at_steps(run, base='physical', encoder='enc', least_step=0.0):
         rows = ResidualRows.from_fit(part, fitted, encoder)
         if step > 1:
             rows = rows._replace(lines=run.lines[::step][rows.lines])
-        visits = rows.visits(terms)
-        move = visits.move
-        if move is None or not (abs(move.amount) >= least_step * visits.noise[move.axis]
-                                and visits.at_once):
+        position, found = step_of(rows, terms, least_step)
+        if found is None:
             break
         time = np.asarray(run.get('time'), float)
-        position = time if np.isfinite(time).all() else np.arange(len(run)) / step
-        own = run.get('run', 1.0) * 2.0 + (position > move.position)
+        when = time if np.isfinite(time).all() else np.arange(len(run)) / step
+        own = run.get('run', 1.0) * 2.0 + (when > position)
         run = _with_note(PointingRun({
-            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta), replace(
-                visit_findings(rows, visits)[0], todo='own zeros'))
+            **run.columns, 'run': 1 + np.unique(own, return_inverse=True)[1]}, run.meta),
+            replace(found, todo='own zeros'))
     return run
 
 

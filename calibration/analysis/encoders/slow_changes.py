@@ -19,7 +19,7 @@ LEAD = 6.0
 _MOST = 3
 #: rad through which the disc turns in the night, at most; between those tried: half of it is the
 #: error of the phase at either end
-_FARTHEST, _APART = 20.0, 1.0
+_FARTHEST, _SPACING = 20.0, 1.0
 #: numbers of a step (size, moment) and of a drift
 NUMBERS = {'step': 2, 'drift': 1}
 
@@ -60,7 +60,7 @@ def slow_changes(night, axis):
     u = np.where(tonight, (time - time[tonight].mean()) / length, 0.0)
     waves = np.stack([np.cos(angle), np.sin(angle)]) * tonight
     out = [SlowChange('disc shifts', waves * u, 2)]
-    for turn in np.arange(_APART, _FARTHEST + 0.5 * _APART, _APART):
+    for turn in np.arange(_SPACING, _FARTHEST + 0.5 * _SPACING, _SPACING):
         out += [SlowChange('disc turns', tonight * np.stack(
             [np.cos(angle - one * u), np.sin(angle - one * u)]), 3, one) for one in (turn, -turn)]
     bends = np.stack([u, u**2 * tonight, u**3])

@@ -19,7 +19,7 @@ READOUT = 60.0
 LARGEST_OFFSET = 2.0
 
 
-class Image(NamedTuple):
+class CameraImage(NamedTuple):
     """An image.
 
     Attributes
@@ -78,7 +78,7 @@ class IndiCamera:
         client.enable_blobs(self.device)
 
     def expose(self, seconds):
-        """One exposure, an `Image`.
+        """One exposure, a `CameraImage`.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class IndiCamera:
             data = zlib.decompress(data)
         if not data.startswith(b'SIMPLE'):
             raise IndiError(f'{self.device} sends images as {kind}: set it to FITS')
-        return Image(data, *_middle(data, began, seconds))
+        return CameraImage(data, *_middle(data, began, seconds))
 
 
 def _middle(data, began, seconds):

@@ -13,7 +13,6 @@ import numpy as np
 from msg_tools.units import DEG, wrap
 
 from .client import PATIENCE, IndiError, Vector
-from .indi_server import SIMULATOR, TWO_AXES
 from .pointing import HOUR
 
 PLACE, TRUE_PLACE, AXES = 'EQUATORIAL_EOD_COORD', 'EQUATORIAL_PE', 'MOUNT_AXES'
@@ -22,6 +21,8 @@ HORIZONTAL = 'HORIZONTAL_COORD'
 PARK, ABORT, TRACK = 'TELESCOPE_PARK', 'TELESCOPE_ABORT_MOTION', 'TELESCOPE_TRACK_STATE'
 ON_SET, SITE, SIDE = 'ON_COORD_SET', 'GEOGRAPHIC_COORD', 'TELESCOPE_PIER_SIDE'
 RATE, KIND, CLOCK, CONNECTION = 'TELESCOPE_SLEW_RATE', 'MOUNT_TYPE', 'TIME_UTC', 'CONNECTION'
+#: programs that simulate one: that of INDI, and one of `examples/simulated_servers`
+SIMULATOR, TWO_AXES = 'indi_simulator_telescope', 'two_axes'
 #: bit of DRIVER_INTERFACE of a telescope
 TELESCOPE = 1
 #: what a driver calls a kind of mount -> `pointing_model.mounts.KINDS`
@@ -75,7 +76,7 @@ def find_device(client, wanted='', timeout=PATIENCE):
 
 
 def is_simulator(telescope):
-    """Whether it is INDI's telescope simulator, or `two_axes_server`."""
+    """Whether it is INDI's telescope simulator, or the two axes of `examples/simulated_servers`."""
     return _driver(telescope) in (SIMULATOR, TWO_AXES)
 
 
@@ -89,7 +90,7 @@ def check_kind(telescope, kind):
         raise IndiError(f'{telescope.device} is set to ALTAZ, and its axes are hour angle and '
                         'declination all the same: set its MOUNT_TYPE to EQ_FORK or EQ_GEM; for an '
                         'alt-azimuth one: '
-                        'python -m telescope_mount.bridges.indi.indi_simulator --kind altaz')
+                        'python examples/simulated_servers/indi_simulator.py --kind altaz')
 
 
 def knows_where_it_looks(telescope):

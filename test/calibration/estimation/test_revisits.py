@@ -69,6 +69,6 @@ def test_exposures_of_one_visit_are_no_second_visit():
     assert one.differences == 1 and [len(rows) for rows in one.rows] == [12, 12]
     # the other side of the pier is another place
     assert Revisits(direction, np.arange(24.0), value, RADIUS,
-                    apart=np.arange(24) // 12).differences == 22
+                    side=np.arange(24) // 12).differences == 22
     every = Revisits(direction, np.arange(24.0), value, RADIUS)
     assert one.move is None and every.differences == 23

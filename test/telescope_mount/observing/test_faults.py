@@ -253,7 +253,7 @@ def test_a_fault_that_is_over_is_said_and_the_plan_goes_on(caplog):
 
 
 def test_without_a_limit_nothing_is_given_up(monkeypatch):
-    monkeypatch.setitem(globals(), 'STEP', 0.5)
+    monkeypatch.setattr('live_bench.STEP', 0.5)
     bench = Live('stars 3', give_up_s=0.0)
     bench.answers -= {CAMERA}
     bench.lasts(700.0)

@@ -27,11 +27,11 @@ from calibration.analysis.term_fit import fit_harmonics
 from encoder_reading.disc import BARS, INITIAL, RECURRENCES, code_bits
 from encoder_sim.encoder_scale import disc_angle
 from encoder_sim.incremental import Incremental
-from encoder_sim.indexing_table import SCALES
 from encoder_sim.scenario_file import load_scenario
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.harmonics import COUNT, Harmonics, basis, sky_factor
 from pointing_model.pointing_terms import design
+from telescope_mount.papers.indexing_table import SCALES
 from telescope_mount.papers.table_1 import PAPER_TABLE_1
 
 PAGE = ROOT / 'docs' / 'papers.md'

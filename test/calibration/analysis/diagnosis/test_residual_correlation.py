@@ -140,7 +140,7 @@ def nights_that_wander(seed, n=18, size=0.0):
 def test_what_the_rows_of_a_night_share_is_no_effect_of_the_mount():
     result = diagnose(nights_that_wander(3), **FAST)
     assert result.verdict == 'wanders' and not result.effects
-    assert result.wander['slow'] and set(result.wander['axes']) >= {'el'}
+    assert result.noise_memory['slow'] and set(result.noise_memory['axes']) >= {'el'}
     _, sentences = verdict_sentences(result.to_dict(), caution=paragraph(result.cautions))
     assert not any('looks like noise' in s for s in sentences)
     # what the mount has on all nights stays
@@ -164,12 +164,12 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
     # if rows are taken to have no memory, most of these have effects
     assert sum(bool(r.effects) for r in found) <= 1
     assert sum(r.verdict == 'wanders' for r in found) >= 2
-    told = next(r for r in found if r.wander and set(r.wander['axes']) == {'az', 'el'})
-    for axis in told.wander['axes'].values():
+    told = next(r for r in found if r.noise_memory and set(r.noise_memory['axes']) == {'az', 'el'})
+    for axis in told.noise_memory['axes'].values():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
-    assert 0.5 < told.wander['removes_rms_arcsec'] < 2.0
-    assert 'the zero wanders' in correlation_sentence(told.wander, ALTAZ.names.axes)
+    assert 0.5 < told.noise_memory['removes_rms_arcsec'] < 2.0
+    assert 'the zero wanders' in correlation_sentence(told.noise_memory, ALTAZ.names.axes)
     headline, sentences = verdict_sentences(told.to_dict())
     assert headline.startswith('The zero drifts') and 'What moves it is not known' in sentences[0]
     document = json.loads(json.dumps(told.to_dict()))
@@ -194,7 +194,7 @@ def test_what_repeats_each_other_counts_as_fewer():
         run.columns['el_enc'] += e[1]
         result = diagnose(run, **FAST)
         false += bool(result.effects)
-        told += bool(result.wander) and not result.wander['slow']
+        told += bool(result.noise_memory) and not result.noise_memory['slow']
     assert false <= 1 and told >= 2
 
 
@@ -204,7 +204,7 @@ def test_a_small_drift_is_not_told_from_a_wander():
     assert all(r.verdict != 'none' for r in verdicts)
     wandering = [r for r in verdicts if r.verdict == 'wanders']
     assert wandering and all(
-        any('with_time' in n or 'step' in n or 'temperature' in n for n in r.wander['like'])
+        any('with_time' in n or 'step' in n or 'temperature' in n for n in r.noise_memory['like'])
         for r in wandering)
 
 
@@ -254,7 +254,7 @@ def along_the_sky(seed=3):
 def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
     run = along_the_sky()
     result, plain = diagnose(run, **FAST), fit_terms(run)
-    entry = result.wander
+    entry = result.noise_memory
     assert result.verdict == 'wanders' and entry['along_the_sky']['step_deg'] < 20.0
     # what a fit leaves is what is left; the errors are those of such a night
     assert result.before == result.after
@@ -273,7 +273,7 @@ def test_a_wander_along_the_sky_moves_no_term_and_is_told_as_that():
     assert 'smooth of' not in sentences[0] and 'mixes the sky' in sentences[0]
     # a night that goes back and forth says nothing of the kind, and its terms rest on the wander
     other = diagnose(night(301, noise=correlated(0.9)), **FAST)
-    assert other.wander['along_the_sky'] is None
+    assert other.noise_memory['along_the_sky'] is None
 
 
 def seen(residual, az, el, live=None, apart=10.0):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.analysis.diagnosis.scatter import unequal_axes, unequal_scatter
-from calibration.estimation.unequal_scales import scale_law, scale_ratio
+from calibration.estimation.robust import scale_law, scale_ratio
 from calibration.report.scatter_wording import axes_sentence, is_headline, scatter_sentence
 from calibration.report.verdict_wording import verdict_sentences
 from msg_tools.units import ARCSEC

@@ -36,21 +36,21 @@ def night(seed, n=400, effect=None, noise=None, **terms):
 
 
 def two(c):
-    return 0.7 * np.cos(2.0 * c['az']) * np.cos(c['el']), 0.6 * c['approach_el']
+    return 1.4 * np.cos(2.0 * c['az']) * np.cos(c['el']), 1.2 * c['approach_el']
 
 
 @pytest.fixture(scope='module')
 def both():
-    """A part of 2400 rows, and all."""
-    run = PointingRun.concatenate([night(50 + i, effect=two) for i in range(6)])
+    """A part of 750 rows, and all."""
+    run = PointingRun.concatenate([night(50 + i, n=250, effect=two) for i in range(3)])
     run.columns['az_enc'][7] += 900.0 * ARCSEC
-    return (diagnose(run, most_rows=900, holdout=night(60, effect=two), folds=3),
+    return (diagnose(run, most_rows=300, holdout=night(60, effect=two), folds=3),
             diagnose(run, cross_validation=False, flips=299))
 
 
 def test_a_part_of_the_rows_finds_what_all_of_them_do(both):
     part, whole = both
-    assert len(part.observations) == 900 and len(part.observations.whole) == 2400
+    assert len(part.observations) == 300 and len(part.observations.whole) == 750
     values = {e.fitted.effect.name: e.fitted for e in part.effects}
     assert set(values) == {'azimuth_encoder_2', 'elevation_hysteresis'}
     for e in whole.effects:
@@ -66,14 +66,14 @@ def test_it_says_how_many_rows_and_what_that_costs(both):
     part, whole = both
     told = part.to_dict()
     json.dumps(told)
-    assert (told['rows_read'], told['rows_not_drawn']) == (2400, 1500)
-    assert told['detection_factor'] == pytest.approx((2400 / 900)**0.5, rel=0.01)
+    assert (told['rows_read'], told['rows_not_drawn']) == (750, 450)
+    assert told['detection_factor'] == pytest.approx((750 / 300)**0.5, rel=0.01)
     assert told['after']['cv_rms_arcsec'] is not None
     assert whole.to_dict()['rows_not_drawn'] == 0 and whole.to_dict()['detection_factor'] == 1.0
     (note,) = (wording(n) for n in part.notes if n.kind == 'rows searched')
-    assert note.startswith('900 of 2400 rows') and '1.6 times as large' in note
+    assert note.startswith('300 of 750 rows') and '1.6 times as large' in note
     assert 'rows searched' not in [n.kind for n in whole.notes]
-    assert '900 of 2400 rows were searched' in render(view_of(part))
+    assert '300 of 750 rows were searched' in render(view_of(part))
 
 
 def test_the_part_is_spread_over_each_run_and_keeps_short_ones():

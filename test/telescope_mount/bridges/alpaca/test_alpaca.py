@@ -8,19 +8,19 @@ import time
 
 import numpy as np
 import pytest
+from alpaca_server import AlpacaServer
+from alpaca_simulator import SimulatedTelescope
+from two_axes import TwoAxes
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
 from telescope_mount.bridges.alpaca.alpaca_driver import AlpacaDriver
-from telescope_mount.bridges.alpaca.alpaca_server import AlpacaServer
-from telescope_mount.bridges.alpaca.alpaca_simulator import SimulatedTelescope
 from telescope_mount.bridges.alpaca.alpaca_sources import AlpacaStars
 from telescope_mount.bridges.alpaca.alpaca_telescope import AlpacaError, AlpacaTelescope
 from telescope_mount.bridges.indi.dead_man import ALPACA, DeadMan
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
 from telescope_mount.bridges.indi.pointing import axes_at
-from telescope_mount.bridges.indi.two_axes import TwoAxes
 
 pytest.importorskip('alpaca', reason='alpyca is not installed (extra alpaca)')
 FORK = Mount.equatorial(DEFAULT_SITE.latitude)

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from fake_server import TELESCOPE, FakeServer, switch
 from guarded import Guarded
+from two_axes import TERMS, TwoAxes, draw_errors
+from two_axes_server import TwoAxesServer
 
 from calibration.analysis.term_fit import fit_terms
 from msg_tools.units import ARCSEC, DEG
@@ -15,11 +17,13 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import DEFAULT_SITE
 from telescope_mount.bridges.indi.client import IndiClient, IndiError
 from telescope_mount.bridges.indi.goto_mount import NO_AXES
-from telescope_mount.bridges.indi.indi_server import SIMULATOR
-from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, check_kind, find_device
+from telescope_mount.bridges.indi.indi_telescope import (
+    SIMULATOR,
+    IndiTelescope,
+    check_kind,
+    find_device,
+)
 from telescope_mount.bridges.indi.pointing import axes_at
-from telescope_mount.bridges.indi.two_axes import TERMS, TwoAxes, draw_errors
-from telescope_mount.bridges.indi.two_axes_server import TwoAxesServer
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 

@@ -15,8 +15,8 @@ from msg_tools.params import BadInput
 from msg_tools.units import DEG
 from pointing_model.sky.places import DEFAULT_SITE, sidereal_time
 from telescope_mount.bridges.indi.indi_mount_node import IndiMount
-from telescope_mount.bridges.indi.indi_server import SIMULATOR
 from telescope_mount.bridges.indi.indi_sky_node import IndiSky
+from telescope_mount.bridges.indi.indi_telescope import SIMULATOR
 
 JOINTS = 'hour_angle', 'declination'
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from two_axes import TwoAxes
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.mounts import ALTAZ, Mount, is_beyond, through_pole
 from pointing_model.sky.places import Site, sidereal_time
 from telescope_mount.bridges.indi.pointing import AxisFollower, axes_at, place_of_date
-from telescope_mount.bridges.indi.two_axes import TwoAxes
 
 SITE = Site()
 GERMAN = Mount.equatorial(SITE.latitude, 'german')

@@ -6,7 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from guarded import Guarded
+from indi_server import DEVICE, SimulatorServer, missing
+from indi_simulator import MODEL, set_model
 from indi_survey import Survey, places
+from two_axes import draw_errors
 
 from calibration.analysis.sky_model import ON_SKY, origin_of_errors, with_errors
 from calibration.analysis.term_fit import fit_terms
@@ -15,10 +18,7 @@ from pointing_model.mounts import Mount, is_beyond
 from pointing_model.runs.run import PointingRun
 from pointing_model.sky.places import Site
 from telescope_mount.bridges.indi.client import IndiClient
-from telescope_mount.bridges.indi.indi_server import DEVICE, SimulatorServer, missing
-from telescope_mount.bridges.indi.indi_simulator import MODEL, set_model
 from telescope_mount.bridges.indi.indi_telescope import IndiTelescope, Ticks
-from telescope_mount.bridges.indi.two_axes import draw_errors
 
 pytest.importorskip('indipyclient', reason='indipyclient is not installed (extra indi)')
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing() or 'all is there')

@@ -1,4 +1,4 @@
-"""INDI's simulator with errors: ``python -m telescope_mount.bridges.indi.indi_simulator``.
+"""INDI's simulator with errors: ``python examples/simulated_servers/indi_simulator.py``.
 
 It draws a model of 0.02 to 0.1 deg a term, sets it, says which, and runs until Ctrl-C. An
 alt-azimuth mount, which INDI's simulator has not, is one of this project.
@@ -9,17 +9,17 @@ import sys
 import threading
 from contextlib import contextmanager
 
+from indi_server import DEVICE, SimulatorServer
+from two_axes import TERMS, TwoAxes, draw_errors
+from two_axes_server import TwoAxesServer
+
 from msg_tools.signals import on_end
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.mounts import ALTAZ
 from pointing_model.sky.places import DEFAULT_SITE
-
-from . import PORT
-from .client import IndiClient, IndiError
-from .indi_server import DEVICE, SimulatorServer
-from .indi_telescope import KIND, KINDS, IndiTelescope
-from .two_axes import TERMS, TwoAxes, draw_errors
-from .two_axes_server import TwoAxesServer
+from telescope_mount.bridges.indi import PORT
+from telescope_mount.bridges.indi.client import IndiClient, IndiError
+from telescope_mount.bridges.indi.indi_telescope import KIND, KINDS, IndiTelescope
 
 #: as `pointing_model` names them -> element of MOUNT_MODEL, and its sign there
 MODEL = {'IH': ('MM_IH', -1.0), 'ID': ('MM_ID', -1.0), 'CH': ('MM_CH', -1.0),

@@ -1,4 +1,4 @@
-"""An Alpaca telescope with errors: ``python -m telescope_mount.bridges.alpaca.alpaca_simulator``.
+"""An Alpaca telescope with errors: ``python examples/simulated_servers/alpaca_simulator.py``.
 
 It draws errors of its parts of 0.02 to 0.1 deg each, says which, and runs until Ctrl-C. Where its
 tube looks it tells by its own action, `TRUE_PLACE`, as no driver of a real mount can.
@@ -7,16 +7,16 @@ tube looks it tells by its own action, `TRUE_PLACE`, as no driver of a real moun
 import sys
 from contextlib import contextmanager
 
+from alpaca_server import AlpacaServer
+from indi_simulator import simulate
+from two_axes import TERMS, TwoAxes, draw_errors
+
 from msg_tools.units import DEG, wrap
 from pointing_model.mounts import parse_mount
 from pointing_model.sky.places import DEFAULT_SITE
-
-from ..indi.indi_simulator import simulate
-from ..indi.pointing import HOUR
-from ..indi.two_axes import TERMS, TwoAxes, draw_errors
-from . import PORT
-from .alpaca_server import AlpacaServer
-from .alpaca_telescope import KINDS, TRUE_PLACE
+from telescope_mount.bridges.alpaca import PORT
+from telescope_mount.bridges.alpaca.alpaca_telescope import KINDS, TRUE_PLACE
+from telescope_mount.bridges.indi.pointing import HOUR
 
 
 class SimulatedTelescope(AlpacaServer):

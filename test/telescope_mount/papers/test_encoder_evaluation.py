@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from encoder_reading.evaluation import (
+from msg_tools.units import ARCSEC
+from telescope_mount.papers.encoder_evaluation import (
     TABLE_2_MEASURED,
     TABLE_2_STANDARD,
     evaluate,
     harmonic_verdict,
     sigma_interval,
 )
-from msg_tools.units import ARCSEC
 
 PRINTED_ERRORS = [
     0.64, -7.27, -7.59, 6.28, 3.88, 0.67, -0.27, -6.41, 6.31, 7.71, 1.76, 3.92, 6.8, 3.75, 0.23,

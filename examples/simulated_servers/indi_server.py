@@ -7,10 +7,10 @@ import tempfile
 import time
 from pathlib import Path
 
-SERVER, SIMULATOR = 'indiserver', 'indi_simulator_telescope'
+from telescope_mount.bridges.indi.indi_telescope import SIMULATOR
+
+SERVER = 'indiserver'
 DEVICE = 'Telescope Simulator'
-#: what `two_axes_server` calls its driver
-TWO_AXES = 'two_axes'
 
 
 def missing():

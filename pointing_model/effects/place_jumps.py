@@ -20,7 +20,7 @@ _FEWEST_BEYOND, _FEWEST_WITHIN = 4, 3
 #: 1-sigma widths of a bump that are tried, rad; equal joints in a turn
 _WIDTHS, _JOINTS = (2.0 * DEG, 4.0 * DEG, 8.0 * DEG), (3, 4, 6, 8, 12)
 #: from one place to the next, and within what a row counts as in the bump, in widths
-_APART, _WITHIN = 1.5, 1.5
+_SPACING, _WITHIN = 1.5, 1.5
 _LOOK_AT_MIRROR = ('the radial and axial supports of the mirror and of the secondary, the lock of '
                    'the mirror, the focuser: what can lie on one side or the other')
 
@@ -119,9 +119,9 @@ def _between(context, most):
 def _places(angle, width, count):
     """Places of a bump with rows enough within it."""
     period = _TURN / count
-    if width * 2.0 * _APART > period:
+    if width * 2.0 * _SPACING > period:
         return []
-    steps = int(np.ceil(period / (_APART * width)))
+    steps = int(np.ceil(period / (_SPACING * width)))
     at = (np.arange(steps) + 0.5) * period / steps
     away = np.abs(np.mod(angle - at[:, None] + 0.5 * period, period) - 0.5 * period)
     return at[(away < _WITHIN * width).sum(axis=1) >= _FEWEST_WITHIN].tolist()

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from encoder_sim.indexing_table import DAMAGED, SCALES, TABLE_ERROR, IndexingTable
 from msg_tools.units import ARCSEC
+from telescope_mount.papers.indexing_table import DAMAGED, SCALES, TABLE_ERROR, IndexingTable
 
 
 def test_one_turn_is_23_equal_parts():
