@@ -8,6 +8,7 @@ from . import page_parts as html
 from .diagnosis_summary import MOST_EFFECTS
 from .drawing import clean
 from .provenance import provenance_section
+from .refit_preview import preview
 from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
 from .terms_section import correlation_table, terms_table
@@ -68,6 +69,7 @@ def render(view, files=None):
                             page.untestable(view.untestable)),
         '' if files is None else provenance_section([], files),
         f'<footer>Offsets: encoder − catalogue, {_offsets(view)}, arcsec on the sky.</footer>',
+        preview(data, view.fits, view.lines, 'diagnose', view.file) if view.fits else '',
     ]
     return html.whole(f'{title} ({view.word})', body,
                       'Pointing diagnosis of a telescope mount')

@@ -120,6 +120,10 @@ class DiagnosisView:
         Of which telescope, when and where.
     axes_note : str
         What the angles are through the pole.
+    fits : list of (str, Linearisation, list of str)
+        Of `refit_preview.preview`; none where rows cannot be excluded.
+    lines, file
+        Numbers of the rows, and the file they are of.
     changed : bool
         Whether anything was added.
     """
@@ -157,6 +161,9 @@ class DiagnosisView:
     correlations: np.ndarray | None = None
     about: str = ''
     axes_note: str = ''
+    fits: list = ()
+    lines: list = ()
+    file: str = ''
 
     def __post_init__(self):
         self.changed = bool(np.any(np.abs(self.residuals.before - self.residuals.after) > 1e-9))
@@ -212,7 +219,9 @@ def view_of(diagnosis, document=None):
         no_star=observation_wording.no_star_sentences(document),
         untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
         correlated=_coefficients(names, diagnosis), correlations=matrix,
-        about=about(obs, _sources(obs)), axes_note=axes_note(context))
+        about=about(obs, _sources(obs)), axes_note=axes_note(context),
+        fits=_refits(diagnosis), lines=obs.lines,
+        file=(_sources(obs) or [''])[0])
 
 
 def _without_headline(verdict, document, effects):
@@ -426,6 +435,19 @@ def _terms(diagnosis):
                  'sigma': float(s) / ARCSEC, 'unit': e.unit}
                 for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
     return out
+
+
+def _refits(diagnosis):
+    """Both fits of a run of one file, with the names that the table of terms has."""
+    obs = diagnosis.observations
+    if len(_sources(obs)) > 1 or not diagnosis.linear:
+        return ()
+    effects, label = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}, \
+        obs.context.wording
+    return [(when, fit, [
+        f'{readable(name)}: {label(coefficient_word(effects[name], c))}'
+        if name in effects else name for name, c in fit.names])
+        for when, fit in zip(('before', 'after'), diagnosis.linear)]
 
 
 def _coefficients(names, diagnosis):

@@ -14,6 +14,7 @@ from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
 from .drawing import clean
 from .provenance import provenance_section, site_degrees, site_text
+from .refit_preview import preview
 from .residual_figures import controls, residual_sections, run_residuals
 from .terms_section import terms_section
 from .wording import wording
@@ -58,8 +59,8 @@ def render_fit(found, document):
         controls(data),
         html.verdict('', headline, [
             outliers, *map(wording, [*filter(is_pattern, found.findings), *result.findings(run)])],
-                     html.cards([(before['rms_arcsec'], 'raw'),
-                                 (after['rms_arcsec'], 'fit residuals'),
+                     html.cards([(before['rms_arcsec'], 'raw', 'before'),
+                                 (after['rms_arcsec'], 'fit residuals', 'after'),
                                  (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves'),
                                  (noise, 'noise of the fit')]), '',
                      html.gains(bars, noise, 'noise of the fit')),
@@ -75,7 +76,7 @@ def render_fit(found, document):
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
             [source] if source else ()),
-        html.FOOTER]
+        html.FOOTER, _preview(found, data, source)]
     return html.whole(f'Fit: {headline}', body, 'Fit of a pointing model')
 
 
@@ -97,6 +98,15 @@ def _residuals(found):
         list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='raw', after_text='model')
+
+
+def _preview(found, data, source):
+    """What a refit without excluded rows needs; not of a model with harmonics or a prediction."""
+    linear = found.terms.linear
+    if linear is None or found.plain is not found.terms.model:
+        return ''
+    return preview(data, [('before', None, []), ('after', linear, list(linear.names))],
+                   found.run.lines, 'fit', source)
 
 
 def _alignment(found):

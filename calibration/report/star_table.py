@@ -39,9 +39,9 @@ def stars_table(data):
             cells.append(_clock(data.time[i], days, data.utc))
         cells += [number(place[i], 1) for place in places]
         tail = ''
-        for kind, values in zip(WHENS, (data.before, data.after)):
+        for values in (data.before, data.after):
             x, y = values[:, i]
-            tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
+            tail += ''.join(f'<td>{number(v, 2, sign)}</td>'
                             for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
         group = '' if data.groups is None else f' data-g="{cells[1]}"'
         rows.append(f'<tr data-i="{data.keys[i]}"{group}>'

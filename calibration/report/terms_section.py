@@ -30,7 +30,7 @@ def terms_table(terms):
              *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
                if alone else []), t['unit']] for t in terms]
     return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
-                 rows, 'numbers', 'Terms of the model')
+                 rows, 'numbers terms', 'Terms of the model')
 
 
 def correlation_table(names, matrix):
