@@ -263,9 +263,9 @@ def sky_maps(data):
         out.append(figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}', 'link', margins),
             _with_rms(f'{what}.{longer}', data.radial(when), when), when))
-    some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
-    return pair(out) + ('<p class="note">Arrows: encoder minus model. Zenith in the middle, rim at '
-                        f'{lowest:g}° elevation{dashed}.{some}</p>')
+    some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
+    return pair(out) + ('<p class="note">Encoder − model; zenith at the centre, rim at '
+                        f'{lowest:g}°{dashed}.{some}</p>')
 
 
 def targets(data):
@@ -322,14 +322,14 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noi
     cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
     panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
     size = float(rms(x, y)) if len(x) else None
-    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
+    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} RMS, {len(x)} rows.'
     if noise is not None and noise > 0.0:
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
         named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
-        caption += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
-                    f'within it (of noise alone {100 * _WITHIN:.0f} %).')
+        caption += (f' Dashed: {named}, {arcsec(noise)}; {100 * inside:.0f} % within '
+                    f'(noise alone {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:
@@ -458,7 +458,7 @@ def _histogram(before, after, limit, title, whens):
     for when, values, _ in shown:
         x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
         panel.line(x, y, f'{when} area when-{when}', close=True)
-    caption = f'{title}: standard deviation ' + ', '.join(
+    caption = f'{title}: σ ' + ', '.join(
         f'{arcsec(size)} {when}' for when, _, size in shown)
     sigma = sizes[1]
     if 'after' in whens and np.isfinite(sigma) and sigma > 0.0:
@@ -466,7 +466,7 @@ def _histogram(before, after, limit, title, whens):
         panel.line(u, np.minimum(len(after) * (edges[1] - edges[0]) / sigma / np.sqrt(2 * np.pi)
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
-        caption += '; dotted: normal distribution of the latter'
+        caption += '; dotted: normal'
     return figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
                   whens[0] if len(whens) == 1 else '')
 
