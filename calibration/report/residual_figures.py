@@ -20,7 +20,6 @@ from .page_parts import (
     number,
     pair,
     rms_text,
-    section,
 )
 from .star_table import WHENS, stars_table
 
@@ -472,17 +471,13 @@ def _histogram(before, after, limit, title, whens):
 
 
 def residual_sections(data):
-    """All of them, as list of HTML.
+    """All of them but the map, folded, as list of HTML.
 
     Parameters
     ----------
     data : Residuals
     """
-    parts = (('Target', targets, ''),
-             ('Residuals in time', in_time, ''),
-             ('Residuals by axis', along_axes, ''),
-             ('Histograms', histograms, ''),
-             ('Stars', stars_table, 'Point at a star: it lights up in all plots. A click or Enter '
-              'keeps it, Escape lets it go. A click on a heading sorts.'))
-    return [section('Residuals on the sky', sky_maps(data)),
-            *(folded_section(title, make(data), note=note) for title, make, note in parts)]
+    parts = (('Target', targets), ('Residuals in time', in_time),
+             ('Residuals by axis', along_axes), ('Histograms', histograms),
+             ('Stars', stars_table))
+    return [folded_section(title, make(data)) for title, make in parts]

@@ -3,7 +3,16 @@
 import numpy as np
 
 from .drawing import clean
-from .page_parts import Markup, number, paragraph, section, subsection, table, value_and_error
+from .page_parts import (
+    Markup,
+    folded,
+    number,
+    paragraph,
+    section,
+    subsection,
+    table,
+    value_and_error,
+)
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 24
@@ -83,5 +92,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return section('Terms of the model', terms_table(terms),
-                   correlation_table(names, correlations), more, note=note)
+    return section('Terms of the model', terms_table(terms), more, folded(
+        'Correlations', correlation_table(names, correlations)), note=note)

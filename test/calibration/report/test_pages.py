@@ -87,13 +87,12 @@ def fitted(tmp_path_factory):
 def test_the_page_of_a_night_has_every_part(night):
     headings = re.findall('<h2>([^<]*)</h2>', night.text)
     assert headings[1:] == [
-        'Residuals on the sky', 'Target', 'Residuals in time', 'Residuals by axis', 'Histograms',
-        'Zero by power-on',
-        'Encoders and instruments', 'Stars', 'Terms of the model', 'Models compared',
-        'What the model lacks', 'Notes', 'Provenance']
+        'Terms of the model', 'RMS', 'Target', 'Residuals in time', 'Residuals by axis',
+        'Histograms', 'Stars', 'Zero by power-on', 'Encoders and instruments', 'Models compared',
+        'Diagnosis', 'Notes', 'Provenance']
     last = next(step for step in night.report['steps'] if step['step'] == '7 physical terms')
-    assert headings[0].startswith('Stars held out: from ') and headings[0].endswith(
-        f' to {last["held_out"]["radial"]:.2f}″ with the model')
+    assert headings[0].startswith(
+        f'{last["held_out"]["radial"]:.2f}″ RMS on held-out stars with the model; ')
     assert sum_of(night.folder / 'report.json') in night.text
 
 
