@@ -37,7 +37,7 @@ setup(
     maintainer_email='maintainers@telescope-mount.example.org',
     packages=find_packages(include=[f'{part}*' for part in PARTS]),
     package_data={
-        'calibration': ['data/*', 'report/page.*'],
+        'calibration': ['data/*', 'report/*.css', 'report/*.js'],
         'encoder_sim': ['scenarios/*.yaml'],
         'telescope_mount': ['dds/*.xml'],
     },

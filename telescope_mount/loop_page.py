@@ -12,6 +12,7 @@ from calibration.report.page_parts import (
     Markup,
     body_of,
     cards,
+    folded_section,
     gains,
     listed,
     number,
@@ -31,6 +32,8 @@ from pointing_model.effects.base import arcsec
 
 from .loop_tables import added, effect_rows, loop_sentences
 
+#: of the picture
+_BLIND = 'Fresh stars pointed at by the model alone: what the camera saw.'
 _FILES = ('bag', 'observations.csv', 'model.json', 'report.json', 'diagnosis.json')
 
 
@@ -57,7 +60,7 @@ def write_loop_page(folder, report, run):
     before, after = (same[when]['rms_arcsec'] for when in ('before', 'after'))
     label = same['of']
     what = report['scenario'] or Path(str(report['source'])).name
-    headline = f'The same {label}: from {arcsec(before)} to {arcsec(after)}'
+    headline = f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old'
     alarms = [f'Alarm: {text}' for text in report['alarms']]
     health, params = None, {}
     with suppress(OSError, ValueError):
@@ -70,21 +73,20 @@ def write_loop_page(folder, report, run):
         f'<p class="meta">{clean(what)} · verdict {clean(report["verdict"])} · mount '
         f'{clean(run.mount.kind)} · {len(run)} observations</p>',
         controls_alone(),
-        verdict(report['verdict'].replace('_', ' '), headline,
-                [*alarms, *loop_sentences({**report, 'notes': [], 'alarms': []})],
+        verdict(report['verdict'].replace('_', ' '), headline, [],
                 cards([(before, f'before: {label}'), (after, f'after: {label}'),
                        (report['noise_floor_arcsec'], 'noise floor')]),
                 'alarm' if report['alarms'] or report.get('found') in ('wrong', 'harmful') else '',
-                gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
-        section('Fresh stars, pointed at blind', hits, note='What the camera saw: the mount was '
-                'sent there by the model alone. Other stars before and after.' if hits else ''),
-        section('Effects that were added', table(
+                listed(alarms), hits and f'<p class="note">{_BLIND}</p>{hits}'),
+        section('Effects added', table(
             ('effect', 'coefficient', 'arcsec', 'σ', 'p', 'ΔBIC'),
             effect_rows(report['effects']), 'numbers')
-            or '<p>None: the model stays as it was.</p>'),
-        body_of(diagnosis),
+            or '<p>None: the model is unchanged.</p>'),
+        folded_section('Summary', listed(loop_sentences({**report, 'notes': [], 'alarms': []}))),
+        folded_section('RMS', gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
+        folded_section('Diagnosis', body_of(diagnosis)),
         health_section(health, run, names) if health else '',
-        section('Notes', listed(report['notes'])),
+        folded_section('Notes', listed(report['notes'])),
         provenance_section([
             ('scenario', report['scenario'] and f'{report["scenario"]} (simulated)'),
             ('run', report['source']), ('seed', str(report['seed'])), ('plan', report['plan']),

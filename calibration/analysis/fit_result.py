@@ -11,6 +11,7 @@ from pointing_model.rms import rms, rms_arcsec
 from pointing_model.zero import NO_ZERO, PowerOnZero, Zeros
 
 from ..estimation.few_rows import FEW, interval_factor
+from ..estimation.linearisation import Linearisation
 from ..rows import BEYOND_COLLIMATION
 from .finding import Finding
 
@@ -65,6 +66,8 @@ class FitResult:
     zeros : PowerOnZero or Zeros
         What was taken off the encoder's angles; where the zeros of the runs were fitted with the
         rest, of each with that, and the covariance of its distance from the first.
+    linear : Linearisation or None
+        The same fit as a linear problem of its rows.
     """
 
     model: PointingModel
@@ -86,6 +89,7 @@ class FitResult:
     undetermined: tuple = ()
     raised: list = ()
     zeros: PowerOnZero | Zeros = NO_ZERO
+    linear: Linearisation | None = None
 
     @property
     def sigma(self):
@@ -314,4 +318,5 @@ def make_result(run, names, used, found, model, zeros, notes):
         rank=found.rank, singular_values=found.singular_values,
         dropped=_dropped(left_open, names), residual_x=residual_x, residual_y=residual_y,
         weights=w, excluded=excluded, robust=found.robust, iterations=found.iterations,
-        freedom=found.freedom, undetermined=undetermined, raised=used.raised, zeros=zeros)
+        freedom=found.freedom, undetermined=undetermined, raised=used.raised, zeros=zeros,
+        linear=Linearisation.of(names, found, used.rows, len(run), sigmas))

@@ -106,3 +106,4 @@ class Estimate(NamedTuple):
     singular_values: np.ndarray | None = None  # of the first-order design, descending
     iterations: int = 1
     log_likelihood: float | None = None  # restricted, but for a constant
+    design: object = None  # (k, axes * n), where it ended, of the coefficients that are not held

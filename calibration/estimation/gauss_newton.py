@@ -188,7 +188,8 @@ def _iterate(problem, weights, loss, rcond, spectrum, rank, last, most):
         residual = np.where(np.tile(feasible, 2), residual, np.nan)
     return Estimate(p, covariance, freedom, scatter, residual,
                     feasible.astype(float) if row_weights is None else row_weights, solution.rank,
-                    row_weights is not None, left_open, spectrum.s[::-1], iteration)
+                    row_weights is not None, left_open, spectrum.s[::-1], iteration,
+                    design=design)
 
 
 def _is_bent(problem, found, spectrum, by, rank):

@@ -7,43 +7,18 @@ import numpy as np
 from calibration.estimation.significance import SET_WIDTH
 from pointing_model.effects.base import AXES as AXIS_WORDS
 from pointing_model.effects.base import SIDES, arcsec, readable
-from pointing_model.mount_kinds import KINDS
+from pointing_model.mount_kinds import KINDS, kind_of
 from pointing_model.mounts import ALTAZ
 from pointing_model.rms import rms
 
 from . import page_parts as html
+from .diagnosis_summary import MOST_OUTLIERS
+from .diagnosis_wording import limit_words
 from .drawing import MAX_NAMED, Panel, SkyMap, clean, limit_of, padded, svg
 
 _MEASURES = (('holdout_rms_arcsec', 'held-out runs'), ('cv_rms_arcsec', 'cross-validated'),
              ('rms_arcsec', 'fit residuals'), ('rms_x_arcsec', 'fit residuals, {}'),
              ('rms_y_arcsec', 'fit residuals, {}'))
-
-#: words of pages and tables, and what they mean; docs/glossary.md has them too
-WORDS = {
-    'sawtooth': 'it grows evenly, falls back at once, and begins again, a period apart',
-    'memory': 'after a reversal the new side is reached little by little: 63 % of the way after '
-              'so many degrees of motion',
-    'RMS': 'root of the mean of the squares: about two of three stars are nearer than this',
-    'RMS on the sky': 'of an effect: what it adds to the error of the stars beyond what the terms '
-                      'could take up, which is the residual that it leaves if it is not in the '
-                      'model. Several add up as squares do',
-    'equally well': 'their evidence differs by less than 6 in ΔBIC, so the rows do not rank them',
-    'smooth curve': 'a line without corners through what is left, where no cause is known',
-    'wave': 'a sine, which rises and falls once a period',
-    'bump': 'it is off at one place and little elsewhere',
-    'wanders': 'the error moves slowly, so that neighbouring rows err alike, and nothing that was '
-               'recorded moves with it',
-    'from lowest to highest': 'of an effect: over the rows of this run, beyond what the terms '
-                              'could take up, on the axis where that is larger',
-    'ΔBIC': 'how much better an effect explains the rows than its coefficients cost; 6 is strong '
-            'evidence',
-    'noise floor': 'RMS of the fit residuals, corrected for degrees of freedom: seeing, and all '
-                   'that nothing here describes',
-    'line of sight': 'where the tube looks: it swings where what holds the tube bends or turns, '
-                     'and no encoder is wrong then',
-    'nods': 'the tube goes up and down as the mount turns, and no encoder is wrong',
-    'hysteresis': 'the reading depends on the side from which the star was reached',
-}
 
 
 # ------------------------------------------------------------------------------ before and after
@@ -62,30 +37,52 @@ def gain_bars(view):
         rows.insert(at, ('cross-validated in blocks of time', blocks['before'], blocks['after']))
     if not rows:
         return ''
-    note = ('RMS on the sky in arcsec (″), radial unless an axis is named. A gain counts on rows '
-            f'that neither the fit nor the choice has seen. {_floor_note(document)}')
     return html.gains([(label, [(one, 'before', 'before'), (other, 'after', 'after')])
                        for label, one, other in rows], document.get('noise_floor_arcsec'),
-                      view.floor) + ''.join(
-        html.paragraph(text, 'note') for text in (note, view.spread, view.choice))
+                      view.floor)
 
 
-def _floor_note(document):
-    """What the last bar is."""
-    return ('The last bar is the RMS of the fit residuals, corrected for degrees of freedom: '
-            + ('noise of each row, and drift.' if (document.get('wander') or {}).get('slow') else
-               'seeing, and all that nothing here describes.'))
+def evidence(view):
+    """What speaks for each effect, in numbers; and figures of the whole."""
+    rows = [(one.title, arcsec(row['removes_rms_arcsec']), _gain(row.get('cv_gain_arcsec')),
+             html.number(row.get('delta_bic'), 1), html.probability(row.get('p_family')),
+             _found_in(view.document, row['name']))
+            for one, row in zip(view.effects, view.document['effects'])]
+    document = view.document
+    spread, expected = document['after'].get('cv_spread') or {}, document.get('expected')
+    figures = []
+    if spread.get('partitions', 0) > 1:
+        figures.append((f'cross-validated, {spread["partitions"]} partitions',
+                        f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}'))
+    if rows and spread.get('folds'):
+        same = max(spread.get('same_choice', 0), spread.get('same_set', 0))
+        figures.append(('exactly this set', f'{same}/{spread["folds"]} resamples'))
+    if expected:
+        figures.append((f'new stars, {expected.get("within", "half hour")} ahead',
+                        f'{arcsec(expected["rms_arcsec"])} ({arcsec(expected["low_arcsec"])} to '
+                        f'{arcsec(expected["high_arcsec"])}, '
+                        f'{100 * expected["confidence"]:.0f} %)'))
+    return html.table(('effect', 'RMS removed', 'CV improvement', 'ΔBIC', 'p', 'resamples'), rows,
+                      'numbers folding', 'Evidence for each effect') + html.definitions(figures)
 
 
-def explained(text):
-    """Of `WORDS` those that are in a text: list of (word, what it means)."""
-    low = text.lower()
-    return [(word, meaning) for word, meaning in WORDS.items() if word.lower() in low]
+def _gain(value):
+    return None if value is None else arcsec(value, True)
 
 
-def words(text):
-    """What words of a text mean, folded away."""
-    return html.folded('Words', html.definitions(explained(text)))
+def _found_in(document, name):
+    spread = document['after'].get('cv_spread') or {}
+    found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(name)
+    return None if found is None else f'{found}/{spread["folds"]}'
+
+
+def detection_limits(document):
+    """What these rows would have shown, as a table; nothing where an effect was found."""
+    words, units = limit_words(kind_of(document)), {
+        'arcsec/h': '″/h', 'arcsec/K': '″/K', 'arcsec/run': '″/run'}
+    return html.table(('error', 'limit'), [
+        (words[row['name']], f'{row["amplitude_arcsec"]:.2f}{units.get(row["unit"], "″")}')
+        for row in document.get('detectable') or ()], 'numbers', 'Detection limits')
 
 
 def held_out(document, axes):
@@ -99,7 +96,7 @@ def held_out(document, axes):
     names = [*(axis.partition(' × ')[0] for axis in axes), 'radial']
     head = ['run', 'rows', 'set aside',
             *(f'{when}, {name}' for when in ('before', 'after') for name in names)]
-    note = 'RMS on the sky in arcsec, of all rows: those set aside as outliers too.' * bool(nights)
+    note = 'RMS on the sky, arcsec, with outliers.' * bool(nights)
     return html.subsection('Runs held out', html.table(head, rows, 'numbers folding'),
                            html.paragraph(note, 'note'))
 
@@ -107,8 +104,7 @@ def held_out(document, axes):
 def legend(fit=False):
     """What the marks mean."""
     marks = [('before', 'before'), ('after', 'after')]
-    return html.legend(*marks, *[('fit', 'what the added effects, and the terms fitted anew '
-                                'beside them, take away')] * fit)
+    return html.legend(*marks, *[('fit', 'effects')] * fit)
 
 
 # ----------------------------------------------------------------------------- against a driver
@@ -140,19 +136,27 @@ def driver_figure(view, driver):
     for axis, title in enumerate(data.axes):
         before, after = data.before[axis], data.after[axis]
         limit = limit_of(before[used], after[used])
-        top = _panel(driver, 24, 120, limit, '', 'before [arcsec]', title)
-        low = _panel(driver, 156, 120, limit, driver.label, 'after [arcsec]', '')
-        top.points(x[used], before[used], 'before')
+        top = _panel(driver, 24, 120, limit, '', '[″]', title)
+        low = _panel(driver, 156, 120, limit, driver.label, '[″]', '')
+        for panel, values, when in ((top, before, 'before'), (low, after, 'after')):
+            linked = len(data) <= _LINKED
+            panel.points(x[used], values[used], when,
+                         keys=[data.keys[i] for i in np.flatnonzero(used)] if linked else None,
+                         moves=f' data-when="{when}"{panel.moving((None, axis))}' * linked)
         if view.changed:
             top.dashes(x[used], (before - after)[used], 'fit')
-        low.points(x[used], after[used], 'after')
-        out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}'))
+        out.append(svg(420, 320, [*top.parts, *low.parts], f'Residual, {title}, {driver.label}',
+                       'link'))
     missing = int((~np.isfinite(driver.values[used])).sum())
     caption = f'Unknown in {missing} rows.' if missing else ''
-    return html.subsection(driver.title, html.figure(html.pair(out), caption))
+    return html.figure(html.pair(out), caption)
 
 
-def driver_figures(view, limit=8):
+#: rows up to which figures against drivers have every row to point at
+_LINKED = 300
+
+
+def driver_figures(view, limit=6):
     """All drivers; those after the first `limit` fold away."""
     drawn = [driver_figure(view, driver) for driver in view.drivers]
     shown, more = ''.join(drawn[:limit]), ''.join(drawn[limit:])
@@ -182,62 +186,44 @@ def effect_figure(view, effect):
         return ''
     return html.figure(
         out[0] if len(out) == 1 else html.pair(out),
-        'What no term and no other effect can take up, all of them fitted beside it: the effect '
-        f'(strokes, {arcsec(float(rms(*own[:, used])))} RMS) and the effect with what is left '
-        f'(dots), against {driver.label}. The effect is there as far as the dots go with the '
-        f'strokes.{_how_to_read(driver, effect)}')
+        f'Strokes: the effect, {arcsec(float(rms(*own[:, used])))} RMS; dots: effect plus '
+        f'residual{_how_to_read(driver, effect)}.')
 
 
 def _how_to_read(driver, effect):
-    """How a figure against a driver of a few values is read."""
-    if not driver.levels:
-        return ''
-    text = (' One column for each; within it dots are moved sideways only so that they do not '
-            'hide each other. The effect is the jump of the strokes from one column to the '
-            'other, and holds as far as the dots follow it.')
-    if effect.gradual:
-        text += (' Strokes between the two belong to rows reached by a move too short to be wholly '
-                 'on the new side.')
-    if effect.fades:
-        text += (' On the sky the jump is smaller where cos E is, so strokes of one column lie at '
-                 'several heights.')
-    return text
+    """What else a figure against a driver of a few values needs."""
+    return ', spread sideways' * bool(driver.levels) + ' (smaller higher up)' * bool(
+        driver.levels and effect.fades)
 
 
 # ------------------------------------------------------------------------------- the candidates
 
-def ranking(rows, slow=(), limit=15):
-    """Candidates by gain, those that are not told apart marked.
+def ranking(rows, slow=(), limit=10):
+    """The best candidates, with those that the data cannot distinguish marked.
 
     Parameters
     ----------
     rows : list of dict
         ``name, delta_bic, in_set, driver, axes``.
     slow : sequence of str
-        Names of those that a zero that wanders explains as well.
+        Names of those that correlated noise explains as well.
     limit : int
-        Rows shown; the others fold away.
+        Rows shown; the JSON result has all.
     """
     if not rows:
         return ''
-    cells = _candidates(rows)
+    cells = _candidates(rows[:limit])
+    marked = any(row['name'] in slow for row in rows[:limit])
     for cell, row in zip(cells, rows):
         if row['name'] in slow:
-            cell[5] = f'{cell[5]}{"; " * bool(cell[5])}or a wander'
-    return html.table(_RANKING, cells[:limit], 'ranking') + html.folded(
-        f'{len(cells) - limit} more candidates', html.table(_RANKING, cells[limit:], 'ranking')) \
-        + html.paragraph(
-            f'Candidates within {SET_WIDTH:g} of the best ΔBIC are one set: alone, these '
-            'observations do not tell them apart. '
-            + ('Those with "or a wander" go with the order of the rows: a zero that wanders '
-               'explains them as well, so they were not added. ' * any(
-                   row['name'] in slow for row in rows))
-            + 'A large gain alone is none beside the effects that were found: of each of these '
-            '"What else was tried in its place" has the gains with the others in the model.',
-            'note')
+            cell[4] = f'{cell[4]}~'
+    more = len(rows) - limit
+    return html.table(_RANKING, cells, 'ranking') + html.paragraph(
+        f'●: within {SET_WIDTH:g} of the best ΔBIC' + '; ~: or correlated noise' * marked
+        + f'; {more} more in the JSON result' * (more > 0) + '.', 'note')
 
 
-_RANKING = ('', 'candidate', 'driver', 'axis', 'gain ΔBIC', 'set')
+_RANKING = ('', 'candidate', 'axis', 'ΔBIC', 'set')
 
 
 def _candidates(rows):
@@ -249,27 +235,25 @@ def _candidates(rows):
         part = np.clip(gain / top, 0.0, 1.0) if np.isfinite(gain) and top > 0 else 0.0
         bar = html.Markup(f'<span class="gauge"><i class="{"inset" if r["in_set"] else ""}" '
                           f'style="width:{100 * part:.0f}%"></i></span>{html.number(gain, 1)}')
-        out.append([str(i), readable(r['name']), readable(r.get('driver') or '–'),
-                    AXIS_WORDS.get(r.get('axes'), r.get('axes')), bar,
-                    '● in the set' if r['in_set'] else ''])
+        out.append([str(i), readable(r['name']), AXIS_WORDS.get(r.get('axes'), r.get('axes')),
+                    bar, '●' if r['in_set'] else ''])
     return out
 
 
-def alternatives(rows, limit=6):
-    """The strongest candidates for the place of one effect, folded away."""
-    if len(rows) < 2:
-        return ''
-    return html.folded('What else was tried in its place, all other effects in the model',
-                       html.table(_RANKING, _candidates(rows)[:limit], 'ranking'))
+def causes(rows):
+    """Likely causes of an effect: evidence, coefficients, what to look at."""
+    return html.table(('cause', 'ΔBIC', 'coefficients ″', 'check'), rows, 'folding stack')
 
 
 # ------------------------------------------------------------------------ exclusions, proposals
 
 def outliers(document, limit=8):
-    """Outliers, the farthest first; nothing where there is none."""
+    """Outliers, the farthest first; nothing where a sentence has all of them."""
     rows = sorted(document.get('outliers') or (),
                   key=lambda row: -np.hypot(row['x_arcsec'], row['y_arcsec']))
     word = document.get('rows_are') or 'row'
+    if len(rows) <= MOST_OUTLIERS:
+        return ''
     return html.table((word, 'star', 'off on the sky'), [
         (f'{row.get("source", "")} {row["row"]}'.strip(), row.get('star'),
          arcsec(np.hypot(row['x_arcsec'], row['y_arcsec']))) for row in rows[:limit]],
@@ -310,8 +294,7 @@ def next_observations(groups, mount=ALTAZ):
     az, el = (np.radians([float(row[name]) for row in rows]) for name in ('az_deg', 'el_deg'))
     sky.marks(az, el, 'next', [f'{a:.0f}° azimuth, {e:.0f}° elevation'
                                for a, e in zip(np.degrees(az), np.degrees(el))])
-    drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'),
-                     'Zenith in the middle, horizon at the rim, numbered as in the tables.')
+    drawing = html.figure(svg(320, 320, sky.parts, 'Where to observe next'), '')
     tables = ''.join(_next_group(*group, KINDS[mount.kind]) for group in groups)
     return f'<div class="side">{drawing}<div>{tables}</div></div>'
 
@@ -336,24 +319,25 @@ def _next_group(head, group, note, names):
                       ', '.join(sides) or 'any', *[hours] * timed,
                       html.number(row.get('separation_after'), 1)])
     return html.subsection(
-        f'Tells {head}' if head else 'Proposed', html.paragraph(note, 'note'),
+        f'Separates {head}' if head else 'Proposed', html.paragraph(note, 'note'),
         html.table(['', *(f'{word} [°]' for word in places.values()),
                'side, last motion' if names.two_sided or any(
                    row.get('through_pole') for row in group) else 'last motion',
-               *(['hours from the last row [h], UTC'] if timed else []),
-               'ΔBIC expected with it and those above'], cells))
+               *(['hours from the last row [h], UTC'] if timed else []), 'expected ΔBIC'], cells))
 
 
-_SAME_CURVE = 'it is the same as terms of the base on these directions'
+_SAME_CURVE = 'same as terms of the base here'
+_REASONS = 8  # why effects cannot be tested, at most
 
 
-def untestable(rows):
-    """What the run cannot show, and why, by reason."""
+def untestable(rows, limit=3):
+    """What the run cannot show, and why, by reason; of many effects some are named."""
     reasons = {}
     for name, reason in rows:
         reasons.setdefault(reason or _SAME_CURVE, []).append(readable(name))
-    return html.table(['reason', 'effects'], [[reason, ', '.join(names)]
-                                         for reason, names in reasons.items()])
+    return html.table(['reason', 'effects'], [
+        [reason, ', '.join(names[:limit]) + f', {len(names) - limit} more' * (len(names) > limit)]
+        for reason, names in list(reasons.items())[:_REASONS]])
 
 
 def run_terms_table(runs):

@@ -17,7 +17,7 @@ from .verdict_wording import slow_is_largest
 
 #: effects that the terminal lists, and causes of each; the others are counted
 MOST_EFFECTS, _MOST_CAUSES = 3, 2
-_MOST_OUTLIERS, _REASONS = 3, 2
+MOST_OUTLIERS, _REASONS = 3, 2
 #: why a row is excluded, where that is said elsewhere
 _EXPLAINED = ('outlier', 'commented out')
 _HEADLINES = {
@@ -62,7 +62,11 @@ class EffectLine:
     @property
     def causes_text(self):
         """The first causes; the others counted."""
-        named, more = self.causes[:_MOST_CAUSES], len(self.causes) - _MOST_CAUSES
+        return self.named_causes()
+
+    def named_causes(self, most=_MOST_CAUSES):
+        """So many causes; the others counted."""
+        named, more = self.causes[:most], len(self.causes) - most
         return '; '.join(named) + (f'; or {more} more' if more > 0 else '')
 
 
@@ -157,10 +161,10 @@ def _line(document, row, name, reach):
     causes = [*causes, *still_open(row)]
     spread = document['after'].get('cv_spread') or {}
     found = (spread.get('chosen_set') or spread.get('chosen') or {}).get(row['name'])
-    check = next((one['look_at'] for one in causes if one.get('look_at')), '')
+    check = next((one['look_at'].partition(';')[0] for one in causes if one.get('look_at')), '')
     return EffectLine(
         name[:1].upper() + name[1:], reach, row.get('removes_rms_arcsec'),
-        list(dict.fromkeys(short_cause(one['cause']) for one in causes)), check,
+        list(dict.fromkeys(short_cause(one['cause']).partition(':')[0] for one in causes)), check,
         f'in {found} of {spread["folds"]} resamples' if found is not None else '')
 
 
@@ -180,9 +184,9 @@ def _cautions(document):
         word = document.get('rows_are') or 'row'
         far = sorted(((np.hypot(row['x_arcsec'], row['y_arcsec']), row) for row in outliers),
                      key=lambda one: -one[0])
-        more = len(far) - _MOST_OUTLIERS
+        more = len(far) - MOST_OUTLIERS
         out.append(f'{len(far)} outlier{"s" * (len(far) > 1)} excluded: ' + ', '.join(
-            f'{word} {row["row"]} ({far_text(size)} off)' for size, row in far[:_MOST_OUTLIERS])
+            f'{word} {row["row"]} ({far_text(size)} off)' for size, row in far[:MOST_OUTLIERS])
             + f', {more} more' * (more > 0) + '.')
     bad = [row for row in document.get('excluded') or ()
            if not row['reason'].startswith(_EXPLAINED)]

@@ -1,17 +1,17 @@
 """A diagnosis in the terms of its page: names, units, drivers, sentences."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import PurePath
 
 import numpy as np
 
 from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import arcsec, coefficient_word, readable
+from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
 
 from . import figure_wording, observation_wording, row_wording
-from .cause_wording import open_causes, plain_name, still_open
+from .cause_wording import open_causes, plain_name, short_cause, still_open
 from .diagnosis_summary import DiagnosisSummary, summary_of
 from .documents import diagnosis_document
 from .effect_wording import effect_summary, effect_title
@@ -22,11 +22,7 @@ from .residual_figures import Residuals, turned
 from .verdict_wording import (
     VERDICTS,
     Statement,
-    Verdict,
-    count_sentence,
-    led,
     verdict_sentences,
-    verdict_summary,
 )
 from .wording import paragraph, wording
 
@@ -50,10 +46,10 @@ class FoundEffect:
         What it moves in each row, and of that what no term and no other effect takes up, see
         `page_figures.its_own`; arcsec on the sky.
     driver : Driver, optional
-    ranking : list of dict
-        What else could stand in its place, best first, as in `DiagnosisView`.
-    gradual, fades : bool
-        It is reached little by little after a reversal; on the sky it is smaller higher up.
+    causes : list of tuple
+        Cause, ΔBIC, coefficients, what to look at.
+    fades : bool
+        On the sky it is smaller higher up.
     """
 
     title: str
@@ -62,8 +58,7 @@ class FoundEffect:
     fitted: np.ndarray
     own: np.ndarray
     driver: Driver | None = None
-    ranking: list = field(default_factory=list)
-    gradual: bool = False
+    causes: list = field(default_factory=list)
     fades: bool = False
 
     def __post_init__(self):
@@ -92,14 +87,12 @@ class DiagnosisView:
         Of the coefficients in `correlated`.
     summary : DiagnosisSummary
         What is read first.
-    verdict : Verdict
-        For the page, without what its headline says already.
     sentences : list of str
         The verdict on the terminal, its headline first.
     badge : tuple of str
         Class and word of the verdict, as far as its causes are open.
-    word, said : str
-        What the verdict is called; all that is said of it and of the noise.
+    word : str
+        What the verdict is called.
     meta, used, model, floor, spread, choice, expected : str
         On what it rests: in short, rows used, the declared terms; what the noise floor is called;
         how far cross-validated figures depend on the folds, and on the choice; the error on new
@@ -120,6 +113,10 @@ class DiagnosisView:
         Of which telescope, when and where.
     axes_note : str
         What the angles are through the pole.
+    fits : list of (str, Linearisation, list of str)
+        Of `refit_preview.preview`; none where rows cannot be excluded.
+    lines, file
+        Numbers of the rows, and the file they are of.
     changed : bool
         Whether anything was added.
     """
@@ -131,11 +128,9 @@ class DiagnosisView:
     ranking: list
     terms: list
     summary: DiagnosisSummary
-    verdict: Verdict
     sentences: list = ()
     badge: tuple = ('', '')
     word: str = ''
-    said: str = ''
     meta: str = ''
     used: str = ''
     model: str = ''
@@ -157,6 +152,9 @@ class DiagnosisView:
     correlations: np.ndarray | None = None
     about: str = ''
     axes_note: str = ''
+    fits: list = ()
+    lines: list = ()
+    file: str = ''
 
     def __post_init__(self):
         self.changed = bool(np.any(np.abs(self.residuals.before - self.residuals.after) > 1e-9))
@@ -182,7 +180,6 @@ def view_of(diagnosis, document=None):
     headline, sentences = verdict_sentences(document, summaries, limit=20, caution=caution)
     names, matrix = diagnosis.correlations
     floor = figure_wording.floor_words(document)
-    verdict = verdict_summary(document, summaries, caution=caution)
     causes = observation_wording.causes_of(document)
     return DiagnosisView(
         {**document, 'excluded': diagnosis.excluded}, _residuals(diagnosis, document),
@@ -192,16 +189,14 @@ def view_of(diagnosis, document=None):
                    [*filter(None, [caution]),
                     *(wording(one) for one in diagnosis.notes
                       if getattr(one, 'kind', '') in PATTERNS)]),
-        _without_headline(verdict, document, effects),
         sentences=[headline, *sentences], badge=_badge(document),
         word=VERDICTS.get(document['verdict'], document['verdict']),
-        said=' '.join((verdict.headline, *verdict.sentences, floor)),
         meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),
         model=figure_wording.model_words(document, whose=False), floor=floor,
         spread=figure_wording.spread_sentence(document),
         choice=figure_wording.choice_sentence(document),
         expected=row_wording.expected_sentence(document),
-        notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_notes(diagnosis),
+        notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_page_notes(diagnosis),
         signs=row_wording.signs_sentences(diagnosis.columns_alike, context.mount.names,
                                           obs.run.meta.get('format')),
         left_out=row_wording.left_out_lines(diagnosis.excluded, len(obs.runs) > 1,
@@ -213,18 +208,9 @@ def view_of(diagnosis, document=None):
         no_star=observation_wording.no_star_sentences(document),
         untestable=diagnosis.untestable, run_terms=diagnosis.run_terms,
         correlated=_coefficients(names, diagnosis), correlations=matrix,
-        about=about(obs, _sources(obs)), axes_note=axes_note(context))
-
-
-def _without_headline(verdict, document, effects):
-    """A `Verdict` in which what the headline says is not said again."""
-    first, ranked = verdict.first, verdict.ranked
-    headline = verdict.headline.partition('. ')[0]
-    if ranked and ranked[0].more and headline.startswith(ranked[0].lead[:-1]):
-        first = [one for one in first if one.text != count_sentence(document)]
-        ranked = [led(ranked[0].more) if len(ranked) == 1 else replace(
-            ranked[0], lead=f'{effects[0].name}.'), *ranked[1:]]
-    return replace(verdict, first=first, ranked=ranked)
+        about=about(obs, _sources(obs)), axes_note=axes_note(context),
+        fits=_refits(diagnosis), lines=obs.lines,
+        file=(_sources(obs) or [''])[0])
 
 
 def _badge(document):
@@ -238,11 +224,11 @@ def _badge(document):
 def _meta(document, sources):
     """On what a diagnosis rests, in short."""
     runs = document['runs']
-    text = row_wording.used_sentence(document) + f' in {runs} runs' * (runs > 1)
+    text = row_wording.used_sentence(document).partition(';')[0] + f' in {runs} runs' * (runs > 1)
     sources = sources[:3] + ([f'and {len(sources) - 3} more'] if len(sources) > 3 else [])
     base = document['base_terms']
     return ' · '.join([text, *([', '.join(sources)] if sources else []),
-                       f'model: {", ".join(map(str, base))}' if base else 'no model'])
+                       f'{len(base)} terms' if base else 'no model'])
 
 
 def _residuals(diagnosis, document):
@@ -251,7 +237,7 @@ def _residuals(diagnosis, document):
     used, floor = diagnosis.weights > 0.0, document.get('noise_floor_arcsec')
     return Residuals(
         _row_names(obs, document['rows_are']), *context.on_horizon(), before, after, used,
-        np.where(used, 'used', 'outlier: not used'), **_axes_of(context),
+        np.where(used, '', 'outlier'), **_axes_of(context),
         time=context.get('time'), utc=getattr(context, 'time_is_utc', True), groups=_groups(obs),
         noise=None if floor is None else (floor / np.sqrt(2.0),) * 2,
         before_text='terms alone',
@@ -313,12 +299,14 @@ def _sources(obs):
     return [PurePath(s).name for s in dict.fromkeys(sources) if s]
 
 
-def _notes(diagnosis):
-    """What is noted on the page alone."""
-    blocks = diagnosis.cv_contiguous
-    return [*(['Cross-validated with folds contiguous in time: '
-               f'{arcsec(blocks["before"])} before, {arcsec(blocks["after"])} after.']
-              if blocks else []),
+#: findings that tables of the page have
+_IN_TABLES = ('another model', 'curve')
+
+
+def _page_notes(diagnosis):
+    """Notes of the page: what no table of it has."""
+    return [*dict.fromkeys(wording(one) for one in diagnosis.notes
+                           if getattr(one, 'kind', '') not in _IN_TABLES),
             *(e.fitted.effect.alias for e in diagnosis.effects if e.fitted.effect.alias)]
 
 
@@ -342,10 +330,29 @@ def _found(diagnosis, found):
     e = found.fitted.effect
     return FoundEffect(
         effect_title(found, context.mount.names.axes), effect_summary(diagnosis, found),
-        _facts(found, context, len(diagnosis.effects) > 1),
-        found.offsets, found.own, _effect_driver(context, e),
-        _in_words(found.ranking, context.mount),
-        bool(e.parameters.get('memory_deg')), 'cos' in e.formula and e.driver.startswith('appr'))
+        _facts(found, context), found.offsets, found.own, _effect_driver(context, e),
+        _causes(found, context), 'cos' in e.formula and e.driver.startswith('appr'))
+
+
+def _causes(found, context):
+    """Rows of the table of its likely causes."""
+    e = found.fitted.effect
+    rows = [(short_cause(one['cause']), f'{one["delta_bic"]:.1f}', _size_of(one, context),
+             _first_part(one.get('look_at') or ''))
+            for one in found.causes] if len(found.causes) > 1 else [
+        (short_cause(e.cause), _gain(found.delta_bic), _coefficients_of(found, context),
+         _first_part(e.look_at))]
+    return rows + [(short_cause(one['cause']), f'alone {one["alone"]:.1f}', '',
+                    _first_part(one.get('look_at') or '')) for one in still_open(vars(found))]
+
+
+def _gain(value):
+    """A gain, or a dash."""
+    return '–' if value is None else f'{value:.1f}'
+
+
+def _first_part(text):
+    return text.partition('; ')[0]
 
 
 def _size_of(cause, context):
@@ -353,50 +360,37 @@ def _size_of(cause, context):
     fitted = cause.get('fitted')
     if fitted is None:
         return ''
-    sizes = [f'{context.wording(one["word"])} {_with_error(one)} {one["unit"]}'
-            for one in fitted['coefficients']]
+    sizes = [f'{context.wording(one["word"])} {_with_error(one)}'
+             for one in fitted['coefficients']]
     if 'TF' in fitted['terms']:
-        sizes.append(f'TF {_with_error(fitted["terms"]["TF"])} beside it')
-    return f' ({", ".join(sizes)})'
+        sizes.append(f'TF {_with_error(fitted["terms"]["TF"])}')
+    return ', '.join(sizes)
+
+
+def _coefficients_of(found, context):
+    """The coefficients of an effect with their errors, and units that are no arcsec."""
+    e = found.fitted.effect
+    values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
+                 found.fitted.sigma / ARCSEC)
+    unit = '' if e.unit == 'arcsec' else f' {e.unit}'
+    return ', '.join(f'{context.wording(coefficient_word(e, name))} '
+                     f'{" ± ".join(value_and_error(value, sigma))}{unit}'
+                     for name, value, sigma in values)
 
 
 def _with_error(one):
     return ' ± '.join(value_and_error(one['value_arcsec'], one['sigma_arcsec']))
 
 
-def _facts(found, context, several):
+def _facts(found, context):
     e = found.fitted.effect
+    facts = [('formula', e.formula)]
     if len(found.causes) > 1:
-        facts = [(f'Cause {i}, ΔBIC {one["delta_bic"]:.1f}',
-                  one['cause'] + _size_of(one, context)
-                  + (f'. Look at {one["look_at"]}' if one.get('look_at') else ''))
-                 for i, one in enumerate(found.causes, 1)]
-        facts.append(('Fitted as', f'{plain_name(e.name, context.mount.kind)}: {e.formula}'))
-    else:
-        facts = [('Cause', e.cause), ('Look at', e.look_at), ('Formula', e.formula)]
-    facts += [('Not excluded', f'{one["cause"]}. Look at {one["look_at"]}')
-              for one in still_open(vars(found))]
-    values = zip(e.coefficient_names, found.fitted.coefficients / ARCSEC,
-                 found.fitted.sigma / ARCSEC)
-    facts += [(f'Coefficient, {context.wording(coefficient_word(e, name))}',
-               f'{" ± ".join(value_and_error(value, sigma))} {e.unit}')
-              for name, value, sigma in values]
+        facts.append(('fitted', _coefficients_of(found, context)))
     if e.tpoint:
         facts.append(('TPOINT', e.tpoint))
-    p = found.p_family
-    facts.append(('p (family-wise)', 'not tested' if p is None else f'{p:.2g}'))
-    if found.delta_bic is not None:
-        facts.append(('Gain ΔBIC', f'{found.delta_bic:.1f}'))
-    # of one effect the gain is that of the whole, which is judged with the choice repeated
-    if found.cv_gain_arcsec is not None and several:
-        where = dict(zip(('az', 'el'), context.mount.names.axes)).get(e.axes)
-        facts.append(('Rows left out without it', f'{arcsec(found.cv_gain_arcsec, True)} RMS at '
-                      f'least{f" in {where}" if where else ""}, the others refitted and the choice '
-                      'not repeated'))
-    if found.removes_arcsec is not None:
-        facts.append(('RMS removed', f'{arcsec(found.removes_arcsec)} on the sky'))
     if found.aliases:
-        facts.append(('The same curve in this run', '; '.join(
+        facts.append(('same curve here', '; '.join(
             plain_name(name, context.mount.kind) for name in found.aliases)))
     return facts
 
@@ -427,6 +421,19 @@ def _terms(diagnosis):
                  'sigma': float(s) / ARCSEC, 'unit': e.unit}
                 for name, value, s in zip(e.coefficient_names, f.coefficients, f.sigma)]
     return out
+
+
+def _refits(diagnosis):
+    """Both fits of a run of one file, with the names that the table of terms has."""
+    obs = diagnosis.observations
+    if len(_sources(obs)) > 1 or not diagnosis.linear:
+        return ()
+    effects, label = {e.fitted.effect.name: e.fitted.effect for e in diagnosis.effects}, \
+        obs.context.wording
+    return [(when, fit, [
+        f'{readable(name)}: {label(coefficient_word(effects[name], c))}'
+        if name in effects else name for name, c in fit.names])
+        for when, fit in zip(('before', 'after'), diagnosis.linear)]
 
 
 def _coefficients(names, diagnosis):

@@ -132,7 +132,22 @@ class Panel:
         good = good[thin(len(good), limit)]
         return good, self.x(x[good]), self.y(np.clip(y[good], *self.y_range))
 
-    def points(self, x, y, style, names=None, keys=None):
+    def moving(self, axes):
+        """Attributes that say a page's script how to move marks: where a residual is drawn.
+
+        Parameters
+        ----------
+        axes : tuple of int or None
+            Which residual is across, and which up: 0, 1, or None.
+        """
+        (left, right), (low, high) = self.x_range, self.y_range
+        across, up = self.width / (right - left), -self.height / (high - low)
+        places = ((self.left - across * left, across, self.left, self.left + self.width),
+                  (self.top - up * high, up, self.top, self.top + self.height))
+        return ''.join(f' data-{name}="{axis} {" ".join(f"{v:.7g}" for v in place)}"'
+                       for name, axis, place in zip('xy', axes, places) if axis is not None)
+
+    def points(self, x, y, style, names=None, keys=None, moves=''):
         """Dots; what lies beyond the frame is drawn at its edge as a triangle.
 
         Parameters
@@ -144,6 +159,8 @@ class Panel:
             Of each point, for tooltips.
         keys : sequence of str, optional
             Of its row: it lights up with all that has the same one, and every point is drawn.
+        moves : str
+            Attributes of the group, as `moving` makes them.
         """
         good, px, py = self._places(x, y, len(x) if keys is not None else MAX_POINTS)
         shown = np.asarray(y, float)[good]
@@ -151,7 +168,7 @@ class Panel:
         over = (shown < low) | (shown > high)
         inside = ~over
         if keys is not None:
-            self.parts.append(f'<g class="{style} dots">' + ''.join(
+            self.parts.append(f'<g class="{style} dots"{moves}>' + ''.join(
                 f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}h0"/>'
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         elif names is not None and len(x) <= MAX_NAMED:
@@ -163,17 +180,21 @@ class Panel:
             mark = _MARKS.get(style.split(' ')[0], 'h0')
             d = ''.join(f'M{_n(a)} {_n(b)}{mark}' for a, b in zip(px[inside], py[inside]))
             self.parts.append(f'<path class="{style} dots" d="{d or "M0 0"}"/>')
+        if moves and over.any():
+            self.parts.append(f'<g class="over"{moves}>')
         for a, value, i in zip(px[over], shown[over], good[over]):
             b, s = (self.top + 1, 6) if value > high else (self.top + self.height - 1, -6)
             key = '' if keys is None else f' data-i="{keys[i]}"'
             self.parts.append(f'<path class="{style} beyond"{key} d="M{_n(a)} {_n(b)}l4 {s}h-8z">'
                               f'<title>{value:.1f} arcsec, beyond the frame</title></path>')
+        if moves and over.any():
+            self.parts.append('</g>')
 
-    def crosses(self, x, y, style, keys):
+    def crosses(self, x, y, style, keys, moves=''):
         """What counts for nothing: a cross for each, at the edge where it lies beyond."""
         good, px, py = self._places(x, y, len(x))
         px = np.clip(px, self.left, self.left + self.width)
-        self.parts.append(f'<g class="{style} crosses">' + ''.join(
+        self.parts.append(f'<g class="{style} crosses"{moves}>' + ''.join(
             f'<path data-i="{keys[i]}" d="M{_n(a)} {_n(b)}m-3 -3l6 6m0 -6l-6 6"/>'
             for a, b, i in zip(px, py, good)) + '</g>')
 
@@ -376,7 +397,7 @@ class SkyMap:
         ends = np.array((px + cap * dx, py + cap * dy))
         self.beyond = np.maximum(self.beyond, np.concatenate((
             -ends.min(axis=1, initial=0.0), ends.max(axis=1, initial=self.size) - self.size)))
-        self.parts.append(f'<g class="{style}">')
+        self.parts.append(f'<g class="{style}" data-arrows="{scale:.6g} {0.6 * self.radius:g}">')
         for i, (a, b, u, v) in enumerate(zip(px, py, dx * cap, dy * cap)):
             key = '' if keys is None else f' data-i="{keys[i]}"'
             title = '' if names is None else f'<title>{clean(names[i])}</title>'

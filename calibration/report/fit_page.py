@@ -7,14 +7,15 @@ import numpy as np
 from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from calibration.report.row_wording import outlier_sentence
 from msg_tools.units import ARCSEC
-from pointing_model.effects.base import readable
+from pointing_model.effects.base import arcsec, readable
 
 from . import page_parts as html
 from .alignment_wording import alignment_lines
 from .diagnosis_sections import exclusions
 from .drawing import clean
 from .provenance import provenance_section, site_degrees, site_text
-from .residual_figures import controls, residual_sections, run_residuals
+from .refit_preview import preview
+from .residual_figures import controls, residual_sections, run_residuals, sky_maps
 from .terms_section import terms_section
 from .wording import wording
 
@@ -40,12 +41,9 @@ def render_fit(found, document):
         if after.get('cv_rms_arcsec') is not None else ('fit residuals', after['rms_arcsec'])
     names = run.mount.names.axes
     headline = 'Nothing was fitted' if last is None else (
-        f'{before["rms_arcsec"]:.2f}″ raw, {last:.2f}″ after a {len(result.names)}-term fit '
-        f'({label})')
+        f'{last:.2f}″ RMS after a {len(result.names)}-term fit ({label}), '
+        f'{before["rms_arcsec"]:.2f}″ raw')
     outliers = outlier_sentence(document) if document['outliers'] else ''
-    bars = [('raw', [(before['rms_arcsec'], 'before', '')]),
-            (f'{len(result.names)} terms, fit residuals', [(after['rms_arcsec'], 'after', '')]),
-            ('cross-validated, 2 halves', [(after.get('cv_rms_arcsec'), 'after', '')])]
     noise = float(np.hypot(*result.scatter)) / ARCSEC
     terms = document['terms'] or ()
     more = '' if not terms or 'within95_arcsec' not in terms[0] else (
@@ -56,17 +54,18 @@ def render_fit(found, document):
         f'{clean(Path(str(source)).name)} · terms {clean(", ".join(result.names))} · mount '
         f'{clean(run.mount.kind)}</p>',
         controls(data),
-        html.verdict('', headline, [
-            outliers, *map(wording, [*_patterns(found.findings), *result.findings(run)])],
-                     html.cards([(before['rms_arcsec'], 'raw'),
-                                 (after['rms_arcsec'], 'fit residuals'),
-                                 (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves'),
-                                 (noise, 'noise of the fit')]), '',
-                     html.gains(bars, noise, 'noise of the fit')),
-        *residual_sections(data),
+        html.verdict('', headline, [], html.cards(
+            [(before['rms_arcsec'], 'raw', 'before'),
+             (after['rms_arcsec'], 'fit residuals', 'after'),
+             (after.get('cv_rms_arcsec'), 'cross-validated, 2 halves')]), '',
+            html.listed([outliers, *map(wording, [
+                *_patterns(found.findings), *result.findings(run)])]),
+            sky_maps(data)),
         terms_section(document['terms'], result.correlations, list(result.names),
-                      f'Encoder − catalogue, σ from the {result.covariance_from}; condition '
-                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}.', more),
+                      f'Encoder − catalogue; σ from the {result.covariance_from}; condition '
+                      f'{result.condition:.0f}, rank {result.rank} of {len(result.names)}; noise '
+                      f'{arcsec(noise)}.', more),
+        *residual_sections(data),
         _alignment(document['polar_axis']),
         _compared(document, names),
         html.folded_section('Excluded rows', exclusions(document['excluded'], limit=40)),
@@ -75,7 +74,7 @@ def render_fit(found, document):
             ('site', site_text(site_degrees(run.meta))), ('mount', run.mount.kind),
             ('encoder', {'enc': 'incremental', 'abs': 'absolute'}.get(encoder, encoder))],
             [source] if source else ()),
-        html.FOOTER]
+        html.FOOTER, _preview(found, data, source)]
     return html.whole(f'Fit: {headline}', body, 'Fit of a pointing model')
 
 
@@ -102,6 +101,15 @@ def _residuals(found):
         list(map(html.group_name, stars)), before, after, result.weights > 0.0, words,
         noise=tuple(float(v) / ARCSEC for v in result.scatter),
         before_text='raw', after_text='model')
+
+
+def _preview(found, data, source):
+    """What a refit without excluded rows needs; not of a model with harmonics or a prediction."""
+    linear = found.terms.linear
+    if linear is None or found.plain is not found.terms.model:
+        return ''
+    return preview(data, [('before', None, []), ('after', linear, list(linear.names))],
+                   found.run.lines, 'fit', source)
 
 
 def _alignment(found):

@@ -6,7 +6,16 @@ from msg_tools.units import ARCSEC, wrap
 
 from .drawing import Panel, limit_of, padded, svg
 from .night_document import BOTH, RAW, steps_of
-from .page_parts import figure, folded, listed, number, pair, section, subsection, table
+from .page_parts import (
+    figure,
+    folded,
+    folded_section,
+    listed,
+    number,
+    pair,
+    subsection,
+    table,
+)
 
 #: nodes of which all that they say is shown
 _INSTRUMENTS = ('encoder', 'frame_reader', 'camera', 'inclinometer', 'mount')
@@ -33,7 +42,7 @@ def health_section(health, run=None, axes=AXES):
     """
     health = health or {'streams': [], 'marks': [], 'sigmas_arcsec': {}, 'nodes': [],
                         'problems': [], 'whole': True}
-    return section(
+    return folded_section(
         'Encoders and instruments', listed(_sentences(health)), _agreement(run, axes),
         _streams(health['streams']), _marks(health['marks']), _decoding(health),
         _nodes(health['nodes']), listed(health['problems']),
@@ -168,13 +177,10 @@ def headline_of(report):
     shown = [step for step in (first, zeroed, last) if step]
     sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
     start = 'raw' if first['step'] in (RAW, _OLD_RAW) else 'with the ' + first['step']
-    middle = f', {sizes[1]} with the zero set,' if zeroed else ''
-    headline = f'Stars held out: from {sizes[0]} {start}{middle} to {sizes[-1]} with the model'
+    middle = f', {sizes[1]} with the zero set' if zeroed else ''
+    headline = f'{sizes[-1]} RMS on held-out stars with the model; {sizes[0]} {start}{middle}'
     words = ['before: ', *[''] * bool(zeroed), 'after: ']
     numbers = [(size, f'{word}{step["step"]}') for size, word, step in zip(sizes, words, shown)]
-    if report.get('noise_arcsec'):
-        x, y = report['noise_arcsec']
-        numbers.append((f'{x:.2f}″, {y:.2f}″', 'noise of the fit, each axis'))
     bars = [(step['step'], [(step['held_out']['radial'], 'after' if step is last else 'before',
                              'stars held out')]) for step in shown]
     return headline, bars, numbers
@@ -194,7 +200,7 @@ def models_section(report):
     out += subsection('External check', table(
         ('model and stars', 'first axis ″', 'second ″', 'radial ″', 'stars'), checks,
         'numbers', 'External check'))
-    return section('Models compared', out, note='Half of the stars fit each model, the '
+    return folded_section('Models compared', out, note='Half of the stars fit each model, the '
                    'other half judges it. RMS on the sky, arcsec.')
 
 

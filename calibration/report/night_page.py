@@ -24,9 +24,9 @@ from pointing_model.zero_drift import Following
 from .drawing import clean
 from .health_section import headline_of, health_section, models_section
 from .log_health import log_health
-from .page_parts import FOOTER, body_of, cards, gains, listed, section, verdict, whole
+from .page_parts import FOOTER, body_of, cards, folded_section, gains, listed, verdict, whole
 from .provenance import provenance_section, site_text
-from .residual_figures import controls, residual_sections, run_residuals
+from .residual_figures import controls, residual_sections, run_residuals, sky_maps
 from .terms_section import terms_section
 from .zero_figures import zeros_of, zeros_section
 
@@ -146,18 +146,18 @@ def render_night(run, model, report, log=None, diagnosis='', files=()):
     rows = zeros_of(report, run, (log.get('health') or {}).get('marks', ()))
     params = log.get('site') or {}
     begin, end = _span(data.time)
-    *figures, stars = residual_sections(data)
     body = [
         f'<h1>Night{" of " * bool(when)}{when}</h1>', _meta(run, data, begin, end),
-        controls(data), _verdict(report, data), *figures,
-        zeros_section(report, rows, names), health_section(log.get('health'), run, names),
-        stars,
+        controls(data), _verdict(report, data),
         terms_section(report.get('terms'), report.get('correlations'), note='Encoder − catalogue, '
                       'σ from the fit; a number in brackets is the change of that term from the '
                       'first power-on.'),
+        folded_section('RMS', gains(headline_of(report)[1], *_noise(report))),
+        *residual_sections(data),
+        zeros_section(report, rows, names), health_section(log.get('health'), run, names),
         models_section(report), _tracking(report.get('tracking')),
         _diagnosis(diagnosis),
-        section('Notes', listed(report.get('notes') or ())),
+        folded_section('Notes', listed(report.get('notes') or ())),
         provenance_section([
             ('observed', f'{begin} to {end} UTC' if begin else ''),
             ('site', site_text(params)), ('mount', report.get('mount') or run.mount.kind),
@@ -186,7 +186,7 @@ def _meta(run, data, begin, end):
 
 
 def _verdict(report, data):
-    headline, bars, numbers = headline_of(report)
+    headline, _, numbers = headline_of(report)
     alarms = (report.get('witnesses') or {}).get('alarms', [])
     lines = [f'Alarm: {text}' for text in alarms]
     if report.get('expected'):
@@ -206,8 +206,8 @@ def _verdict(report, data):
         size = data.radial('after')
         headline = 'Nothing was fitted' if size is None else \
             f'Nothing was fitted; {size:.2f}″ RMS, {data.after_text}'
-    return verdict('alarm' if alarms else '', headline, lines, cards(numbers),
-                   'alarm' if alarms else '', gains(bars, *_noise(report)))
+    return verdict('alarm' if alarms else '', headline, [], cards(numbers),
+                   'alarm' if alarms else '', listed(lines), sky_maps(data))
 
 
 def _noise(report):
@@ -218,19 +218,17 @@ def _noise(report):
 def _tracking(document):
     if not document:
         return ''
-    return section('A model that follows the mount', listed(tracking_lines(document)),
+    return folded_section('Adaptive model', listed(tracking_lines(document)),
                    innovations_figure(document['innovations'].get('squares') or ()),
-                   note='After the fit the model went on with each star. The residuals above are '
-                   'of the model after the last one.')
+                   note='After the fit each star updated the model. The residuals above are of the '
+                   'last one.')
 
 
 def _diagnosis(page):
     body = body_of(page)
-    if not body:
-        return section('What the model lacks', '<p>The night was not diagnosed. <code>'
-                       'telescope-mount diagnose bag --report diagnosis.html</code> looks for '
-                       'what the model lacks.</p>')
-    return body
+    return folded_section('Diagnosis', body or (
+        '<p>Not diagnosed. <code>telescope-mount diagnose bag --report diagnosis.html</code> '
+        'looks for what the model lacks.</p>'))
 
 
 # ------------------------------------------------------------------------------------------- rows

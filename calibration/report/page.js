@@ -10,6 +10,10 @@ function words(row) {
     var name = unit ? of.input.slice(0, of.index) : of.input;
     return (name + ' ' + cell.textContent + unit).trim(); }).join(', ');
 }
+function pin(key) {
+  pinned = key;
+  doc.dispatchEvent(new CustomEvent('pin', { detail: key }));
+}
 function light(key, byRow) {
   if (key === shown) { return; }
   all('.lit').forEach(function (e) { e.classList.remove('lit'); });
@@ -49,7 +53,7 @@ all('svg.link').forEach(function (svg) {
     light(nearest(svg, event) || pinned, false); });
   svg.addEventListener('pointerleave', function () { light(pinned, false); });
   svg.addEventListener('click', function (event) {
-    pinned = nearest(svg, event); light(pinned, false); });
+    pin(nearest(svg, event)); light(pinned, false); });
 });
 all('table').forEach(function (table) {
   var rows = all('tbody tr[data-i]', table);
@@ -68,12 +72,12 @@ all('table').forEach(function (table) {
     if (row) { step(row); light(row.dataset.i, true); } });
   body.addEventListener('click', function (event) {
     var row = event.target.closest('tr[data-i]');
-    if (row) { pinned = row.dataset.i; light(pinned, true); } });
+    if (row) { pin(row.dataset.i); light(pinned, true); } });
   body.addEventListener('keydown', function (event) {
     var way = { ArrowDown: 'nextElementSibling', ArrowUp: 'previousElementSibling' }[event.key];
     var row = event.target.closest('tr[data-i]');
     if (row === null) { return; }
-    if (event.key === 'Enter') { pinned = row.dataset.i; }
+    if (event.key === 'Enter') { pin(row.dataset.i); }
     if (way === undefined) { return; }
     do { row = row[way]; } while (row ? row.classList.contains('off') : false);
     if (row) { event.preventDefault(); row.focus(); }
@@ -113,14 +117,14 @@ if (group) {
       var own = of[e.dataset.i];
       var away = group.value === '' ? false : own === undefined ? false : own !== group.value;
       e.classList.toggle('off', away); });
-    pinned = ''; light('');
+    pin(''); light('');
     if (told) { told.textContent = group.selectedOptions[0].dataset.say || ''; }
   });
 }
 all('details').forEach(function (e) {
   e.addEventListener('toggle', function () { var key = shown; shown = ''; light(key, false); }); });
 doc.addEventListener('keydown', function (event) {
-  if (event.key === 'Escape') { pinned = ''; light(''); } });
+  if (event.key === 'Escape') { pin(''); light(''); } });
 addEventListener('beforeprint', function () {
   all('details').forEach(function (e) { e.open = true; }); });
 }());

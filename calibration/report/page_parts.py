@@ -12,14 +12,16 @@ from pointing_model.effects.base import arcsec
 from .drawing import clean
 
 #: colours that the colour-blind tell apart, light and dark, and paper; what a page does when it is
-#: touched: rows light up in every plot, tables sort, nights filter. Everything is on the page
-#: without it, and it needs no character that XML keeps for itself
-CSS, SCRIPT = ('\n' + files(__package__).joinpath(f'page.{kind}').read_text(encoding='utf-8')
-               for kind in ('css', 'js'))
+#: touched: rows light up in every plot, tables sort, nights filter; plots zoom and are saved; rows
+#: are excluded. Everything is on the page without it
+CSS, *_SCRIPTS = ('\n' + files(__package__).joinpath(f'page{name}').read_text(encoding='utf-8')
+                  for name in ('.css', '.js', '_plots.js', '_refit.js'))
+#: of a page that is XML too
+SCRIPT = '//<![CDATA[' + re.sub('\n +', '\n', ''.join(_SCRIPTS)) + '//]]>'
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
 _CONTROLS = re.compile('<div class="controls">.*?</div>', re.DOTALL)
 #: a script in a name could not run even if it came through: only ours has this sum
-_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; script-src 'sha256-"
+_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-"
            + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
 #: of pages of residuals
 FOOTER = ('<footer>All offsets are encoder − catalogue, on the sky, in seconds of arc (arcsec, ″). '
@@ -131,10 +133,24 @@ def verdict(badge, headline, sentences, cards='', kind='', more='', body='', the
 
 
 def cards(rows):
-    """Large numbers: (value in arcsec or text, what it is) each; None is left out."""
-    out = ''.join(f'<div><b>{clean(value if isinstance(value, str) else arcsec(value))}</b>'
-                  f'<span>{clean(text)}</span></div>' for value, text in rows if value is not None)
+    """Large numbers: value in arcsec or text, and what it is; None is left out.
+
+    A third entry, ``before`` or ``after``, says that it is the RMS of those residuals.
+    """
+    out = ''.join(f'<div><b{_of_rms(*when)}>'
+                  f'{clean(value if isinstance(value, str) else arcsec(value))}</b>'
+                  f'<span>{clean(text)}</span></div>'
+                  for value, text, *when in rows if value is not None)
     return f'<div class="numbers-row">{out}</div>' if out else ''
+
+
+def _of_rms(when=''):
+    return f' data-rms="{when}"' if when else ''
+
+
+def rms_text(value, when):
+    """An RMS that a refit in the page changes, as HTML."""
+    return Markup(f'<span{_of_rms(when)}>{clean(arcsec(value))}</span>')
 
 
 def statements(rows, ranked=False):
@@ -166,7 +182,7 @@ def listed(texts):
 
 def figure(drawing, caption, when=''):
     """A drawing with its caption; `when`: ``before`` or ``after``, where it shows one alone."""
-    caption = f'<figcaption>{clean(caption)}</figcaption>' if caption else ''
+    caption = f'<figcaption>{cell_of(caption)}</figcaption>' if caption else ''
     when = f' class="when-{when}"' if when else ''
     return f'<figure{when}>{drawing}{caption}</figure>'
 

@@ -43,7 +43,7 @@ def provenance_section(rows, files=()):
     now = datetime.now(timezone.utc)
     facts = [('command', command_line()), ('version', f'telescope_mount {version_of()}'.strip()),
             ('written', f'{now:%Y-%m-%d %H:%M} UTC'), *rows]
-    return folded_section('Where this comes from', definitions(
+    return folded_section('Provenance', definitions(
         [row for row in facts if row[1] not in ('', None)]), _files(files))
 
 

@@ -11,12 +11,21 @@ from pointing_model.mounts import ALTAZ, Mount, is_beyond
 from pointing_model.rms import rms
 
 from .drawing import Panel, SkyMap, clean, limit_of, padded, svg, text, thin, ticks
-from .page_parts import figure, folded_section, group_name, legend, number, pair, section
+from .page_parts import (
+    Markup,
+    figure,
+    folded_section,
+    group_name,
+    legend,
+    number,
+    pair,
+    rms_text,
+)
 from .star_table import WHENS, stars_table
 
 #: arrows drawn on a map; rows up to which every plot has every row to point at, and up to which
 #: any has
-MAX_ARROWS, MAX_LINKED, MAX_POINTED = 400, 600, 1500
+MAX_ARROWS, MAX_LINKED, MAX_POINTED = 400, 1100, 1500
 #: after is drawn once more, larger, where it is smaller than before by so much
 _MAGNIFIED = 4.0
 #: within its radial RMS lies this much of noise that is alike in both axes
@@ -190,7 +199,8 @@ def controls_alone(more=''):
         f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
         for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
     return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{more}'
-            '<output id="told" aria-live="polite"></output></div>')
+            '<div class="foot"><output id="told" aria-live="polite"></output>'
+            '<span id="acts"></span></div></div>')
 
 
 def _groups(data):
@@ -251,10 +261,10 @@ def sky_maps(data):
             'longer than drawn.' if sky.shortened else ''
         out.append(figure(
             svg(400, 400, sky.parts, f'Map of the sky. {what}', 'link', margins),
-            f'{what}.{longer}', when))
-    some = f' {len(drawn)} of {int(used.sum())} rows are drawn.' if len(drawn) < used.sum() else ''
-    return pair(out) + ('<p class="note">Arrows: encoder minus model. Zenith in the middle, rim at '
-                        f'{lowest:g}° elevation{dashed}.{some}</p>')
+            _with_rms(f'{what}.{longer}', data.radial(when), when), when))
+    some = f' {len(drawn)} of {int(used.sum())} rows drawn.' if len(drawn) < used.sum() else ''
+    return pair(out) + ('<p class="note">Encoder − model; zenith at the centre, rim at '
+                        f'{lowest:g}°{dashed}.{some}</p>')
 
 
 def targets(data):
@@ -275,7 +285,7 @@ def targets(data):
         out.append(target(data.axes, limit, x[data.used], y[data.used],
                           data.text_of(when) + more, when, noise,
                           lambda panel, x=x, y=y, when=when, linked=not more: _marks(
-                              panel, x, y, data, when, linked), data.noise_text))
+                              panel, x, y, data, when, linked, (0, 1)), data.noise_text))
     return pair(out) + marks_legend(data)
 
 
@@ -311,33 +321,41 @@ def target(axes, limit, x, y, what, when, noise=None, draw=None, noise_text='noi
     cx, cy = float(panel.x(0.0)), float(panel.y(0.0))
     panel.parts.append(f'<path class="zero" d="M{cx:.1f} {panel.top}v{panel.height}"/>')
     size = float(rms(x, y)) if len(x) else None
-    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} radial RMS of {len(x)} rows.'
+    caption = f'{what[:1].upper()}{what[1:]}: {arcsec(size)} RMS, {len(x)} rows.'
     if noise is not None and noise > 0.0:
         panel.parts.append(f'<circle class="noise" cx="{cx:.1f}" cy="{cy:.1f}" '
                            f'r="{min(panel.width * noise / (2 * limit), 165.0):.1f}"/>')
         inside = float(np.mean(np.hypot(x, y) <= noise))
         named = noise_text if noise_text.startswith('all') else f'the {noise_text}'
-        caption += (f' Dashed: {named}, {arcsec(noise)} radial; {100 * inside:.0f} % lie '
-                    f'within it (of noise alone {100 * _WITHIN:.0f} %).')
+        caption += (f' Dashed: {named}, {arcsec(noise)}; {100 * inside:.0f} % within '
+                    f'(noise alone {100 * _WITHIN:.0f} %).')
     if draw is None:
         panel.points(x, y, when)
     else:
         draw(panel)
     return figure(svg(400, 384, panel.parts, f'Target plot. {caption}', 'link' if draw else ''),
-                  caption, when)
+                  _with_rms(caption, size, when) if draw else caption, when)
 
 
-def _marks(panel, x, y, data, when, linked=True):
-    """What counts as dots, the others as crosses."""
+def _with_rms(caption, size, when):
+    """A caption in which a refit changes the RMS."""
+    return caption if size is None else Markup(
+        clean(caption).replace(arcsec(size), rms_text(size, when), 1))
+
+
+def _marks(panel, x, y, data, when, linked=True, axes=(None, None)):
+    """What counts as dots, the others as crosses; `axes`: which residuals are drawn."""
+    moves = f' data-when="{when}"{panel.moving(axes)}'
     linked = linked and len(data) <= MAX_POINTED
     rest = np.flatnonzero(data.known & ~data.used & np.isfinite(x))
     rest = rest[thin(len(rest), MAX_LINKED)]
     rows = np.flatnonzero(data.used & np.isfinite(x))
     panel.points(np.asarray(x)[rows], np.asarray(y)[rows], when,
-                 keys=[data.keys[i] for i in rows] if linked else None)
+                 keys=[data.keys[i] for i in rows] if linked else None,
+                 moves=moves if linked else '')
     if len(rest):
         panel.crosses(np.asarray(x)[rest], np.asarray(y)[rest], when,
-                      [data.keys[i] for i in rest])
+                      [data.keys[i] for i in rest], moves)
 
 
 def marks_legend(data):
@@ -359,7 +377,7 @@ def _stacked(data, when, x, label, linked=True, gaps=(), texts=''):
         for at in gaps:
             panel.parts.append(f'<path class="gap" d="M{float(panel.x(at)):.1f} {panel.top}'
                                f'v{panel.height}"/>')
-        _marks(panel, x, values[axis], data, when, linked)
+        _marks(panel, x, values[axis], data, when, linked, (None, axis))
         parts += panel.parts
     return figure(svg(440, 324, parts, f'Residuals {data.text_of(when)} against {label}',
                       'link' if linked else ''), texts, when)
@@ -439,7 +457,7 @@ def _histogram(before, after, limit, title, whens):
     for when, values, _ in shown:
         x, y = np.repeat(edges, 2), np.concatenate([[0], np.repeat(values, 2), [0]])
         panel.line(x, y, f'{when} area when-{when}', close=True)
-    caption = f'{title}: standard deviation ' + ', '.join(
+    caption = f'{title}: σ ' + ', '.join(
         f'{arcsec(size)} {when}' for when, _, size in shown)
     sigma = sizes[1]
     if 'after' in whens and np.isfinite(sigma) and sigma > 0.0:
@@ -447,23 +465,19 @@ def _histogram(before, after, limit, title, whens):
         panel.line(u, np.minimum(len(after) * (edges[1] - edges[0]) / sigma / np.sqrt(2 * np.pi)
                                  * np.exp(-0.5 * (u / sigma)**2), panel.y_range[1]),
                    'gauss when-after')
-        caption += '; dotted: normal distribution of the latter'
+        caption += '; dotted: normal'
     return figure(svg(420, 262, panel.parts, f'Histogram. {caption}'), f'{caption}.',
                   whens[0] if len(whens) == 1 else '')
 
 
 def residual_sections(data):
-    """All of them, as list of HTML.
+    """All of them but the map, folded, as list of HTML.
 
     Parameters
     ----------
     data : Residuals
     """
-    parts = (('Target', targets, ''),
-             ('Residuals in time', in_time, ''),
-             ('Residuals by axis', along_axes, ''),
-             ('Histograms', histograms, ''),
-             ('Stars', stars_table, 'Point at a star: it lights up in all plots. A click or Enter '
-              'keeps it, Escape lets it go. A click on a heading sorts.'))
-    return [section('Residuals on the sky', sky_maps(data)),
-            *(folded_section(title, make(data), note=note) for title, make, note in parts)]
+    parts = (('Target', targets), ('Residuals in time', in_time),
+             ('Residuals by axis', along_axes), ('Histograms', histograms),
+             ('Stars', stars_table))
+    return [folded_section(title, make(data)) for title, make in parts]

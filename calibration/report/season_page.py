@@ -6,13 +6,29 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from ..analysis.season.season_analysis import date_of
+from .cause_wording import counted
 from .drawing import Panel, clean, padded, svg, text
-from .page_parts import figure, legend, listed, number, scrolled, section, table, verdict, whole
+from .page_parts import (
+    cards,
+    figure,
+    folded,
+    folded_section,
+    legend,
+    listed,
+    number,
+    scrolled,
+    section,
+    table,
+    verdict,
+    whole,
+)
 from .provenance import provenance_section
+from .season_wording import cause_rows
 from .wording import worded
 
 _YEAR = 365.25 * 86400.0
 _WIDTH, _HEIGHT = 940, 190
+_MOST = 6  # causes in sight
 
 
 def render_season(result, files):
@@ -30,32 +46,39 @@ def render_season(result, files):
     """
     document, season = worded(result.document()), result.season
     first, last = (date_of(season.nights[i].time) for i in (0, -1))
-    sentences = worded(result.findings())
-    headline = (f'{len(sentences)} cause{"s" * (len(sentences) != 1)} found' if sentences else
-                'Nothing moves the terms beyond their own wander')
+    causes = cause_rows(result.findings())
+    headline = (f'{counted(len(causes), "cause")} found. Largest: {" ".join(causes[0][:2])}, '
+                f'{causes[0][2]}.' if causes else 'The terms drift; no cause found.')
+    largest = season.names.index(causes[0][0]) if causes else 0
+    rms = np.median([night['rms_arcsec'] for night in document['nights']])
+    others = [i for i in range(len(season.names)) if i != largest]
     body = [
         '<h1>Season of a mount</h1>',
         f'<p class="meta">{len(season.nights)} nights from {first} to {last}, terms '
         f'{clean(", ".join(season.names))}</p>',
-        verdict('', headline, sentences, kind='' if sentences else 'none'),
-        section(f'Foretold for {document["tonight"]["time"]}, before its first star',
-                _tonight(document)),
-        section('Terms night by night', _legend(bool(sentences)), *(
-            figure(scrolled(_panel(result, i)), '') for i in range(len(season.names)))),
-        section('Nights', _nights(document),
-                note='RMS of what the night’s own fit leaves. Off: the term that lay '
-                'farthest from what the nights before it say, with the causes that all nights '
-                'together show.'),
-        section('Notes', listed(document['notes'])), provenance_section([], files),
-        '<footer>Terms in arcsec with 1 σ. The level wanders from night to night; each night is '
-        'off it by what is of that night alone and by the error of its fit.</footer>']
+        verdict('', f'{headline[:1].upper()}{headline[1:]}', [], cards([
+            (f'{len(season.nights)}', 'nights'), (f'{len(causes)}', 'causes'),
+            (f'{rms:.2f}″', 'median RMS of a night’s fit')]), '' if causes else 'none', '',
+            _legend(bool(causes)) + figure(scrolled(_panel(result, largest)), '')),
+        section('Causes, largest first', _causes(causes[:_MOST]), folded(
+            f'And {len(causes) - _MOST} smaller', _causes(causes[_MOST:]))),
+        section(f'Predicted terms for {document["tonight"]["time"]}', _tonight(document)),
+        folded_section('Other terms', _legend(bool(causes)), *(
+            figure(scrolled(_panel(result, i)), '') for i in others)),
+        folded_section('Nights', _nights(document),
+                       note='RMS: fit of that night. Off: the term farthest from its prediction.'),
+        folded_section('Notes', listed(document['notes'])), provenance_section([], files),
+        '<footer>Terms in arcsec, ± 1 σ.</footer>']
     return whole(f'Season of a mount: {headline}', body, 'Season of a telescope mount')
+
+
+def _causes(rows):
+    return table(('term', 'change', 'with', 'action'), rows, 'folding stack')
 
 
 def _tonight(document):
     predicted, drift = document['tonight'], document['wander']
-    return table(('term', 'foretold ″', '± ″', 'wanders by ″ per √day',
-                  'scatter from night to night ± ″'),
+    return table(('term', 'predicted ″', 'σ ″', 'drift ″/√day', 'scatter by night ″'),
                  [(name, number(predicted['terms_arcsec'][name], 1, True),
                    number(predicted['sigma_arcsec'][name], 1),
                    number(drift[name]['walk_arcsec_per_root_day'], 2),
@@ -64,9 +87,8 @@ def _tonight(document):
 
 
 def _legend(steps):
-    return legend(('before', 'fit of the night ± 1 σ'), ('level', 'level in hindsight ± 2 σ'),
-                  ('fit', 'step, and the night to come ± 1 σ' if steps else
-                   'the night to come ± 1 σ'))
+    return legend(('before', 'fit of the night ± 1 σ'), ('level', 'level, smoothed ± 2 σ'),
+                  ('fit', 'step, and prediction ± 1 σ' if steps else 'prediction ± 1 σ'))
 
 
 def _panel(result, i):
@@ -108,7 +130,7 @@ def _panel(result, i):
     at = float(panel.x(tonight))
     panel.parts.append(f'<path class="tonight" d="M{at:.1f} {a:.1f}V{c:.1f}M{at - 4:.1f} '
                        f'{b:.1f}h8"/>')
-    label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec foretold'
+    label = f'{name} night by night: {number(predicted, 1)} ± {number(spread, 1)} arcsec predicted'
     return svg(_WIDTH, _HEIGHT, [*panel.parts, text(panel.left, 14, name, 'title', 'start')],
                label)
 

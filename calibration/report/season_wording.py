@@ -14,7 +14,7 @@ def _year(found):
     term, v, _ = found['terms'][0]
     month = datetime.fromtimestamp(found['peak'], timezone.utc).strftime('%B')
     size = (v[0]**2 + v[1]**2)**0.5
-    return f'{term} follows the time of the year: ± {size:.1f}″, highest in {month}'
+    return f'{term} vs time of year: ± {size:.1f}″, highest in {month}'
 
 
 def _slope(found):
@@ -24,17 +24,48 @@ def _slope(found):
 
 def _trend(found):
     slope, term = _slope(found)
-    return f'{term} goes with time: {slope} a year'
+    return f'{term} vs time: {slope}/yr'
 
 
 def _column(found):
     slope, term = _slope(found)
-    return f'{term} follows {found["cause"]}: {slope} per unit of it'
+    return f'{term} vs {found["cause"]}: {slope} per unit'
 
 
 def _left_out(found):
     advice = ': name the file YYYY-MM-DD or give the column time'
     return f'{found["night"]}: left out, {found["why"]}{advice * (found["why"] == NO_DATE)}'
+
+
+def cause_rows(findings):
+    """Term, change, with what it changed, what to do: a row each, steps by size first.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+
+    Returns
+    -------
+    list of (str, str, str, str)
+    """
+    rows = []
+    for found in findings:
+        kind = found.kind.removeprefix('season ')
+        for term, v, s in found['terms']:
+            step = kind in ('step', 'declared')
+            if step:
+                change = f'{v[0]:+.1f} ± {s[0]:.1f}″'
+                with_ = f'between {" and ".join(found["between"])}'
+            elif kind == 'year':
+                size = (v[0]**2 + v[1]**2)**0.5
+                change, with_ = f'± {size:.1f}″', 'time of year'
+            else:
+                change, with_ = f'{v[0]:+.2f} ± {s[0]:.2f}″', {
+                    'trend': 'per year'}.get(kind) or f'per unit of {found["cause"]}'
+            action = 'what was done to the mount then?' if kind == 'step' else \
+                str(found['cause']) if kind == 'declared' else ''
+            rows.append((not step, -abs(v[0]), (term, change.replace('-', '−'), with_, action)))
+    return [row for *_, row in sorted(rows, key=lambda one: one[:2])]
 
 
 KINDS = {
@@ -44,7 +75,7 @@ KINDS = {
         f'{", ".join(found.causes)} of the night to come is not known: taken as the mean of the '
         'season (--tonight COLUMN=VALUE)'),
     'season declared': lambda found: f'{found["cause"]}: {_moved(found)}',
-    'season step': lambda found: f'{_moved(found)}: ask what was done to the mount then',
+    'season step': lambda found: f'{_moved(found)}: what was done to the mount then?',
     'season year': _year,
     'season trend': _trend,
     'season column': _column,

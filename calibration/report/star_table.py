@@ -19,7 +19,9 @@ def stars_table(data):
     size = np.hypot(*data.after)
     order = np.argsort(-np.where(np.isfinite(size), size, -1.0), kind='stable')[:MAX_TABLE]
     first, second = (word.split(' × ')[0] for word in data.axes)
-    head = ['star', data.group_word if data.groups is not None else None,
+    # what stands before every name is said once
+    word, names = _shared_word(data.names)
+    head = [word, data.group_word if data.groups is not None else None,
             None if data.time is None else 'UTC' if data.utc else 'time s',
             f'{data.place_words[0]} °', f'{data.place_words[1]} °']
     head = [word for word in head if word is not None]
@@ -32,16 +34,16 @@ def stars_table(data):
     places = np.degrees(data.places or (np.mod(data.az, 2.0 * np.pi), data.el))
     rows = []
     for i in order:
-        cells = [clean(data.names[i])]
+        cells = [clean(names[i])]
         if data.groups is not None:
             cells.append(clean(group_name(data.groups[i])))
         if data.time is not None:
             cells.append(_clock(data.time[i], days, data.utc))
         cells += [number(place[i], 1) for place in places]
         tail = ''
-        for kind, values in zip(WHENS, (data.before, data.after)):
+        for values in (data.before, data.after):
             x, y = values[:, i]
-            tail += ''.join(f'<td class="when-{kind}">{number(v, 2, sign)}</td>'
+            tail += ''.join(f'<td>{number(v, 2, sign)}</td>'
                             for v, sign in ((x, True), (y, True), (np.hypot(x, y), False)))
         group = '' if data.groups is None else f' data-g="{cells[1]}"'
         rows.append(f'<tr data-i="{data.keys[i]}"{group}>'
@@ -52,6 +54,14 @@ def stars_table(data):
     return (f'{some}<div class="scroll tall"><table class="stars sort"><caption>Rows of the run, '
             f'the worst first</caption><thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}'
             '</tbody></table></div>')
+
+
+def _shared_word(names):
+    """The first word of all names, and what follows it in each; 'star' where they differ."""
+    parts = [str(name).partition(' ') for name in names]
+    words = {word if rest else '' for word, _, rest in parts}
+    one = next(iter(words)) if len(words) == 1 else ''
+    return (one, [rest for *_, rest in parts]) if one.isalpha() else ('star', names)
 
 
 def _clock(seconds, days, utc):

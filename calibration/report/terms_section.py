@@ -3,7 +3,16 @@
 import numpy as np
 
 from .drawing import clean
-from .page_parts import Markup, number, paragraph, section, subsection, table, value_and_error
+from .page_parts import (
+    Markup,
+    folded,
+    number,
+    paragraph,
+    section,
+    subsection,
+    table,
+    value_and_error,
+)
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
 _DRAWN = 24
@@ -30,7 +39,7 @@ def terms_table(terms):
              *([value_and_error(t['alone'], t['sigma'])[0] if t.get('alone') is not None else '–']
                if alone else []), t['unit']] for t in terms]
     return table(['term', 'value', 'σ', '|value| / σ', *['without the effects'] * alone, 'unit'],
-                 rows, 'numbers', 'Terms of the model')
+                 rows, 'numbers terms', 'Terms of the model')
 
 
 def correlation_table(names, matrix):
@@ -83,5 +92,5 @@ def terms_section(rows, correlations=None, names=None, note='Encoder − catalog
         correlations = None
     else:
         names = names[:shape[0]]
-    return section('Terms of the model', terms_table(terms),
-                   correlation_table(names, correlations), more, note=note)
+    return section('Terms of the model', terms_table(terms), more, folded(
+        'Correlations', correlation_table(names, correlations)), note=note)

@@ -7,7 +7,19 @@ import numpy as np
 from msg_tools.units import ARCSEC
 
 from .drawing import Panel, padded, svg
-from .page_parts import cards, figure, legend, pair, scrolled, section, table, verdict, whole
+from .page_parts import (
+    cards,
+    figure,
+    folded_section,
+    legend,
+    listed,
+    pair,
+    scrolled,
+    section,
+    table,
+    verdict,
+    whole,
+)
 from .provenance import provenance_section
 from .wording import worded
 
@@ -35,29 +47,25 @@ def render_track(tracked, files):
     hours = (tracked.time - tracked.time[0]) / 3600.0
     seen = (tracked.smoothed.stamps * 1e-9 - tracked.time[0]) / 3600.0
     body = [
-        '<h1>A mount that was followed</h1>',
+        '<h1>Adaptive model</h1>',
         f'<p class="meta">{len(tracked.rows)} stars from {begin:%Y-%m-%d %H:%M} UTC on'
-        + (f'; the model of the evening is of the {tracked.fitted} stars before'
-           if tracked.fitted else '') + '</p>',
-        verdict('', f'Each star before it was seen: {missed["tracked"]:.2f}″ with the model that '
-                f'follows, {missed["model of the evening"]:.2f}″ with that of the evening',
-                tracking_lines(summary), cards(
+        + (f'; fixed model: the {tracked.fitted} stars before' if tracked.fitted else '') + '</p>',
+        verdict('', f'Each star predicted: {missed["tracked"]:.2f}″ RMS by the adaptive model, '
+                f'{missed["model of the evening"]:.2f}″ by the fixed model', [], cards(
                     (f'{missed[name]:.2f}″', text) for name, text in (
-                        ('model of the evening', 'missed by the model of the evening, RMS'),
-                        ('tracked', 'by the tracked model, before each star was seen'),
-                        ('expected', 'expected of it')))),
-        section('What each star was missed by', legend(
-            ('before', 'model of the evening (dots)'), ('after', 'tracked, before it was seen '
-             '(squares)'), ('fit', 'expected, 1 σ')),
-            figure(scrolled(_misses(tracked, hours)), '')),
-        section('Whether the expected errors hold', innovations_figure(
+                        ('model of the evening', 'fixed model, RMS'),
+                        ('tracked', 'adaptive model, RMS'),
+                        ('expected', 'adaptive model, expected RMS'))), '', '', legend(
+            ('before', 'fixed model (dots)'), ('after', 'adaptive, predicted (squares)'),
+            ('fit', 'expected, 1 σ')) + figure(scrolled(_misses(tracked, hours)), '')),
+        section('Events', table(('UTC', 'star', 'what'), events)),
+        folded_section('Filter', listed(tracking_lines(summary)), innovations_figure(
             np.sum((tracked.live / tracked.sigma)**2, axis=1))),
-        section('What happened, in hindsight', table(('UTC', 'star', 'what'), events)),
-        section('Terms in hindsight', *(figure(scrolled(_term(tracked, seen, i)), '')
-                                        for i in range(len(tracked.smoothed.names))),
-                note='By all stars, before and after; ± 2 σ, arcsec.'),
+        folded_section('Terms, smoothed', *(figure(scrolled(_term(tracked, seen, i)), '')
+                                            for i in range(len(tracked.smoothed.names))),
+                       note='From all stars; ± 2 σ, arcsec.'),
         provenance_section([], files)]
-    return whole('A mount that was followed', body, 'Tracking of a telescope mount')
+    return whole('Adaptive model', body, 'Tracking of a telescope mount')
 
 
 def _misses(tracked, hours):
@@ -66,11 +74,11 @@ def _misses(tracked, hours):
     top = 1.1 * max(float(np.quantile(before, 0.95)), float(np.quantile(after, 0.95)),
                     float(np.quantile(expected, 0.9)))
     panel = Panel((64, 12, _WIDTH - 84, 230), padded(hours, 0.02, 0.01), (0.0, top))
-    panel.axes('hours since the first star', 'missed by, arcsec')
+    panel.axes('hours since the first star', 'error, arcsec')
     panel.points(hours, before, 'before')
     panel.points(hours, after, 'after')
     panel.line(hours, np.minimum(expected, top), 'expected')
-    return svg(_WIDTH, 290, panel.parts, 'radial miss of each star in time')
+    return svg(_WIDTH, 290, panel.parts, 'radial error of each star in time')
 
 
 def innovations_figure(squares):
@@ -103,11 +111,10 @@ def innovations_figure(squares):
                     f'height="{bottom - b:.1f}"/>' for a, c, b in zip(left, right, top)]
     panel.line(0.5 * (edges[1:] + edges[:-1]), wanted, 'expected')
     mean, beyond = float(np.mean(nis)) / 2.0, float(np.mean(nis > chdtri(2, 0.05)))
-    text = (f'{len(nis)} stars: the mean is {mean:.2f} of what is expected, {100 * beyond:.0f} % '
-            'lie beyond the 95 % point (5 % are expected)')
+    text = (f'{len(nis)} stars: mean {mean:.2f} of the expected, {100 * beyond:.0f} % beyond the '
+            '95 % point')
     return pair([figure(svg(450, 240, panel.parts, f'Normalised innovations squared. {text}'),
-                        f'{text}. Line: chi squared with two degrees of freedom, as of a filter '
-                        'that errs as it says. What lies beyond 12 is in the last bar.')])
+                        f'{text}. Line: chi squared, two degrees of freedom.')])
 
 
 def _term(tracked, hours, i):
@@ -118,7 +125,7 @@ def _term(tracked, hours, i):
     panel.axes('hours', '', back.names[i])
     panel.band(hours, value - wide, value + wide)
     panel.line(hours, value, 'level')
-    return svg(_WIDTH, 180, panel.parts, f'{back.names[i]} in hindsight')
+    return svg(_WIDTH, 180, panel.parts, f'{back.names[i]}, smoothed')
 
 
 def tracking_lines(document):
@@ -134,14 +141,13 @@ def tracking_lines(document):
     """
     expected, rates = document['expected_arcsec'], document['rates_arcsec_per_root_hour']
     found = document['innovations']
-    out = [f'{document["stars"]} stars; expected error {expected["now"]:.2f} arcsec after the last '
-           f'one, {expected["10 min"]:.2f} ten minutes and {expected["1 h"]:.2f} an hour later',
-           f'zeros wander by {rates["zero"]:.1f} arcsec in an hour (and as the root of time), the '
-           f'lean of the first axis by {rates["tilt"]:.1f}']
+    out = [f'{document["stars"]} stars; expected error {expected["now"]:.2f}″ now, '
+           f'{expected["10 min"]:.2f}″ in 10 min, {expected["1 h"]:.2f}″ in 1 h',
+           f'drift: zeros {rates["zero"]:.1f}″/√h, tilt of the first axis {rates["tilt"]:.1f}″/√h']
     if found['stars']:
-        out.append(f'{found["stars"]} stars: errors were {found["mean_square"]**0.5:.2f} times the '
-                   f'predicted ones (RMS; 1 is right), {found["beyond_95"]} beyond 95 %; the '
-                   f'filter at the end: {document["confidence_sentence"]}')
+        out.append(f'{found["stars"]} stars: RMS error {found["mean_square"]**0.5:.2f} times the '
+                   f'predicted, {found["beyond_95"]} beyond 95 %; filter: '
+                   f'{document["confidence_sentence"]}')
     begun = document.get('opening')
     if begun:
         out.append(f'since the nights before, by the first {begun["stars"]} stars: ' + ', '.join(

@@ -7,7 +7,7 @@ import numpy as np
 from msg_tools.units import ARCSEC, wrap
 
 from .drawing import Panel, padded, svg
-from .page_parts import figure, legend, listed, number, pair, section, table
+from .page_parts import figure, folded_section, legend, listed, number, pair, table
 
 AXES = ('az', 'el')
 #: power-ons from which on the zero is drawn against the temperature, and degrees that it changes by
@@ -89,7 +89,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     alarms = [f'Alarm: {text}' for text in cross_check.get('alarms', ())]
     if not any(row[axis][key] is not None for row in rows for axis in AXES
                for key in ('measured', 'in_force')):
-        return section('Zero by power-on', '<p>No zero was set.</p>',
+        return folded_section('Zero by power-on', '<p>No zero was set.</p>',
                        listed([*alarms, *cross_check.get('notes', ())]))
     lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
@@ -101,7 +101,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     warm = [row['encoder'] if row['encoder'] is not None else row['air'] for row in rows]
     if len(rows) >= _FEWEST and None not in warm and np.ptp(warm) > _LEAST_SPREAD:
         drawn += pair(_against(rows, i, warm, 'temperature [°C]', axes) for i in range(2))
-    return section('Zero by power-on', listed([*lines, *cross_check.get('notes', ())]),
+    return folded_section('Zero by power-on', listed([*lines, *cross_check.get('notes', ())]),
                    drawn and marks + drawn, _table(rows, axes), listed(statements),
                    note='Of the incremental encoder, arcsec; drawn against the first power-on.'
                    if drawn else '')

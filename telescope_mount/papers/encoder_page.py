@@ -7,8 +7,10 @@ from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.page_parts import (
     cards,
     figure,
+    folded_section,
     gains,
     legend,
+    listed,
     number,
     pair,
     section,
@@ -45,33 +47,35 @@ def render_encoder_test(report, files=()):
     headline = (f'{arcsec(own)} by the template, {arcsec(paper)} by the method of the paper, '
                 f'which printed {PRINTED_STD["paper"]:.2f}″')
     reading = np.arange(1.0, 24.0)
+    legends = legend(*((style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items()))
     body = [
         '<h1>23-face test of the absolute encoder</h1>',
         f'<p class="meta">{conditions["readings"]} readings in {conditions["turns"]} turns · '
         f'{conditions["bar_pitch_px"]:g} px a bar · noise {conditions["noise_grey_levels"]:g} grey '
         'levels unless said · a simulated bench</p>',
-        verdict('', headline, notes(report), cards(
-            [(methods[name]['std_arcsec'], f'{name}: standard deviation')
-             for name in STYLES]), '', gains([(name.replace('_', ' '), [
-                 (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
-                 (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
-        section('Errors at the 23 angles', legend(*(
-            (style, f'{name} ({_MARKS[style]})') for name, style in STYLES.items())), pair([
-                _curves('One turn', reading, curves['first_turn'], ('paper', 'template')),
-                _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
-                        curves['noise_of_the_paper']),
-                _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
-                        curves['damaged']),
-                _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
-                        curves['one_bar'], label='place in the bar ″', marks=False)])),
+        verdict('', headline, [], cards([
+            (own, 'template, σ'), (paper, 'method of the paper, σ'),
+            (PRINTED_STD['paper'], 'printed in the paper, σ')]), '', '', legends + _curves(
+                'One turn', reading, curves['first_turn'], ('paper', 'template'))),
         section('Methods', _methods(report)),
-        section('One turn, reading by reading', table(
+        folded_section('Notes', listed(notes(report))),
+        folded_section('Standard deviations', gains([(name.replace('_', ' '), [
+            (row['std_arcsec'], 'after' if name == 'template' else 'before', 'here'),
+            (PRINTED_STD.get(name), 'floor', 'printed')]) for name, row in methods.items()])),
+        folded_section('Errors at the 23 angles', legends, pair([
+            _curves(f'Noise of {loud["noise_grey_levels"]:g} grey levels (fig. 11)', reading,
+                    curves['noise_of_the_paper']),
+            _curves('Bars displaced at readings 5, 10 and 15 (fig. 12)', reading,
+                    curves['damaged']),
+            _curves('Through one bar, without noise', np.array(curves['one_bar_position']),
+                    curves['one_bar'], label='place in the bar ″', marks=False)])),
+        folded_section('One turn, reading by reading', table(
             ('reading', 'printed in table 2 ″', 'paper ″', 'template ″'),
             [(i + 1, number(table_2['errors_arcsec'][i]),
               *(number(curves['first_turn'][name][i]) for name in ('paper', 'template')))
              for i in range(23)], 'numbers sort')),
-        section('What the rivals would need', _needed(report['needed']),
-                note='To be as bad as the paper found them, by one disturbance alone.'),
+        folded_section('What the rivals would need', _needed(report['needed']),
+                       note='To be as bad as the paper found them, by one disturbance alone.'),
         provenance_section([('seed', str(conditions['seed'])), ('code', conditions['code']),
                             ('bench', f'table off by {conditions["table_error_arcsec"]:.2f}″ at '
                              f'most, blur {conditions["blur_px"]:g} px')], files)]

@@ -10,6 +10,7 @@ from calibration.report.drawing import Panel, limit_of, svg
 from calibration.report.page_parts import (
     cards,
     figure,
+    folded_section,
     gains,
     legend,
     listed,
@@ -26,6 +27,7 @@ from calibration.report.residual_figures import (
     controls_alone,
     residual_sections,
     run_residuals,
+    sky_maps,
 )
 from calibration.report.zero_season_report import season_lines
 from calibration.report.zero_wording import COVARIATES as WORDS
@@ -50,8 +52,8 @@ def render_experiment(report, run=None, files=()):
         Written beside it.
     """
     table1, summary, paper = (report['table1'], report['statistics'], report['paper'])
-    words = [f'{name} from {summary[f"before_{axis}_arcsec"]["rms"]:.2f}″ to '
-             f'{summary[f"after_{axis}_arcsec"]["rms"]:.2f}″' for axis, name in AXES]
+    radial = {when: _radial(summary, when) for when in WHENS}
+    printed = _radial(paper['statistics'], 'after')
     bars = [(f'{name}, {when}', [(one[f'{when}_{axis}_arcsec']['rms'], kind, label)
                                  for one, kind, label in ((summary, when, 'here'),
                                                          (paper['statistics'], 'floor', 'paper'))])
@@ -70,20 +72,29 @@ def render_experiment(report, run=None, files=()):
         '<h1>Nights with the model of two nights before</h1>',
         f'<p class="meta">{len(table1)} nights · seed {report.get("seed")} · {what} · simulated'
         '</p>', controls_alone() if data is None else controls(data),
-        verdict('', 'Mean error of a night, RMS over the nights: ' + ', '.join(words), lines,
-                cards([(f'{summary[f"after_{axis}_arcsec"]["rms"]:.2f}″', f'after, {name}')
-                       for axis, name in AXES]), 'alarm' if report['alarms'] else '', gains(bars)),
-        section('Mean error night by night', legend(
-            ('before', 'before the zero is set (dots)'), ('after', 'after (squares)')),
-            *(pair(_nights(table1, axis, name, when) for axis, name in AXES) for when in WHENS),
-            note='Point at a night, here or in the table.'),
+        verdict('', f'Mean error of a night: {radial["after"]:.2f}″ RMS after the zero is set, '
+                f'{radial["before"]:.2f}″ before', [],
+                cards([(radial['before'], 'before the zero is set'),
+                       (radial['after'], 'after'),
+                       (printed, 'after, as the paper printed')]),
+                'alarm' if report['alarms'] else '', listed(lines), legend(
+                    ('before', 'before the zero is set (dots)'), ('after', 'after (squares)'))
+                + pair(_nights(table1, axis, name, 'after') for axis, name in AXES)),
         section('Nights', _table(report)),
-        section('Over all nights', _statistics(summary, paper['statistics'])),
-        *([] if data is None else residual_sections(data)),
+        folded_section('Axes', gains(bars), pair(
+            _nights(table1, axis, name, 'before') for axis, name in AXES)),
+        folded_section('Over all nights', _statistics(summary, paper['statistics'])),
+        *([] if data is None else [folded_section('Residuals on the sky', sky_maps(data)),
+                                   *residual_sections(data)]),
         _satellite(report), _zeros(report['zeros']),
         provenance_section([('seed', str(report.get('seed'))), ('what the simulator does', what)],
                            files)]
     return whole('Nights with the model of two nights before', body, 'Experiment of paper 000')
+
+
+def _radial(statistics, when):
+    """RMS of both axes together, arcsec."""
+    return float(np.hypot(*(statistics[f'{when}_{axis}_arcsec']['rms'] for axis, _ in AXES)))
 
 
 def residuals_of_nights(report, run):
@@ -184,7 +195,7 @@ def _satellite(report):
     rows = [(f'{name}, {when}', *(number(one[when].get(f'{axis}_{key}_arcsec'))
                                   for one in (ours, ours['paper']) for key in ('mean', 'std')))
             for when in WHENS for axis, name in AXES]
-    return section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
+    return folded_section('A GPS satellite, before and after the zero calibration', pair(drawn[:2]),
                    pair(drawn[2:]), table(
         ('arcsec', 'mean', 'std', 'paper: mean', 'paper: std'), rows, 'numbers'))
 
@@ -227,6 +238,6 @@ def _zeros(summary):
                          number(one['measured_sigma_arcsec'], 1)))
     predicted = '<h3>The last power-on, foretold before Polaris was seen</h3>' + table(
         ('axis', 'foretold ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
-    return section('What the zeros of the power-ons follow', listed(season_lines(summary)),
+    return folded_section('What the zeros of the power-ons follow', listed(season_lines(summary)),
                    pair(drawn), predicted,
                    note='Zero since the first power-on, against what was measured at the mark.')

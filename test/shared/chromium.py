@@ -131,6 +131,13 @@ class Browser:
         metrics = self.call('Performance.getMetrics')['metrics']
         return next(one['value'] for one in metrics if one['name'] == 'ProcessTime')
 
+    def wait(self, expression):
+        """Until JavaScript is true."""
+        told = self.call('Runtime.evaluate', awaitPromise=True, returnByValue=True, expression=(
+            f'new Promise(done => {{ const ask = () => {{ if ({expression}) done(true); '
+            'else setTimeout(ask, 10) }; ask() })'))
+        return told['result'].get('value')
+
     def run(self, expression):
         """Value of JavaScript."""
         told = self.call('Runtime.evaluate', expression=expression, returnByValue=True)

@@ -38,13 +38,13 @@ def test_a_folder_of_runs_becomes_a_page_a_result_and_the_model_of_tonight(ended
     code, out, err = ended('season', folder, '--report', page, '--json', result, '--save', model,
                            '--tonight', '2026-04-20')
     assert (code, err) == (0, '')
-    assert 'AN by +2' in out and 'between 2026-02-15 and 2026-02-24: ask what was done' in out
+    assert 'AN by +2' in out and 'between 2026-02-15 and 2026-02-24: what was done' in out
     document = json.loads(result.read_text())
     assert [entry['kind'] for entry in document['causes']] == ['step']
     foretold = PointingModel.load(model)
     assert foretold.terms['AN'] / ARCSEC == pytest.approx(35.0, abs=3.0)
     assert np.sqrt(foretold.covariance[4, 4]) / ARCSEC == pytest.approx(1.0, rel=0.8)
-    assert 'Foretold for 2026-04-20' in page.read_text()
+    assert 'Predicted terms for 2026-04-20' in page.read_text()
     declared = ended('season', folder, '--since', '2026-02-20=axis levelled')[1]
     assert 'axis levelled: AN by +2' in declared
 

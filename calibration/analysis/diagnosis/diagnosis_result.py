@@ -5,6 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
+from calibration.estimation.linearisation import Linearisation
 from calibration.estimation.significance import SET_WIDTH
 from calibration.rows import OUTLIER
 from msg_tools.units import ARCSEC
@@ -15,6 +16,9 @@ from pointing_model.rms import radial_arcsec, rms
 
 from .diagnosis_base import Base, Observations
 from .row_counts import RMS_KEYS
+
+#: rows and coefficients up to which a result keeps its linear problem, for a page
+_LINEAR = 1500, 60
 
 
 @dataclass
@@ -139,6 +143,9 @@ class Diagnosis:
         Of `RowCounts`.
     worst_rows, unequal_scatter, unequal_axes : dict or None
         See `row_facts`, `scatter`.
+    linear : tuple of Linearisation
+        The fits without and with the effects; names are (term, None) or (effect, coefficient).
+        Empty where the run is large.
     """
 
     verdict: str
@@ -174,6 +181,7 @@ class Diagnosis:
     worst_rows: dict | None = None
     unequal_scatter: dict | None = None
     unequal_axes: dict | None = None
+    linear: tuple = ()
 
     def add_correlation(self, entry):
         """Take a `residual_correlation.correlation_entry`."""
@@ -254,7 +262,32 @@ def diagnosis_of(run, choice, fits, models, effects, ranking, untestable, notes)
     return Diagnosis(
         verdict_of(effects), run.base, obs, model, base_model, effects, rms_entry(before, keep),
         rms_entry(after, keep), before, after, weights, ranking, untestable, floor,
-        obs.excluded + excluded, notes, run_terms)
+        obs.excluded + excluded, notes, run_terms,
+        linear=tuple(_linear(run, *each) for each in zip(fits, ([], choice.chosen)))
+        if _is_small(run, choice) else ())
+
+
+def _is_small(run, choice):
+    return (len(run.obs) <= _LINEAR[0] and not run.obs.whole
+            and len(run.problem.design(choice.chosen)) <= _LINEAR[1])
+
+
+def _linear(run, fit, chosen):
+    """`Linearisation` of an exact fit: its covariance is by the scatter that it ended with."""
+    obs, base, n = run.obs, run.base, len(run.obs)
+    names = [(t, None) for t in base.common]
+    names += [(f'{axis}{i}', None) for axis in 'AB' for i in range(base.harmonic_count)]
+    names += [(e.name, c) for e in (one.effect(run.problem) for one in chosen)
+              for c in e.coefficient_names]
+    if base.own:
+        names += [(f'{t}[{obs.runs[r]}]', None) for r in np.unique(obs.label) for t in base.own]
+    weights = fit.weights / np.square(np.asarray(fit.scatter)[:, None])
+    if obs.inverse_sigma is not None:
+        weights = weights * np.square(obs.inverse_sigma.reshape(2, n))
+    return Linearisation(
+        tuple(names), fit.coefficients,
+        np.asarray(run.problem.design(chosen)).reshape(-1, 2, n), fit.residual.reshape(2, n),
+        weights, given=True)
 
 
 def diagnosed_effect(fitted, significance, columns, effects, group):

@@ -18,7 +18,7 @@ from calibration.report.effect_wording import effect_summaries
 from calibration.report.figure_wording import best_pair
 from calibration.report.observation_wording import proposal_groups
 from calibration.report.residual_figures import Residuals
-from calibration.report.verdict_wording import Statement, Verdict, verdict_sentences
+from calibration.report.verdict_wording import Statement, verdict_sentences
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.context import Context
 from pointing_model.effects import Amount, changes, dictionary, effect, smooths, steps
@@ -36,7 +36,8 @@ TAGS = {'html', 'head', 'meta', 'title', 'style', 'body', 'main', 'section', 'h1
 ATTRIBUTES = {'class', 'style', 'lang', 'charset', 'name', 'content', 'viewbox', 'role',
               'aria-label', 'data-h', 'd', 'x', 'y', 'width', 'height', 'rx', 'cx', 'cy', 'r', 'dy',
               'text-anchor', 'transform', 'http-equiv', 'data-i', 'data-g', 'data-say', 'scope',
-              'aria-sort', 'aria-live', 'id', 'type', 'value', 'checked', 'hidden'}
+              'aria-sort', 'aria-live', 'id', 'type', 'value', 'checked', 'hidden', 'data-arrows',
+              'data-refit', 'data-rms', 'data-when', 'data-x', 'data-y'}
 
 
 class Inventory(HTMLParser):
@@ -98,7 +99,7 @@ def test_it_is_well_formed(page):
 def test_it_stands_alone(page):
     lower = page.lower()
     for word in ('://', 'url(', '@import', 'srcset', '<link', '<iframe', '<object'):
-        assert word not in lower.replace(EVIL.lower(), ''), word
+        assert word not in lower.replace(EVIL.lower(), '').replace('todataurl(', ''), word
 
 
 def test_no_name_can_do_harm(page):
@@ -122,25 +123,45 @@ def test_everything_is_in_it_in_order(page, diagnosis):
     assert headings == [
         f'{name}, {arcsec(found.reach_arcsec)} peak to peak. The only error beyond the 7-term '
         'model of an alt-azimuth mount.',
-        'Residuals on the sky', 'Verdict in full', 'Error before and after', 'Target',
-        'Effects in detail', 'Notes on the data', 'Residuals by driver', 'Candidate effects',
-        'Histograms', 'Terms', 'Stars', 'Excluded rows', 'Not testable in this run']
+        'Largest errors', 'Evidence', 'RMS', 'Effects', 'Residuals by driver', 'Target',
+        'Histograms', 'Candidate effects', 'Terms', 'Stars', 'Notes on the data', 'Excluded rows',
+        'Not testable']
     assert f'lowest to highest, {arcsec(found.size_arcsec)} RMS on the sky).' in found.lead
-    assert f'RMS {after} with it, on the fitted rows ({before} without, ' in page
+    assert f'<span>{after} after</span>' in page and f'<span>{before} before</span>' in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>raw' in page
-    # what the headline has said is not said again
-    assert 'One effect beyond' not in page and page.count(f'<b>{found.lead}') == 0
-    assert '<summary>Correlations of the terms</summary>' in page
-    assert 'model: IA, IE' in page
+    assert '>Correlations</h3>' in page and '7 terms</p>' in page
     assert page.count('<svg') >= 1 + 2 + 1 + 2 * 5 + 2
 
 
-def test_the_largest_of_several_is_told_once(diagnosis):
-    found, = diagnosis.effects
-    page = render(view_of(replace(diagnosis, effects=[found, found])))
-    assert page.count(f'<b>{view_of(diagnosis).effects[0].name}.</b>') == 1
-    assert page.count(f'<b>{effect_summaries(diagnosis)[0].lead}</b>') == 1
+class Words(HTMLParser):
+    """Words of a page: all of them, and those that are in sight with all parts folded."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.all, self.open, self._inside = 0, 0, []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag in ('style', 'script', 'title', 'head', 'details', 'summary'):
+            self._inside.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self._inside:
+            self._inside.remove(tag)
+
+    def handle_data(self, data):
+        if {'style', 'script', 'title', 'head'} & set(self._inside):
+            return
+        count = sum(any(map(str.isalpha, word)) for word in data.split())
+        self.all += count
+        closed = self._inside.count('details') - self._inside.count('summary')
+        self.open += 0 if closed > 0 else count
+
+
+def test_a_page_has_few_words(page):
+    words = Words(page)
+    assert words.open <= 250 and words.all <= 1500
 
 
 def test_the_finding_is_said_in_plain_words(page, diagnosis):
@@ -149,8 +170,9 @@ def test_the_finding_is_said_in_plain_words(page, diagnosis):
     size = 2 * abs(found.fitted.coefficients[0]) / ARCSEC
     assert size == pytest.approx(8.0, abs=1.0)
     assert (f'The azimuth axis reads {arcsec(size)} more across the line of sight when the last '
-            'motion was clockwise than when it was anticlockwise') in page
-    assert '<dt>Look at</dt><dd>preload of the azimuth drive' in page
+            'motion was clockwise than when it was anticlockwise'
+            ) in effect_summaries(diagnosis)[0].lead
+    assert 'preload of the azimuth drive' in page
     for key in ('before', 'after'):
         assert arcsec(getattr(diagnosis, key)['rms_arcsec']) in page
 
@@ -173,7 +195,7 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
         run.columns, {**run.meta, 'approach_from': {'axes': ['az'], 'order': 'rows'}})))
     assert 'no column of the file: it was derived from the order of the rows' in \
         effect_summaries(derived)[0].text
-    assert 'One column for each; within it dots are moved sideways only' in page
+    assert 'dots: effect plus residual, spread sideways' in page
 
 
 def test_the_view_holds_the_figures(diagnosis):
@@ -208,7 +230,6 @@ def test_a_clean_run_says_so():
     clean = diagnose(sky(50, 3, size=0.0), flips=199, cross_validation=False)
     assert clean.verdict == 'none'
     text = render(view_of(clean))
-    assert 'No significant error beyond the seven terms of an alt-azimuth mount: ' in text
     assert 'No significant error beyond the 7-term model of an alt-azimuth mount.' in text
     assert 'What was added' not in text and 'What to observe next' not in text
     assert 'what the added effects take away' not in text
@@ -228,10 +249,10 @@ def test_many_rows_stay_small():
                 Residuals(['a star'] * n, rng.uniform(0, 6.28, n), el, before, after,
                           np.ones(n, bool)), [driver],
                 [FoundEffect('x', Statement('Y.'), [], *[before - after] * 2, driver)], [], [],
-                DiagnosisSummary('Z', [], '', [], [], ''), Verdict('Z', [], [], [], [], '', ''))
+                DiagnosisSummary('Z', [], '', [], [], ''))
     text = render(view)
     assert len(text) < 1_500_000
-    assert '400 of 50000 rows are drawn' in text
+    assert '400 of 50000 rows drawn' in text
 
 
 # ------------------------------------------------------------------------------------- the words
@@ -382,14 +403,15 @@ def test_tables():
     rows = [{'name': f'e_{i}', 'driver': 'time', 'axes': 'az', 'delta_bic': 30.0 - i,
              'p_family': 0.001 if i < 2 else None, 'in_set': i < 2} for i in range(20)]
     text = ranking(rows)
-    assert text.count('● in the set') == 2 and '5 more candidates' in text
+    assert text.count('<td>●</td>') == 2 and '10 more in the JSON result' in text
     assert 'width:100%' in text and text.index('e 0') < text.index('e 1')
     # a p beside a gain that no search took says nothing that a reader could check
     assert '0.001' not in text and 'p (family' not in text
     text = next_observations(proposal_groups([{'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1,
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}]))
-    assert 'anticlockwise, upward' in text and 'Tells a b from c' in text and 'hours' not in text
+    assert 'anticlockwise, upward' in text and 'Separates a b from c' in text
+    assert 'hours' not in text
     assert 'ΔBIC between them is 2.0, expected 9.2 with it.' in text
     assert next_observations([]) == ''
 
@@ -413,7 +435,7 @@ def test_equatorial_words_on_the_page():
     assert shown['approach_az'].label == 'last motion of the polar axis'
     assert set(shown['approach_az'].levels.values()) == {'eastward', 'westward'}
     assert shown['approach_el'].label == 'last motion of the declination axis'
-    rows = [*view.ranking, *(row for e in view.effects for row in e.ranking)]
+    rows = view.ranking
     assert {row['axes'] for row in rows} <= {'hour angle', 'declination', 'both'}
     assert 'approach hour angle' in {row['driver'] for row in rows}
     assert not any((row['driver'] or '').endswith(('_az', '_el')) for row in rows)

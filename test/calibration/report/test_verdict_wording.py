@@ -3,9 +3,7 @@
 
 import pytest
 from documents import CAUSES, contended, document
-from places import ROOT
 
-from calibration.report.diagnosis_sections import WORDS, explained
 from calibration.report.figure_wording import (
     choice_sentence,
     figures_sentence,
@@ -247,11 +245,3 @@ def test_signs_in_words():
     text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
     assert 'first the catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]
-
-
-def test_words_are_in_the_glossary():
-    glossary = (ROOT / 'docs' / 'glossary.md').read_text(encoding='utf-8').lower()
-    others = {'wanders': '**wander**'}
-    for word in WORDS:
-        assert others.get(word, f'**{word.lower()}**') in glossary, word
-    assert dict(explained('A sawtooth'))['sawtooth'] == WORDS['sawtooth']

@@ -103,7 +103,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     slope, sigma = (found['column']['terms']['TF'][key][0] for key in ('arcsec', 'sigma_arcsec'))
     assert abs(slope - 1.5) < 4.0 * sigma < 1.0
     assert found['step']['what'] == 'night 12'
-    assert 'TF follows temperature' in found['column']['sentence']
+    assert 'TF vs temperature' in found['column']['sentence']
     assert document['tonight']['terms_arcsec']['TF'] == pytest.approx(15.0, abs=5.0)
     cold = analyse_season(nights)
     assert any('temperature of the night to come is not known' in note
@@ -112,7 +112,7 @@ def test_what_moves_a_term_is_named_and_foretold_with():
     assert judged.model().covariance == pytest.approx(judged.covariance)
     page = render_season(judged, ())
     ElementTree.fromstring(page.removeprefix('<!DOCTYPE html>\n'))
-    assert 'TF follows temperature' in page and '://' not in page
+    assert 'per unit of temperature' in page and '://' not in page
     with pytest.raises(ValueError, match='ask for a later one'):
         analyse_season(nights, tonight=0.0)
     with pytest.raises(ValueError, match='no column|no night has a column'):

@@ -1,0 +1,77 @@
+"""A fit where it ended, as a linear problem of its rows: what a refit without some of them takes.
+
+Without rows S the coefficients move by -N^-1 sum_S J_i' W_i r_i, where N is the normal matrix of
+the rows that stay (Cook and Weisberg 1982, Residuals and Influence in Regression, section 2.2):
+exact for a linear fit with given weights.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .robust import LOSS
+
+
+class Linearisation(NamedTuple):
+    """Columns, residuals and weights of a fit where it ended.
+
+    Attributes
+    ----------
+    names : sequence, length k
+        Of the coefficients.
+    coefficients : ndarray, shape (k,)
+    columns : ndarray, shape (k, 2, n)
+    residual : ndarray, shape (2, n)
+    weights : ndarray, shape (2, n)
+        Of values; 0: a row that does not count.
+    given : bool
+        The covariance is the inverse normal matrix; else the variance of each axis is measured.
+    consistency, inflation : float
+        Of a robust loss, as in `least_squares.uncertainty_of`.
+    """
+
+    names: tuple
+    coefficients: np.ndarray
+    columns: np.ndarray
+    residual: np.ndarray
+    weights: np.ndarray
+    given: bool = False
+    consistency: float = 1.0
+    inflation: float = 1.0
+
+    @classmethod
+    def of(cls, names, found, rows, n, sigmas=None):
+        """Of a fit to two axes.
+
+        Parameters
+        ----------
+        names : sequence
+            Of all its coefficients, those that are held too.
+        found : estimate.Estimate
+            With its design.
+        rows : ndarray of int, shape (m,)
+            Places of its rows among all n.
+        n : int
+        sigmas : ndarray, shape (2m,), optional
+            As given to it.
+
+        Returns
+        -------
+        Linearisation or None
+            None of a fit that kept no design.
+        """
+        if found.design is None:
+            return None
+        fitted, columns = found.undetermined.fitted, np.asarray(found.design)
+        if len(columns) != len(fitted):
+            return None
+        each = found.weights if sigmas is None else (
+            found.weights / np.square(sigmas.reshape(2, -1)))
+        out = [np.zeros((*shape, 2, n)) for shape in ((len(columns),), (), ())]
+        for to, values in zip(out, (columns, found.residual, np.broadcast_to(
+                each, (2, len(rows))))):
+            to[..., rows] = np.nan_to_num(values).reshape(*to.shape[:-1], len(rows))
+        # few rows are judged, and not weighed
+        weighed = found.robust and not np.isin(found.weights, (0.0, 1.0)).all()
+        return cls(tuple(names[i] for i in fitted), found.coefficients[fitted], *out,
+                   sigmas is not None, *((LOSS.variance, LOSS.inflation) if weighed else ()))
