@@ -35,6 +35,7 @@ MODEL = ('msg_tools', 'pointing_model', 'calibration/estimation', 'calibration/a
 FIT = (*MODEL, 'calibration/data/*.csv')
 NIGHT = (*MODEL, 'calibration/*.py', 'encoder_sim', 'encoder_reading', 'telescope_mount/observing',
          'telescope_mount/guard')
+TUTORIAL = (*MODEL, 'calibration/report', 'examples/tutorial/*.csv')
 MMT = 'calibration/data/mmt_2021-08-21.csv'
 
 
@@ -96,7 +97,7 @@ TABLES = {
     'fit_mmt': Table('your_own_file.md', f'telescope-mount fit {MMT}', FIT, '80 of 80',
                      'sigma from'),
     'diagnose_mmt': Table('your_own_file.md', f'telescope-mount diagnose {MMT}',
-                          (*FIT, 'calibration/report'), '(?!first answer)', 'page '),
+                          (*FIT, 'calibration/report')),
     'harmonics': Table('harmonics.md', f'telescope-mount fit {MMT} --harmonics zenith', FIT,
                        ' model  ', '7 terms, then'),
     'first_night': Table('first_night.md', 'telescope-mount night --out {out}', NIGHT,
@@ -113,6 +114,17 @@ TABLES = {
     'loop_mmt': Table('closing_the_loop.md', f'telescope-mount close-the-loop {MMT} --latitude '
                       '31.6888 --longitude=-110.8846 --out {out}', (*FIT, 'calibration/*.py'),
                       '60 of 60', 'note: '),
+    'tutorial_altaz_fit': Table('tutorial_altaz.md', 'telescope-mount fit '
+                                'examples/tutorial/altaz_night1.csv', TUTORIAL, '60 of 60',
+                                'sigma from'),
+    'tutorial_altaz_diagnosis': Table(
+        'tutorial_altaz.md', 'telescope-mount diagnose examples/tutorial/altaz_night1.csv '
+        '--holdout examples/tutorial/altaz_night2.csv', TUTORIAL),
+    'tutorial_german_fit': Table('tutorial_german.md', 'telescope-mount fit '
+                                 'examples/tutorial/german_solved.csv', TUTORIAL, '80 of 80'),
+    'tutorial_german_diagnosis': Table(
+        'tutorial_german.md', 'telescope-mount diagnose examples/tutorial/german_solved.csv',
+        TUTORIAL),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',
                    (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
