@@ -69,7 +69,7 @@ setup(
         'test': [
             'pytest', 'pytest-xdist', 'ruff', 'setuptools<80', 'colcon-common-extensions',
             'skyfield', 'skyfield-data', 'rosbags', 'astropy>=6', 'indipyclient>=0.9',
-            'alpyca>=3.1.3', 'matplotlib>=3.6',
+            'alpyca>=3.1.3', 'matplotlib>=3.6', 'sphinx>=8', 'myst-parser>=4', 'furo',
         ],
         'bench': ['katpoint==0.10.3', 'scikit-learn>=1.4'],
         'parquet': ['pyarrow'],

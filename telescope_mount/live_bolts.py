@@ -46,7 +46,7 @@ class LiveFolder:
             raise ValueError(f'{path} is not there: it says which keywords of the images are what '
                              '(docs/plate_solved.md has one to copy); --keywords names another')
         self.mapping = load_mapping(path)
-        if not self.mapping.names.celestial:
+        if 'ha_enc_deg' not in self.mapping.columns:
             raise ValueError(f'{path}: bolts are of equatorial mounts, whose images give '
                              'ha_enc_deg and dec_enc_deg')
         self._solver = find_solver(args.solver, _TIMEOUT, args.scale and tuple(args.scale)) \

@@ -29,10 +29,8 @@ PAGE = ROOT / 'docs' / 'effects.md'
 HEAD = """<!-- made by docs/make/effects.py from pointing_model/effects; do not edit -->
 # Causes that the diagnosis knows
 
-Each is tried on a run that can show it; a run without times cannot show what drifts with time, and
-the report says so.
-*Follows*: what the error depends on. *Look at*: where on the mount, or in its software, to begin.
-[residual_to_cause.md](residual_to_cause.md) says how to go from a residual to one of these.
+Each is tried where the run can show it. One row stands for all orders and for both axes.
+*Follows*: what the error depends on. [From residual to cause](residual_to_cause.md) leads here.
 """
 
 
@@ -56,6 +54,18 @@ def run_of(kind):
                                  'graduation': {}, 'worms': {'az': 180.0}})
 
 
+#: words of a German mount's axes, in those of an alt-azimuth one
+AXES = (('hour angle', 'azimuth'), ('polar axis', 'azimuth axis'), ('declination', 'elevation'),
+        ('CH', 'CA'))
+
+
+def alike(text):
+    """A text without numbers and with one word for each axis, lower case."""
+    for german, word in AXES:
+        text = re.sub(rf'\b{german}\b', word, text, flags=re.I)
+    return re.sub(r'\b(azimuth|elevation)\b', 'axis', re.sub(r'[\d.]+', '#', text)).lower()
+
+
 def rows_of(kind):
     """Cause, driver, what to look at; one row for effects that differ in an order or an axis."""
     found = {}
@@ -76,15 +86,18 @@ def rows_of(kind):
 def page():
     """The text of the page."""
     out, told = [HEAD], set()
-    for title, kind in (('Any mount; the words are those of an alt-azimuth one', 'altaz'),
-                        ('Beside them, of German mounts', 'german')):
+    for title, kind in (('Any mount, in the words of an alt-azimuth one', 'altaz'),
+                        ('German mounts also', 'german')):
         lines = [f'\n## {title}\n', '| cause | follows | look at |', '| --- | --- | --- |']
-        new = [row for row in rows_of(kind) if row[2] not in told]
-        lines += dict.fromkeys(f'| {" | ".join(row)} |' for row in new)
-        told |= {row[2] for row in new}
+        for cause, driver, look_at in rows_of(kind):
+            # orders and axes of one cause are one row
+            if alike(cause) in told or kind == 'german' and alike(look_at) in told:
+                continue
+            told |= {alike(cause), alike(look_at)}
+            lines.append(f'| {cause} | {driver} | {look_at} |')
         out += lines
-    out.append('\nEach of them, and each term, may also differ by the side of the pier: what '
-               'shifts when the tube goes over (mirror cell, focuser, counterweight).')
+    out.append('\nEach effect and term may also differ by the side of the pier: mirror cell, '
+               'focuser, counterweight.')
     return '\n'.join(out) + '\n'
 
 

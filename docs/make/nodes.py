@@ -198,37 +198,23 @@ def node_page(name, entry):
               f'{entry["module"].replace(".", "/")}.py).'
               + (' A managed (lifecycle) node: [what its states mean](../ros.md).'
                  if entry['managed'] else ''), '', '## Topics', '']
-    if entry['publishes'] or entry['subscribes']:
-        lines += ['| topic | | type | carries |', '| --- | --- | --- | --- |']
-        for kind, verb in (('subscribes', 'takes'), ('publishes', 'gives')):
-            lines += [f'| [`{topic}`](../topics.md) | {verb} | {_kind(entry[kind][topic])} | '
-                      f'{TOPICS[topic]} |' for topic in sorted(entry[kind])]
-    else:
-        lines += ['None of its own beside those of the log.']
+    for kind, title in (('subscribes', 'Takes'), ('publishes', 'Gives')):
+        if entry[kind]:
+            lines += [f'{title}: ' + ', '.join(f'`{topic}`' for topic in sorted(entry[kind])) + '.',
+                      '']
     if name == 'mcap_logger':
-        lines += ['', 'It takes every topic of the graph that it is told to record.']
+        lines += ['Takes every topic of the graph that it is told to record.', '']
     if name == 'mcap_replay':
-        lines += ['', 'It gives the topics that the log has.']
-    lines += ['', 'Every node reports on `/diagnostics` once a second.'
-              + (' As every managed node it tells each change of its state on `~/transition_event` '
-                 '(lifecycle_msgs/TransitionEvent).' if entry['managed'] else ''), '']
+        lines += ['Gives the topics that the log has.', '']
     for kind, title in (('services', 'Services'), ('asks', 'Services that it asks for')):
         if entry[kind]:
-            lines += [f'## {title}', '', '| service | type | what it does |', '| --- | --- | --- |']
-            lines += [f'| `{service}` | {entry[kind][service]} | {SERVICES[service]} |'
+            lines += [f'## {title}', '']
+            lines += [f'- `{service}`{_unlike(entry[kind][service])}: {SERVICES[service]}'
                       for service in sorted(entry[kind])] + ['']
-    if entry['managed']:
-        lines += ['As every managed node it has `~/get_state`, `~/change_state`, '
-                  '`~/get_available_states`, `~/get_available_transitions` and '
-                  '`~/get_transition_graph` (lifecycle_msgs), which `ros2 lifecycle` and '
-                  '`telescope-mount lifecycle` ask.', '']
     lines += ['## Parameters', '']
     if entry['params']:
-        lines += ['| parameter | default | unit | range | what it does | |',
-                  '| --- | --- | --- | --- | --- | --- |']
+        lines += ['| parameter | default, unit, range | what it does |', '| --- | --- | --- |']
         lines += [_parameter(param) for param in entry['params']]
-        lines += ['', '*at the start*: it can be set only when the node starts. *truth*: it says '
-                  'what only the simulator knows, and the log keeps it from the calibration.']
     else:
         lines += ['None.']
     return '\n'.join(lines) + '\n'
@@ -236,6 +222,11 @@ def node_page(name, entry):
 
 def _said(sentence):
     return sentence[:1].upper() + sentence[1:]
+
+
+def _unlike(kind):
+    """The type of a service, where it is not the usual one."""
+    return '' if kind == 'std_srvs/Trigger' else f' ({kind})'
 
 
 def _kind(topic):
@@ -258,9 +249,10 @@ def _parameter(param):
     limits = ', '.join(f'`{choice}`' if choice else 'empty' for choice in param.choices)
     if param.low is not None:
         limits = f'{_number(param.low)} to {_number(param.high)}'
-    flags = ', '.join(word for word, there in (('at the start', param.fixed),
-                                               ('truth', param.truth)) if there)
-    cells = (f'`{param.name}`', shown, unit, limits, text, flags)
+    said = f'{shown} {unit}'.strip() + (f', {limits}' if limits else '')
+    flags = ', '.join(f'*{word}*' for word, there in (('start', param.fixed),
+                                                      ('truth', param.truth)) if there)
+    cells = (f'`{param.name}`', said, f'{text}. {flags}' if flags else text)
     return '| ' + ' | '.join(cell.replace('|', '\\|') for cell in cells) + ' |'
 
 
@@ -270,12 +262,15 @@ def _number(value):
 
 def index_page(found):
     """The list of all nodes."""
-    lines = [HEAD, '# Nodes', '', 'A page for each: topics, services, and parameters with unit, '
-             'range and default. Names are relative to the namespace `/mount`. '
-             '[topics.md](../topics.md) lists the topics, [graph.md](../graph.md) shows how they '
-             'hang together.', '', 'Every node also has the parameter `use_sim_time` (default '
-             '`false`): whether time is that of `/clock`, as in a simulated or replayed night, or '
-             'of this machine. All nodes of a graph must have the same.', '',
+    lines = [HEAD, '# Nodes', '', 'Names are relative to the namespace `/mount`; types of topics '
+             'are in [topics.md](../topics.md), pictures in [graph.md](../graph.md).', '',
+             '- Every node reports on `/diagnostics` once a second, and has `use_sim_time` '
+             '(`false`): time is that of `/clock`. All nodes of a graph must have the same.',
+             '- Services are std_srvs/Trigger unless said.',
+             '- *start*: set only when the node starts. *truth*: what only the simulator knows; '
+             'the calibration never sees it.',
+             '- A managed node also has the services and `~/transition_event` of '
+             '[lifecycle nodes](../ros.md#managed-nodes).', '',
              '| node | package | what it is |', '| --- | --- | --- |']
     lines += [f'| [{name}]({name}.md) | {entry["module"].split(".")[0]} | '
               f'{_said(entry["doc"].strip().splitlines()[0])} |' for name, entry in found.items()]

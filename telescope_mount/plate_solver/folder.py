@@ -178,6 +178,8 @@ def _write(out, done, mapping, site, count):
     names += [name for name in dict.fromkeys(n for row in rows for n in row) if name not in names]
     with beside(out) as part, open(part, 'w', newline='', encoding='utf-8') as stream:
         stream.write(f'# frame: {frame}\n')
+        if mapping.readings is not None:
+            stream.write(f'# readings: {mapping.readings.text}\n')
         if mapping.mount is not None:
             stream.write(f'# mount: {mapping.mount}\n')
         stream.writelines(f'# {name}: {value!r}\n' for name, value in site.items())

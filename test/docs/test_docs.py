@@ -1,4 +1,4 @@
-"""The documentation holds together: links, pages that are made from the nodes, pictures, index."""
+"""The documentation holds together: links, pages and tables that are made, index, length."""
 
 import re
 import runpy
@@ -17,7 +17,7 @@ def made(monkeypatch):
     """The scripts that make pages and pictures."""
     monkeypatch.syspath_prepend(str(DOCS / 'make'))
     yield
-    for name in ('nodes', 'drawings', 'effects'):
+    for name in ('nodes', 'drawings', 'effects', 'tables'):
         sys.modules.pop(name, None)
 
 
@@ -102,6 +102,72 @@ def test_the_list_of_causes_is_that_of_the_dictionary(made):
     """`python docs/make/effects.py` writes it again."""
     import effects
     assert (DOCS / 'effects.md').read_text(encoding='utf-8') == effects.page()
+
+
+def test_every_table_that_is_made_stands_between_its_marks(made):
+    import tables
+    found = [(match['name'], page.name) for page in sorted(DOCS.rglob('*.md'))
+             for match in tables.MARK.finditer(page.read_text(encoding='utf-8'))]
+    assert sorted(found) == sorted((name, table.page) for name, table in tables.TABLES.items())
+
+
+def test_a_table_is_what_its_command_prints(made):
+    """`python docs/make/tables.py fit_mmt` writes it again."""
+    import tables
+    page = (DOCS / 'your_own_file.md').read_text(encoding='utf-8')
+    text = next(match['text'] for match in tables.MARK.finditer(page) if match['name'] == 'fit_mmt')
+    assert text == tables.output_of(tables.TABLES['fit_mmt']) + '\n'
+
+
+def test_a_table_is_stale_where_code_changed_and_not_where_words_did(made, tmp_path, monkeypatch):
+    import tables
+    monkeypatch.setattr(tables, 'ROOT', tmp_path)
+    monkeypatch.setattr(tables, 'DOCS', tmp_path)
+    monkeypatch.setattr(tables, 'TABLES', {
+        'one': tables.Table('page.md', 'telescope-mount fit a.csv', ('part',))})
+    code = tmp_path / 'part' / 'code.py'
+    code.parent.mkdir()
+
+    def stale(text):
+        code.write_text(text)
+        tables.hash_of.cache_clear()
+        return tables.stale()
+    assert stale('def f():\n    """Words."""\n    return 1\n') == ['one']  # not there
+    rests = tables.rests_on(('part',))
+    (tmp_path / 'page.md').write_text(
+        f'<!-- made: one; rests on {rests}; commit 0, a machine -->\n1\n<!-- end: one -->\n')
+    assert stale('def f():\n    """Other words."""\n    return 1  # why\n') == []
+    assert stale('def f():\n    return 2\n') == ['one']
+
+
+def prose_of(path):
+    """Sentences and cells of a page as a reader counts their words; code is one word."""
+    text = re.sub(r'<!--.*?-->', '', text_of(path), flags=re.S)
+    text = re.sub(r'^!.*|^    .*', '', text, flags=re.M)
+    text = re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', re.sub(r'`[^`\n]*`(?:, )?', 'code ', text))
+    for part in re.split(r'\n\s*\n|\n(?=- |\d+\. |#)|(?<!\\)\|', text):
+        yield from re.split(r'(?<=[.!?:;])\s+', ' '.join(part.split()))
+
+
+def test_sentences_are_short():
+    """25 words; formulas and what the nodes declare are not counted."""
+    long = {path.name: found for path in [*ROOT.glob('*.md'), *DOCS.glob('*.md')]
+            if (found := [text for text in prose_of(path)
+                          if len(re.findall(r'\w*[^\W\d_]\w*', text)) > 25])}
+    assert long == {}
+
+
+def test_the_documentation_is_no_longer_than_people_read():
+    pages = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *DOCS.glob('*.md'),
+             *DOCS.glob('nodes/*.md')]
+    assert sum(len(path.read_text(encoding='utf-8').split()) for path in pages) <= 45_000
+
+
+def test_the_keywords_of_the_tutorial_are_a_mapping():
+    from pointing_model.runs.plate_solves.frames import ICRS
+    from pointing_model.runs.plate_solves.mapping import load_mapping
+    mapping = load_mapping(ROOT / 'examples' / 'tutorial' / 'mount.yaml')
+    assert mapping.needed == ('time', 'ra_enc_deg', 'dec_enc_deg') and mapping.readings == ICRS
 
 
 def test_a_mount_is_drawn_as_the_geometry_turns_it(made):

@@ -34,6 +34,16 @@ def notebook():
     pyplot.close('all')
 
 
+def test_every_folder_of_modules_is_installed():
+    """`pip install .` takes packages alone."""
+    from setuptools import find_packages
+    parts = ('encoder_sim', 'encoder_reading', 'pointing_model', 'calibration', 'msg_tools',
+             'telescope_mount')
+    folders = {str(path.parent.relative_to(ROOT)).replace('/', '.')
+               for part in parts for path in (ROOT / part).rglob('*.py')}
+    assert folders == set(find_packages(str(ROOT), include=[f'{part}*' for part in parts]))
+
+
 def test_to_import_the_package_is_light():
     """Nodes import it, and need neither the fits nor the catalogue."""
     code = ('import sys, telescope_mount\n'

@@ -20,7 +20,8 @@ from pointing_model.runs.plate_solves.fits_images import (
     read_header,
     solution_of,
 )
-from pointing_model.sky.places import Site, Weather, observed_to_icrs
+from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs
+from pointing_model.sky.places import Site, Weather, observed_to_icrs, sidereal_time
 from telescope_mount.run_loader import load_run
 
 if find_spec('astropy') is None:
@@ -312,7 +313,8 @@ def test_without_astropy_a_line_says_what_to_install(folder, refused, monkeypatc
     assert './install.sh ros,images' in refused('fit', folder / 'mount.yaml')
 
 
-def test_images_of_a_german_mount(tmp_path, refused):
+def german_images(folder, mapping, readings):
+    """24 images of a German mount and its model; `readings`: keywords of time, h and dec."""
     from astropy.io import fits
     rng = np.random.default_rng(6)
     mount = parse_mount('german', SITE.latitude)
@@ -320,22 +322,46 @@ def test_images_of_a_german_mount(tmp_path, refused):
     el, west = rng.uniform(25, 75, 24) * DEG, rng.random(24) < 0.5
     ra, dec = observed_to_icrs(az, el, time, SITE, Weather(950.0, 5.0))
     model = PointingModel(dict(zip(mount.names.physical, MOUNT.terms.values())), mount=mount)
-    first, second = model.sky_to_encoder(*mount.axes_of(az, el, west))
     # readings as places of the sky, and the side of the pier beside them
-    first, second = through_pole(first, second, west)
+    axes = through_pole(*model.sky_to_encoder(*mount.axes_of(az, el, west)), west)
+    cards = {name: value / DEG for name, value in readings(time, *axes).items()}
     for i in range(24):
-        cards = header_of(ra[i], dec[i], time[i], 0.0, 0.0, HA=first[i] / DEG,
-                          DECENC=second[i] / DEG, PIERSIDE='WEST' if west[i] else 'EAST')
-        fits.writeto(tmp_path / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), cards)
-    text = YAML.replace('encoders_at: end', 'encoders_at: start\nmount: german').replace(
-        'az_enc_deg: ENC_AZ', 'ha_enc_deg: HA\n  pier_side: PIERSIDE')
-    (tmp_path / 'mount.yaml').write_text(text.replace(
-        'el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}', 'dec_enc_deg: DECENC'))
-    run = load_run(tmp_path / 'mount.yaml')
+        fits.writeto(folder / f'img_{i:02d}.fits', np.zeros((48, 64), np.int16), header_of(
+            ra[i], dec[i], time[i], 0.0, 0.0, PIERSIDE='WEST' if west[i] else 'EAST',
+            **{name: value[i] for name, value in cards.items()}))
+    (folder / 'mount.yaml').write_text(mapping)
+    return model
+
+
+def german_yaml(first, second, more=''):
+    return YAML.replace('encoders_at: end', f'encoders_at: start\nmount: german{more}').replace(
+        'az_enc_deg: ENC_AZ', f'{first}\n  pier_side: PIERSIDE').replace(
+        'el_enc_deg: {keyword: ENC_EL, scale: 0.5, offset: 1.0}', second)
+
+
+def same_terms(path, model, within):
+    run = load_run(path)
     assert len(run) == 24 and not reasons(run)
     fitted = fit_terms(run).model.terms
-    for name, value in model.terms.items():
-        assert fitted[name] == pytest.approx(value, abs=0.02 * ARCSEC), name
-    (tmp_path / 'mount.yaml').write_text(text)
+    assert fitted == pytest.approx(model.terms, abs=within * ARCSEC)
+
+
+def test_images_of_a_german_mount(tmp_path, refused):
+    text = german_yaml('ha_enc_deg: HA', 'dec_enc_deg: DECENC')
+    model = german_images(tmp_path, text, lambda _, h, dec: {'HA': h, 'DECENC': dec})
+    same_terms(tmp_path / 'mount.yaml', model, 0.02)
+    (tmp_path / 'mount.yaml').write_text(text.replace('dec_enc_deg', 'el_enc_deg'))
     line = refused('fit', tmp_path / 'mount.yaml')
     assert "'el_enc_deg' is unknown; did you mean dec_enc_deg?" in line
+
+
+def test_images_with_the_place_of_the_mount_in_j2000(tmp_path, refused):
+    """As INDI's cameras and N.I.N.A. write it."""
+    def readings(time, h, dec):
+        ra, dec = to_icrs(sidereal_time(time, SITE) - h, dec, OF_DATE, time)
+        return {'RA': ra, 'DEC': dec}
+    text = german_yaml('ra_enc_deg: RA', 'dec_enc_deg: DEC', '\nreadings: J2000')
+    model = german_images(tmp_path, text, readings)
+    same_terms(tmp_path / 'mount.yaml', model, 0.02)
+    (tmp_path / 'mount.yaml').write_text(text.replace('ra_enc_deg: RA', 'ha_enc_deg: RA'))
+    assert 'readings ICRS is said of ra_enc_deg' in refused('fit', tmp_path / 'mount.yaml')

@@ -91,10 +91,15 @@ def mount_ascension(path, table):
     Raises
     ------
     ValueError
-        No sidereal time, and no longitude or no UTC to make it of.
+        No sidereal time, and no longitude or no UTC to make it of; a frame of readings that are
+        no right ascension, or one that needs UTC without it.
     """
     columns, meta = table.columns, table.meta
+    frame = meta.pop('readings_frame', None)
     if 'ra_enc_deg' not in columns:
+        if frame is not None:
+            raise ValueError(f'{path}: readings {frame.text} is said of ra_enc_deg, which is not '
+                             'there')
         return
     ascension = columns.pop('ra_enc_deg')
     if 'az_enc' in columns:
@@ -112,8 +117,14 @@ def mount_ascension(path, table):
         lst[known] = sidereal_time(time[known], site)
         text = f'the time at longitude {site.longitude / DEG:.6g} deg'
         meta['reads_by_clock'] = True  # another clock is another hour angle of the mount
+    if frame is not None:
+        from pointing_model.runs.plate_solves.frames import to_date
+        known = np.isfinite(columns['time']) & np.isfinite(ascension)
+        ascension[known], columns['el_enc'][known] = to_date(
+            ascension[known], columns['el_enc'][known], frame, columns['time'][known])
     columns['az_enc'] = wrap(lst - ascension)
-    meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as of date, and '
+    meta['notes'].append(f'{table.label("az_enc")} is made of ra_enc_deg, taken as '
+                         f'{"of date" if frame is None else frame.text}, and '
                          f'the sidereal time by {text}')
 
 

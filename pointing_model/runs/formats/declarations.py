@@ -16,7 +16,7 @@ NUMBERS = {
     'humidity': ('weather', 'humidity', 1.0, 0.0, 1.0),
     'wavelength_um': ('weather', 'wavelength_um', 1.0, 0.2, 1e6),
 }
-_KEYS = ('frame', 'mount', 'unsolved', *NUMBERS)
+_KEYS = ('frame', 'readings', 'mount', 'unsolved', *NUMBERS)
 _LINE = re.compile(r'#\s*([A-Za-z_]+)\s*[:=]\s*(\S.*?)\s*')
 
 
@@ -33,9 +33,9 @@ def declarations(path, lines):
     Returns
     -------
     dict
-        For ``meta``: ``mount_declared``, ``sky_frame`` (a `Frame`), ``site`` and ``weather`` (dict,
-        SI), as far as they are declared; ``notes`` of images that were not solved, and of keys
-        that look like a mistyped one. Other comments are free.
+        For ``meta``: ``mount_declared``, ``sky_frame`` and ``readings_frame`` (`Frame`), ``site``
+        and ``weather`` (dict, SI), as far as they are declared; ``notes`` of images that were not
+        solved, and of keys that look like a mistyped one. Other comments are free.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def declare(out, key, value, where):
     out : dict
         Gets ``frame``, or a part of ``site`` or ``weather``.
     key : str
-        ``mount``, ``frame``, or one of `NUMBERS`.
+        ``mount``, ``frame``, ``readings`` (the frame of ``ra_enc_deg``), or one of `NUMBERS`.
     value : str or float
     where : str
         For messages.
@@ -91,9 +91,10 @@ def declare(out, key, value, where):
     if key == 'mount':
         out['mount_declared'] = str(value)
         return
-    if key == 'frame':
+    if key in ('frame', 'readings'):
         try:
-            out['sky_frame'] = value if isinstance(value, Frame) else parse_frame(value)
+            frame = value if isinstance(value, Frame) else parse_frame(value)
+            out['sky_frame' if key == 'frame' else 'readings_frame'] = frame
         except ValueError as error:
             raise ValueError(f'{where}: {error}') from None
         return

@@ -70,6 +70,8 @@ def read_images(path):
     _settle_frame(mapping, rows, reasons, meta)
     if mapping.mount is not None:
         meta['mount_declared'] = mapping.mount
+    if mapping.readings is not None:
+        meta['readings_frame'] = mapping.readings
     columns = _columns(rows, mapping, meta)
     table = Table(columns, np.arange(1, len(files) + 1), meta,
                   names=mapping.names)
@@ -183,7 +185,7 @@ def _columns(rows, mapping, meta):
     names = list(dict.fromkeys(name for row in rows for name in row if name != 'frame'))
     needed, columns = ('ra_deg', 'dec_deg', *mapping.needed), {}
     known = {**{column_name(name, mapping.names): name for name in COLUMNS},
-             **{name: name for name in (*needed[:2], 'pier_side')}}
+             **{name: name for name in (*needed[:2], 'pier_side', 'ra_enc_deg')}}
     for csv_name in [*names, *(n for n in needed if n not in names)]:
         values = [row.get(csv_name) for row in rows]
         name = known.get(csv_name)

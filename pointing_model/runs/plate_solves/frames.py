@@ -124,6 +124,31 @@ def to_icrs(ra, dec, frame, time):
     return np.mod(np.arctan2(y, x), 2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
 
 
+def to_date(ra, dec, frame, time):
+    """Apparent places of date, as a mount's clock and sidereal time count them.
+
+    Parameters
+    ----------
+    ra, dec, frame, time
+        As `to_icrs`.
+
+    Returns
+    -------
+    ra, dec : ndarray, shape (n,)
+        True equator and equinox of date with annual aberration, radians.
+
+    Raises
+    ------
+    ValueError
+        A time outside 1900 to 2100.
+    """
+    if frame.kind == 'apparent':
+        return np.asarray(ra, float), np.asarray(dec, float)
+    ra, dec, origins = erfa.ufunc.atci13(*to_icrs(ra, dec, frame, time), 0.0, 0.0, 0.0, 0.0,
+                                         *terrestrial(np.asarray(time, float)))
+    return np.mod(ra - origins, 2.0 * np.pi), dec
+
+
 def _vector(ra, dec):
     return np.stack((np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)),
                     axis=-1)[..., np.newaxis]

@@ -16,9 +16,10 @@ from .frames import Frame, parse_frame
 #: moments of an exposure, as parts of it
 MOMENTS = {'start': 0.0, 'middle': 0.5, 'end': 1.0}
 SITE = ('latitude_deg', 'longitude_deg', 'height_m')
-_KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'boresight')
+_KEYS = ('images', 'keywords', 'mount', 'site', 'time_is', 'encoders_at', 'frame', 'readings',
+         'boresight')
 #: names of columns with a meaning that `keywords` may give
-OTHERS = ('exposure_s', 'sigma_arcsec', 'telescope', 'pier_side')
+OTHERS = ('exposure_s', 'sigma_arcsec', 'telescope', 'pier_side', 'ra_enc_deg')
 _PLACES = ('az_deg', 'el_deg', 'ra_deg', 'dec_deg', 'ha_deg', 'scale_arcsec_px', 'parity')
 PATTERNS = ('*.fits', '*.fit', '*.fts', '*.fits.gz', '*.fits.fz')
 
@@ -59,6 +60,8 @@ class Mapping:
         As `mounts.parse_mount` takes it.
     frame : Frame or None
         In place of what the images say.
+    readings : Frame or None
+        Of a mount's right ascension and declination in place of its hour angle; None: of date.
     boresight : tuple of float, or None
         Pixel that the mount points (FITS: the first is 1); None: the middle of the image.
     """
@@ -71,12 +74,13 @@ class Mapping:
     names: MountKind = ALTAZ.names
     mount: str | None = None
     frame: Frame | None = None
+    readings: Frame | None = None
     boresight: tuple | None = None
 
     @property
     def needed(self):
         """Columns that an image must have."""
-        return ('time', *_readings(self.names))
+        return ('time', *_readings(self.names, self.columns))
 
     def images(self, folder=None):
         """Files of the images, sorted by name.
@@ -129,7 +133,8 @@ def load_mapping(path):
     _known(path, document, _KEYS, '')
     columns = {name: _keyword(path, f'keywords: {name}', value)
                for name, value in document['keywords'].items()}
-    names = next((kind for kind in KINDS.values() if _readings(kind)[0] in columns), ALTAZ.names)
+    names = next((kind for kind in KINDS.values() if _readings(kind, columns)[0] in columns),
+                 ALTAZ.names)
     known = (*(column_name(name, names) for name in COLUMNS), *OTHERS)
     for name in columns:
         if not isinstance(name, str) or not name:
@@ -140,7 +145,7 @@ def load_mapping(path):
         if name not in known and near:
             raise ValueError(f'{path}, keywords: column {name!r} is unknown; did you mean '
                              f'{near[0]}?')
-    needed = ('time', *_readings(names))
+    needed = ('time', *_readings(names, columns))
     missing = [name for name in needed if name not in columns]
     if missing:
         near = difflib.get_close_matches(missing[0], [
@@ -154,7 +159,7 @@ def load_mapping(path):
         raise ValueError(f'{path}, images: not a pattern of file names beside it')
     return Mapping(path, patterns, columns, _site(path, document.get('site')),
                    _shift(path, document, columns), names, _mount(path, document.get('mount')),
-                   _frame(path, document.get('frame')),
+                   _frame(path, document.get('frame')), _frame(path, document.get('readings')),
                    _boresight(path, document.get('boresight')))
 
 
@@ -213,9 +218,10 @@ def _shift(path, document, columns):
     return shift
 
 
-def _readings(names):
-    """Columns of both encoders."""
-    return tuple(column_name(f'{axis}_enc', names) for axis in ('az', 'el'))
+def _readings(names, columns):
+    """Columns of both encoders; of a celestial mount the right ascension where that is given."""
+    first, second = (column_name(f'{axis}_enc', names) for axis in ('az', 'el'))
+    return 'ra_enc_deg' if names.celestial and 'ra_enc_deg' in columns else first, second
 
 
 def _mount(path, given):

@@ -1,0 +1,47 @@
+"""Makes all of the documentation that is made, or looks whether it is up to date.
+
+    .venv/bin/python docs/make/all.py            # some ten minutes, most of them the tables
+    .venv/bin/python docs/make/all.py --check    # what is older than what it rests on; code 1
+
+`screenshots.py` and the tables of nodes need chromium and rclpy; `site.py` builds the site.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import drawings
+import effects
+import nodes
+import tables
+
+DOCS = tables.DOCS
+
+
+def pages():
+    """Text of each page and picture that is made in a moment, by its path."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = nodes.pages(nodes.declared(Path(folder)))
+    return {**{DOCS / path: text for path, text in found.items()}, effects.PAGE: effects.page(),
+            **{drawings.PICTURES / name: text for name, text in drawings.pages().items()}}
+
+
+def main():
+    """The exit code."""
+    made = pages()
+    if '--check' in sys.argv[1:]:
+        old = [path for path, text in made.items()
+               if not path.is_file() or path.read_text(encoding='utf-8') != text]
+        for path in old:
+            print(f'{path.relative_to(DOCS)} is not as it would be made')
+        sys.argv[1:] = ['--check']
+        return tables.main() or int(bool(old))
+    for path, text in made.items():
+        path.write_text(text, encoding='utf-8')
+    return tables.main()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

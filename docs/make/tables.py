@@ -1,0 +1,265 @@
+"""Writes the tables that commands print into the pages, between marks, and finds stale ones.
+
+    .venv/bin/python docs/make/tables.py [NAME ...]   # all, some ten minutes
+    .venv/bin/python docs/make/tables.py --check      # those older than what they rest on; code 1
+
+A mark says what the table rests on (a hash of the code and data that its command reads), and at
+which commit, where and when it was made:
+
+    <!-- made: NAME; rests on 0123abcd; commit 0123abcd, 2 x Xeon, 2026-01-15 -->
+    <!-- end: NAME -->
+"""
+
+import argparse
+import ast
+import datetime
+import hashlib
+import json
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
+MARK = re.compile(r'<!-- made: (?P<name>\w+); rests on (?P<rests>[0-9a-f]{8}); (?P<when>[^>]*) -->'
+                  r'\n(?P<text>.*?)<!-- end: (?P=name) -->\n', re.S)
+#: what a simulated night rests on, and what a fit and a diagnosis of a file do
+MODEL = ('msg_tools', 'pointing_model', 'calibration/estimation', 'calibration/analysis')
+FIT = (*MODEL, 'calibration/data/*.csv')
+NIGHT = (*MODEL, 'calibration/*.py', 'encoder_sim', 'encoder_reading', 'telescope_mount/observing',
+         'telescope_mount/guard')
+TUTORIAL = (*MODEL, 'calibration/report', 'examples/tutorial/*.csv')
+MMT = 'calibration/data/mmt_2021-08-21.csv'
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page.
+
+    Attributes
+    ----------
+    page : str
+        Below docs.
+    command : str
+        As a user types it; `{out}` is a folder that is thrown away.
+    rests : tuple of str
+        Folders and patterns of files.
+    begin, end : str
+        Patterns of the first line that is taken, and of the first one after it that is not.
+    rows : callable
+        In their place: the folder of the command to Markdown.
+    """
+
+    page: str
+    command: str
+    rests: tuple
+    begin: str = ''
+    end: str = '$.^'
+    rows: object = None
+
+
+def markdown(*rows):
+    """A Markdown table; the first row is its header."""
+    head, *body = ['| ' + ' | '.join(row) + ' |' for row in rows]
+    return '\n'.join([head, '|' + ' --- |' * len(rows[0]), *body])
+
+
+def loop_rows(folder):
+    """All scenarios of the loop."""
+    sys.path.insert(0, str(ROOT))
+    from telescope_mount.loop_tables import added
+    report = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
+    head = 'scenario', 'verdict', 'effects added', 'found', 'before', 'after', 'floor'
+    return markdown(head, *(
+        (row['scenario'], row['verdict'], '; '.join(added(row)) or '–', row['found'] or '',
+         *(f'{row["paired"][when]["rms_arcsec"]:.2f}' for when in ('before', 'after')),
+         f'{row["noise_floor_arcsec"]:.2f}') for row in report['scenarios']))
+
+
+def speed_rows(folder):
+    """What is measured beside a peer."""
+    sys.path.insert(0, str(ROOT / 'benchmarks'))
+    from race import seconds
+    rows = json.loads(folder.with_suffix('.json').read_text(encoding='utf-8'))['rows']
+    return markdown(('what', 'size', 'ours', 'peer', 'ratio'), *(
+        (row['what'], f'{row["size"]}', seconds(row['ours']), row['peer'], f'{row["ratio"]:.2g}')
+        for row in rows if row['ratio'] is not None))
+
+
+TABLES = {
+    'fit_mmt': Table('your_own_file.md', f'telescope-mount fit {MMT}', FIT, '80 of 80',
+                     'sigma from'),
+    'diagnose_mmt': Table('your_own_file.md', f'telescope-mount diagnose {MMT}',
+                          (*FIT, 'calibration/report')),
+    'harmonics': Table('harmonics.md', f'telescope-mount fit {MMT} --harmonics zenith', FIT,
+                       ' model  ', '7 terms, then'),
+    'first_night': Table('first_night.md', 'telescope-mount night --out {out}', NIGHT,
+                         'Zero on Polaris', 'Terms, encoder'),
+    'watch': Table('watch.md', 'telescope-mount watch examples/night',
+                   ('examples/night/bag/*', 'telescope_mount/dashboard')),
+    'encoder_test': Table('absolute_encoder.md', 'telescope-mount encoder-test --out {out}',
+                          ('encoder_reading', 'encoder_sim/*.py', 'telescope_mount/papers'),
+                          ' arcsec  ', 'Table 2'),
+    'experiment': Table('zero_drift.md', 'telescope-mount experiment --out {out}',
+                        (*NIGHT, 'telescope_mount/papers'), ' night  ', 'The same stars'),
+    'loop': Table('closing_the_loop.md', 'telescope-mount close-the-loop --scenario all '
+                  '--out {out}', NIGHT, rows=loop_rows),
+    'loop_mmt': Table('closing_the_loop.md', f'telescope-mount close-the-loop {MMT} --latitude '
+                      '31.6888 --longitude=-110.8846 --out {out}', (*FIT, 'calibration/*.py'),
+                      '60 of 60', 'note: '),
+    'tutorial_altaz_fit': Table('tutorial_altaz.md', 'telescope-mount fit '
+                                'examples/tutorial/altaz_night1.csv', TUTORIAL, '60 of 60',
+                                'sigma from'),
+    'tutorial_altaz_diagnosis': Table(
+        'tutorial_altaz.md', 'telescope-mount diagnose examples/tutorial/altaz_night1.csv '
+        '--holdout examples/tutorial/altaz_night2.csv', TUTORIAL),
+    'tutorial_german_fit': Table('tutorial_german.md', 'telescope-mount fit '
+                                 'examples/tutorial/german_solved.csv', TUTORIAL, '80 of 80'),
+    'tutorial_german_diagnosis': Table(
+        'tutorial_german.md', 'telescope-mount diagnose examples/tutorial/german_solved.csv',
+        TUTORIAL),
+    'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
+                   '--json {out}.json',
+                   (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
+                   rows=speed_rows),
+}
+
+
+# --- what a table rests on ------------------------------------------------------------------------
+
+
+def code_of(text):
+    """What a module does: its syntax without comments, layout and docstrings."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, 'body', None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(
+                getattr(body[0], 'value', None), ast.Constant):
+            node.body = body[1:] or [ast.Pass()]
+    return ast.dump(tree)
+
+
+@cache
+def hash_of(path):
+    """Hash of a file's content, of a module's code."""
+    content = path.read_bytes()
+    if path.suffix == '.py':
+        content = code_of(content.decode()).encode()
+    return hashlib.sha256(content).hexdigest()
+
+
+def rests_on(rests):
+    """Hash of all that these folders and patterns name, 8 hex digits."""
+    files = {path for part in rests for path in (
+        [p for end in ('py', 'yaml') for p in (ROOT / part).rglob(f'*.{end}')]
+        if (ROOT / part).is_dir() else ROOT.glob(part)) if path.is_file()}
+    if not files:
+        raise ValueError(f'nothing there: {", ".join(rests)}')
+    lines = [f'{path.relative_to(ROOT)} {hash_of(path)}' for path in sorted(files)]
+    return hashlib.sha256('\n'.join(lines).encode()).hexdigest()[:8]
+
+
+def stale():
+    """Names of tables that are older than what they rest on, or are not there."""
+    found = {match['name']: match['rests'] for page in DOCS.rglob('*.md')
+             for match in MARK.finditer(page.read_text(encoding='utf-8'))}
+    return [name for name, table in TABLES.items() if found.get(name) != rests_on(table.rests)]
+
+
+# --- making them ----------------------------------------------------------------------------------
+
+
+def taken(text, table):
+    """The lines of a command's output that the page shows, as a block."""
+    lines = [line.rstrip() for line in text.splitlines()]
+    first = next((i for i, line in enumerate(lines) if re.match(table.begin, line)), None)
+    if first is None:
+        raise ValueError(f'no line {table.begin!r}')
+    lines = lines[first:]
+    last = next((i for i, line in enumerate(lines[1:], 1) if re.match(table.end, line)), len(lines))
+    return '```\n' + '\n'.join(lines[:last]).strip('\n') + '\n```'
+
+
+def output_of(table):
+    """What the page shows of what the command gives."""
+    command = table.command
+    words = shlex.split(command)
+    if words[0] == 'telescope-mount':
+        words[:1] = [sys.executable, '-m', 'telescope_mount']
+    else:
+        words[:1] = [sys.executable, str(ROOT / words[0])]
+    with tempfile.TemporaryDirectory() as folder:
+        words = [word.replace('{out}', f'{folder}/out') for word in words]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, env={
+            **os.environ, 'COLUMNS': '100', 'OPENBLAS_NUM_THREADS': '1'})
+        if done.returncode:
+            raise SystemExit(f'{command}: code {done.returncode}\n{done.stderr[-2000:]}')
+        return table.rows(Path(folder) / 'out') if table.rows else taken(done.stdout, table)
+
+
+def machine():
+    """Processor and number of cores, in a word or two."""
+    model = platform.machine()
+    try:
+        cpu = re.search(r'^model name\s*: (.*)', Path('/proc/cpuinfo').read_text(), re.M)
+        model = re.sub(r'\(R\)|CPU|Processor|@.*', '', cpu[1]).strip() if cpu else model
+    except OSError:
+        pass
+    return f'{os.cpu_count()} x {" ".join(model.split())}'
+
+
+def made(name, text):
+    """The table between its marks."""
+    commit = subprocess.run(['git', 'rev-parse', '--short=8', 'HEAD'], cwd=ROOT, check=True,
+                            capture_output=True, text=True).stdout.strip()
+    when = f'commit {commit}, {machine()}, {datetime.date.today().isoformat()}'
+    return (f'<!-- made: {name}; rests on {rests_on(TABLES[name].rests)}; {when} -->\n'
+            f'{text}\n<!-- end: {name} -->\n')
+
+
+def write(name):
+    """Run the command and put its table into the page."""
+    table = TABLES[name]
+    text = made(name, output_of(table))
+    path = DOCS / table.page
+    page = path.read_text(encoding='utf-8')
+    if f'<!-- table: {name} -->\n' in page:  # a new one
+        page = page.replace(f'<!-- table: {name} -->\n', text)
+    else:
+        page, count = re.subn(rf'<!-- made: {name};.*?<!-- end: {name} -->\n', lambda _: text, page,
+                              flags=re.S)
+        if count != 1:
+            raise SystemExit(f'{table.page}: no marks of {name}')
+    path.write_text(page, encoding='utf-8')
+
+
+def main():
+    """The exit code."""
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(TABLES))
+    parser.add_argument('--check', action='store_true', help='list those that are stale')
+    args = parser.parse_args()
+    if wrong := [name for name in args.names if name not in TABLES]:
+        parser.error(f'no table {wrong[0]!r}: it is some of {", ".join(TABLES)}')
+    if args.check:
+        names = [name for name in stale() if not args.names or name in args.names]
+        for name in names:
+            print(f'{TABLES[name].page}: {name} is older than what it rests on; make it again: '
+                  f'docs/make/tables.py {name}')
+        return int(bool(names))
+    for name in args.names or TABLES:
+        write(name)
+        print(f'{TABLES[name].page}: {name}', flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""Makes the runs of the tutorials, of simulated nights, and the pictures of their pages.
+
+    .venv/bin/python docs/make/tutorials.py            # the runs, in examples/tutorial
+    .venv/bin/python docs/make/tutorials.py pictures   # what chromium shows of their pages
+
+The scenarios stand beside the runs. A night has two power-ons: two nights of the alt-azimuth
+mount; of the German one the first, as plate solves with the place that the mount reports.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+RUNS = ROOT / 'examples' / 'tutorial'
+PICTURES = ROOT / 'docs' / 'pictures'
+sys.path.insert(0, str(ROOT))
+
+from msg_tools.units import DEG, wrap  # noqa: E402
+from pointing_model.mounts import is_beyond, through_pole  # noqa: E402
+from pointing_model.runs.formats import iso_utc  # noqa: E402
+from pointing_model.runs.plate_solves.frames import OF_DATE, to_icrs  # noqa: E402
+from pointing_model.sky.places import (  # noqa: E402
+    DEFAULT_SITE,
+    Weather,
+    observed_to_icrs,
+    sidereal_time,
+)
+from telescope_mount.run_loader import load_run  # noqa: E402
+
+WIDTH = 900  # of a picture, pixels
+#: name of a picture, command that makes its page, height that is shown, pixels
+PAGES = {
+    'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 870),
+    'tutorial_altaz_diagnosis': ('diagnose examples/tutorial/altaz_night1.csv '
+                                 '--holdout examples/tutorial/altaz_night2.csv', 600),
+    'tutorial_german_fit': ('fit examples/tutorial/german_solved.csv', 870),
+    'tutorial_german_diagnosis': ('diagnose examples/tutorial/german_solved.csv', 600),
+}
+
+
+def run(*words):
+    """Run a command of this project."""
+    subprocess.run([sys.executable, '-m', 'telescope_mount', *words], cwd=ROOT, check=True,
+                   stdout=subprocess.DEVNULL)
+
+
+def night(folder, name, stars):
+    """Rows of a simulated night that are stars of the run, by power-on."""
+    run('night', '--scenario', f'examples/tutorial/{name}.yaml', '--stars', str(stars),
+        '--polaris', '4', '--seed', '3', '--out', str(folder / name))
+    rows = load_run(folder / name / 'bag')
+    star = rows['for_zero'] != 1
+    return [rows.select(star & (rows['run'] == number)) for number in (1, 2)]
+
+
+def write(name, comments, columns):
+    """A table with its comments."""
+    path = RUNS / name
+    with open(path, 'w', encoding='utf-8') as stream:
+        stream.writelines(f'# {line}\n' for line in comments)
+        stream.write(','.join(columns) + '\n')
+        stream.writelines(','.join(row) + '\n' for row in zip(*columns.values()))
+    print(path.relative_to(ROOT), len(next(iter(columns.values()))), 'rows')
+
+
+def degrees(values, digits=5):
+    """Angles as a file has them."""
+    return [f'{value / DEG:.{digits}f}' for value in values]
+
+
+def altaz(folder):
+    """Two nights of a CSV."""
+    for number, rows in enumerate(night(folder, 'altaz', 60), 1):
+        write(f'altaz_night{number}.csv', [], {
+            'time': [text[:19] + 'Z' for text in iso_utc(rows['time'])],
+            'star': [f'HIP {star:.0f}' for star in rows['star']],
+            **{f'{name}_deg': degrees(rows[name]) for name in ('az', 'el', 'az_enc', 'el_enc')},
+            'temperature_c': [f'{value:.1f}' for value in rows['temperature']]})
+
+
+def german(folder):
+    """Plate solves, and the places that the mount reports, as J2000."""
+    rows, _ = night(folder, 'german', 80)
+    mount, site, time = rows.mount, DEFAULT_SITE, rows['time']
+    ra, dec = observed_to_icrs(*mount.horizon_of(rows['az'], rows['el']), time, site,
+                               Weather(955.0, 10.0))
+    first, second = rows['az_enc'], rows['el_enc']
+    west = is_beyond(second)
+    first, second = through_pole(first, second, west)
+    mount_ra, mount_dec = to_icrs(sidereal_time(time, site) - wrap(first), second, OF_DATE, time)
+    write('german_solved.csv', [
+        'frame: ICRS', 'readings: J2000', 'mount: german', f'latitude_deg: {site.latitude / DEG:g}',
+        f'longitude_deg: {site.longitude / DEG:g}', f'height_m: {site.height:g}',
+        'pressure_hpa: 955', 'temperature_c: 10'], {
+        'star': [f'LIGHT_{i:04d}.fits' for i in range(1, len(rows) + 1)],
+        'time': [text[:23] + 'Z' for text in iso_utc(time)],
+        'ra_deg': degrees(ra, 6), 'dec_deg': degrees(dec, 6),
+        'ra_enc_deg': degrees(mount_ra, 6), 'dec_enc_deg': degrees(mount_dec, 6),
+        'pier_side': np.where(west, 'West', 'East').tolist()})
+
+
+def picture(name, command, height, folder):
+    """The top of a page as chromium shows it, in few colours."""
+    from PIL import Image
+    page, shot = folder / 'page.html', folder / 'shot.png'
+    run(*command.split(), '--report', str(page), '--overwrite')
+    subprocess.run([
+        shutil.which('chromium') or 'chrome', '--headless=new', '--no-sandbox', '--disable-gpu',
+        '--hide-scrollbars', f'--window-size={WIDTH},{height}', f'--screenshot={shot}',
+        f'file://{page}'], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    path = PICTURES / f'{name}.png'
+    Image.open(shot).convert('RGB').quantize(48).save(path, optimize=True)
+    print(path.relative_to(ROOT), path.stat().st_size)
+
+
+def main():
+    """Write runs or pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        if 'pictures' in sys.argv[1:]:
+            for name, (command, height) in PAGES.items():
+                picture(name, command, height, Path(folder))
+        else:
+            altaz(Path(folder))
+            german(Path(folder))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,1 @@
+"""Runs: their rows, formats of files, plate solves, models of other programs."""

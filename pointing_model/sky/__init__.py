@@ -1,0 +1,1 @@
+"""Where a star or satellite is: catalogue, apparent place, refraction, orbits."""
