@@ -11,7 +11,7 @@ from .template_reader import TemplateReader
 
 _TURN = 2.0 * np.pi
 #: kinds of mount that `lowest_reading` knows
-MOUNTS = ('altaz', 'equatorial', 'german', 'free')
+MOUNTS = ('altaz', 'equatorial', 'german', 'free', 'xy')
 _METHODS = {'template': TemplateReader, 'paper': PaperReader}
 
 

@@ -28,7 +28,7 @@ def _param(axis, item):
         fixed=True)
 
 
-_JOINTS = dict(zip(MOUNTS, (convert.JOINTS[i] for i in (0, 1, 1, 2))))
+_JOINTS = dict(zip(MOUNTS, (convert.JOINTS[i] for i in (0, 1, 1, 2, 3))))
 #: parameters of each axis with the field of `Design` that they give
 DESIGN_PARAMS = {axis: [(item, _param(axis, item)) for item in fields(Design)]
                  for axis in convert.AXES}

@@ -100,7 +100,7 @@ class MountErrors:
     Attributes
     ----------
     kind : str
-        As `mounts.parse_mount` takes it: altaz, equatorial, german, free:AZ,EL[,ROLL]. How an
+        As `mounts.parse_mount` takes it: altaz, equatorial, german, xy, free:AZ,EL[,ROLL]. How an
         equatorial one stands the latitude decides at which it is.
     ia, ie : float
         Zero of the axes, rad: the axis angle is larger than the true angle by this.

@@ -27,7 +27,7 @@ from .wind_gusts import Wind
 #: axis of a German mount goes through the pole, the first to 10 deg past the meridian
 TRAVEL = {'equatorial': ((-180.0, 180.0), (-100.0, 100.0)),
           'german': ((-10.0, 190.0), (-90.0, 270.0)),
-          'free': ((-180.0, 180.0), (-100.0, 100.0))}
+          'free': ((-180.0, 180.0), (-100.0, 100.0)), 'xy': ((-95.0, 95.0), (-95.0, 95.0))}
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ def _on_its_mount(scenario, mapping, file):
     kind = _to_text(section['kind'], MountErrors.__dataclass_fields__['kind'],
                     f'scenario {file}, mount.kind')
     mount = parse_mount(kind, 0.0)
-    section['kind'] = kind = kind.strip().lower() if mount.kind == 'free' else mount.kind
+    section['kind'] = kind = kind.strip().lower() if ':' in kind else mount.kind
     return scenario if kind == scenario.mount.kind else scenario.on_mount(kind)
 
 

@@ -8,7 +8,7 @@ from telescope_mount.simulation import kind_of_mount
 ARGUMENTS = (
     ('bag', 'bag', 'folder of the log; it must not exist'),
     ('scenario', 'default', 'what is wrong with the simulated mount: a name or a YAML file'),
-    ('mount', '', 'altaz, equatorial, german, free:AZ,EL; empty: what the scenario has'),
+    ('mount', '', 'altaz, equatorial, german, xy, free:AZ,EL; empty: what the scenario has'),
     ('seed', '1', 'of every random number'),
     ('plan', '', 'steps of the observer; empty: a night of the following two'),
     ('stars', '30', 'in each of the two blocks'),

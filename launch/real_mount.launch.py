@@ -11,7 +11,7 @@ SAMPLES = ','.join(str(EXAMPLES / f'{name}.py') for name in (
     'toy_telescope', 'mount_driver', 'encoder_driver', 'camera_driver'))
 ARGUMENTS = (
     ('bag', 'bag', 'folder of the log; it must not exist'),
-    ('mount', 'altaz', 'altaz, equatorial, german, free:AZ,EL'),
+    ('mount', 'altaz', 'altaz, equatorial, german, xy, free:AZ,EL'),
     ('drivers', SAMPLES, 'Python files to start, separated by commas; none: they run already'),
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
     ('inclinometer', 'false', 'whether a driver publishes inclinometer'),

@@ -6,7 +6,8 @@ import numpy as np
 
 AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
-JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'))
+JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'),
+          ('x_angle', 'y_angle'))
 MOUNT_FRAME = 'mount_enu'
 #: temperatures that air has, degC: those for which the refraction is worked out
 AIR_TEMPERATURES = -90.0, 60.0

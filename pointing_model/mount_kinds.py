@@ -41,7 +41,8 @@ class MountKind:
         Words for a falling and a rising angle, of each axis.
     pole : str or tuple of float
         Where the first axis points: ``'zenith'``; ``'celestial'``, which takes the latitude;
-        ``'given'``, with the mount; or azimuth, elevation and roll of such mounts, radians.
+        ``'given'``, with the mount; or azimuth, elevation and roll of such mounts, radians, of
+        which the azimuth may be given with the mount.
     travel_deg : tuple of tuple of float
         Of both axes, where nothing else is given, in the north.
     park_deg : str
@@ -173,7 +174,15 @@ KINDS = {
         'a mount of two axes', ('first axis', 'second axis'), ('first axis', 'second axis'),
         ('a', 'b'), (), ('axis1', 'axis2'), _terms('I1', 'I2', 'C1', 'N12', 'T1', 'T2', 'TF'),
         (('falling', 'rising'), ('falling', 'rising')), 'given',
-        ((-180.0, 180.0), (-90.0, 270.0)), usual=(('TX',), ('HZCZ',)))}
+        ((-180.0, 180.0), (-90.0, 270.0)), usual=(('TX',), ('HZCZ',))),
+    # alt-alt, of stations that follow satellites: its X axis lies level to the north, or as given,
+    # and carries the Y axis; at the zenith both are zero, no axis is fast there but at the horizon
+    'xy': MountKind(
+        'an X/Y (alt-alt) mount', ('x angle', 'y angle'), ('X axis', 'Y axis'), ('X', 'Y'), (),
+        ('x', 'y'), _terms('IX', 'IY', 'CXY', 'NXY', 'XE', 'XA', 'TF'),
+        (('falling', 'rising'), ('falling', 'rising')), (0.0, 0.0),
+        ((-95.0, 95.0), (-85.0, 85.0)), '0,0', carrier='yoke', carriers='yoke or gimbal',
+        usual=(('TX',), ('HZCZ',)), aliases=('x/y', 'altalt', 'alt-alt', 'x-y'))}
 
 
 def kind_of(document):

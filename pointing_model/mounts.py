@@ -365,7 +365,8 @@ def parse_mount(text, latitude=None):
     Parameters
     ----------
     text : str
-        ``altaz``, ``equatorial`` (or ``fork``, ``horseshoe``), ``german``; ``free:0,0`` or
+        ``altaz``, ``equatorial`` (or ``fork``, ``horseshoe``), ``german``; ``xy``, ``xy:90``: an
+        X/Y mount whose X axis lies to the north, or to that azimuth; ``free:0,0`` or
         ``free:0,0,90``: azimuth and elevation of the pole of the first axis, and its roll, deg.
     latitude : float, optional
         Radians; needed for equatorial mounts.
@@ -378,8 +379,8 @@ def parse_mount(text, latitude=None):
     kind, _, numbers = text.strip().lower().partition(':')
     kind = next((name for name, one in KINDS.items() if kind in one.aliases), kind)
     if kind not in KINDS:
-        known = ', '.join(name + ':AZ,EL[,ROLL]' * (one.pole == 'given')
-                          for name, one in KINDS.items())
+        known = ', '.join(name + (':AZ,EL[,ROLL]' if one.pole == 'given' else '[:AZ]' if isinstance(
+            one.pole, tuple) else '') for name, one in KINDS.items())
         raise ValueError(f'unknown mount {text!r}; choose from {known} (degrees)')
     pole = KINDS[kind].pole
     if pole == 'given':
@@ -396,12 +397,21 @@ def parse_mount(text, latitude=None):
         if latitude is None:
             raise ValueError(f'a mount that is {kind} needs the latitude of its site')
         return Mount.equatorial(latitude, kind)
+    elif numbers:
+        try:
+            pole = (float(numbers) * DEG, *pole[1:])
+        except ValueError:
+            raise ValueError(f'mount {text!r}: give the azimuth of its first axis as {kind}:AZ, in '
+                             'degrees') from None
     return Mount._with_pole(kind, *pole)
 
 
 def mount_text(mount):
     """What `parse_mount` reads as the same mount, with the latitude of an equatorial one."""
-    if mount.names.pole != 'given':
+    pole = mount.names.pole
+    if isinstance(pole, tuple) and not mount.agrees(Mount._with_pole(mount.kind, *pole)):
+        return f'{mount.kind}:{float(np.arctan2(*mount.frame[2][:2]) / DEG)!r}'
+    if pole != 'given':
         return mount.kind
     x, y, z = np.array(mount.frame)
     azimuth, elevation = np.arctan2(z[0], z[1]), np.arctan2(z[2], np.hypot(z[0], z[1]))

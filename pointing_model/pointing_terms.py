@@ -190,21 +190,33 @@ _HADEC = [*_rotations('equatorial', (
         ('HPSH2', 'HVSA2', 'polar axis wobble, sin 2h', '(sin 2h sin δ, 0)'))),
     Term('DCEC', 'declination encoder centring, cos δ', '(0, cos δ)', -1,
          lambda t: (ZERO, t.cos_el))]
-_FREE = [*_rotations('free', (
-    ('index of the first axis', '(cos b, 0)', None),
-    ('index of the second axis', '(0, 1)', None),
+#: of mounts whose axes are neither of these
+_ANYWHERE = (
+    ('index of the {0}', '(cos {b}, 0)', None), ('index of the {1}', '(0, 1)', None),
     ('collimation, positive where the line of sight is left of the tube', '(1, 0)', None),
-    ('second axis not perpendicular to the first, its right end high', '(sin b, 0)', None),
-    ('first axis leans to its angle 0', '(sin a sin b, cos a)', None),
-    ('first axis leans to its angle -90 degrees', '(cos a sin b, -sin a)', None),
-    ('tube flexure, cos E', f'cos E {_UP}', None))), *_ZENITH]
-_HADEC, _FREE = ({term.name: term for term in terms} for terms in (_HADEC, _FREE))
+    ('{1} not perpendicular to the {0}, its right end high', '(sin {b}, 0)', None),
+    ('{0} leans to its angle 0', '(sin {a} sin {b}, cos {a})', None),
+    ('{0} leans to its angle -90 degrees', '(cos {a} sin {b}, -sin {a})', None),
+    ('tube flexure, cos E', f'cos E {_UP}', None))
+_HADEC = {term.name: term for term in _HADEC}
+
+
+@functools.lru_cache
+def _elsewhere(kind, names):
+    """Terms of a kind of mount that is neither vertical nor celestial; its terms have `names`."""
+    first, second = KINDS[kind].shafts
+    a, b = KINDS[kind].letters
+    docs = [tuple(text and text.format(first, second, a=a, b=b) for text in row)
+            for row in _ANYWHERE]
+    return {term.name: term for term in [*_rotations(kind, docs), *_ZENITH]}
 
 
 def terms_of(mount):
     """All terms of a mount, or of a kind of mount, name -> `Term`."""
-    kind = KINDS[mount] if isinstance(mount, str) else mount.names
-    return TERMS if kind.vertical else _HADEC if kind.celestial else _FREE
+    kind = mount if isinstance(mount, str) else mount.kind
+    names = KINDS[kind]
+    return TERMS if names.vertical else _HADEC if names.celestial else _elsewhere(
+        kind, tuple(names.terms))
 
 
 def known_terms(names, mount=ALTAZ):

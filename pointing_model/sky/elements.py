@@ -1,4 +1,8 @@
-"""Two-line elements of a satellite: read, checked, propagated by SGP4."""
+"""Two-line elements of a satellite: read, checked, propagated by SGP4, turned with the Earth.
+
+Elements of a GPS satellite are off by 0.2 to 1 km at their epoch, of a low one by a kilometre or
+two, and by more each day, worst along the orbit (T. S. Kelso, AAS 07-127).
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +11,7 @@ from pathlib import Path
 import erfa
 import numpy as np
 
-from .earth import DAY, MJD_1970, split_utc
+from .earth import DAY, MJD_1970, earth_orientation, split_utc, terrestrial
 
 #: Elements of the satellite that paper 000 tracked (NORAD 26690, USA 156), 2013 day 264.
 GPS_26690 = (
@@ -15,6 +19,10 @@ GPS_26690 = (
     '2 26690  53.1031 214.8630 0147879 241.2580   4.0622  2.00567355 92659',
 )
 
+#: revolutions a day above which an orbit is low; error of a coordinate (m) of high and low orbits
+#: at the epoch of elements, and how it grows in a day
+_LOW = 11.25
+_ERRORS = {False: (400.0, 100.0), True: (700.0, 1000.0)}
 _FIELDS_1 = (('year', 19, 20), ('day', 21, 32), ('drift of the mean motion', 34, 43))
 _FIELDS_2 = (('inclination', 9, 16), ('node', 18, 25), ('eccentricity', 27, 33),
              ('perigee', 35, 42), ('mean anomaly', 44, 51), ('mean motion', 53, 63))
@@ -43,6 +51,16 @@ class Satellite:
         """The propagator, an `sgp4.api.Satrec`."""
         from sgp4.api import Satrec
         return Satrec.twoline2rv(self.line1, self.line2)
+
+    #: whether its sigma is that of a precise orbit, or expected of elements
+    precise = False
+    #: of the times that it has: UTC seconds since 1970-01-01
+    begin, end = -np.inf, np.inf
+
+    @property
+    def name(self):
+        """Catalogue number, for people."""
+        return str(self.number)
 
     @property
     def number(self):
@@ -87,9 +105,83 @@ class Satellite:
         shape = (*time.shape, 3)
         return 1e3 * position.reshape(shape), 1e3 * velocity.reshape(shape)
 
+    def itrf(self, time, rest=0.0, orientation=None):
+        """Positions in ITRF.
+
+        The z axis of TEME is the pole of date; GMST (IAU 1982, of UT1) takes it to the Earth, then
+        polar motion (Vallado et al., AIAA 2006-6753, appendix C).
+
+        Parameters
+        ----------
+        time : float or ndarray
+            UTC, seconds since 1970-01-01.
+        rest : float or ndarray
+            Seconds after that.
+        orientation : EarthOrientation, optional
+            From the IERS tables if not given.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            m.
+
+        Raises
+        ------
+        ValueError
+            SGP4 cannot go that far from the epoch.
+        """
+        time = np.asarray(time, float) + rest
+        orientation = orientation or earth_orientation(time)
+        turn = erfa.ufunc.gmst82(*erfa.ufunc.utcut1(*split_utc(time), orientation.dut1)[:2])
+        pole = erfa.ufunc.pom00(orientation.xp, orientation.yp,
+                                erfa.ufunc.sp00(*terrestrial(time)))
+        return np.einsum('...ij,...j->...i', pole, turned(self.state(time)[0], turn))
+
+    def sigma(self, time, rest=0.0):
+        """Error of a coordinate to be expected at a time, shape (...), m; worst along the orbit."""
+        low = self.record.no_kozai * 1440.0 / (2.0 * np.pi) > _LOW
+        first, growth = _ERRORS[low]
+        return first + growth * np.abs(np.asarray(time, float) + rest - self.epoch) / DAY
+
+
+def turned(vectors, angle):
+    """Components, shape (..., 3), in axes turned by `angle` about z."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack([cos * x + sin * y, cos * y - sin * x, z + 0.0 * angle], axis=-1)
+
+
+def parse_sets(lines):
+    """All sets of two-line elements, checked.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Names and empty lines around a pair are passed over.
+
+    Returns
+    -------
+    list of Satellite
+
+    Raises
+    ------
+    ValueError
+        As `parse_elements`.
+    """
+    lines = [line.rstrip() for line in lines]
+    starts = [i for i, line in enumerate(lines) if line.startswith('1 ')]
+    if not starts:
+        raise ValueError('no two-line elements: a line that begins with "1 " is missing')
+    found = []
+    for i in starts:
+        if i + 1 == len(lines) or not lines[i + 1].startswith('2 '):
+            raise ValueError(f'two-line elements: line {i + 2} should begin with "2 "')
+        found.append(_pair(lines[i], lines[i + 1], i + 1))
+    return found
+
 
 def parse_elements(lines):
-    """Two-line elements, checked.
+    """Two-line elements of one satellite, checked.
 
     Parameters
     ----------
@@ -106,15 +198,7 @@ def parse_elements(lines):
         A line is too short, its checksum is wrong, the pair does not belong together, a number
         in it is none, or there are several pairs.
     """
-    lines = [line.rstrip() for line in lines]
-    starts = [i for i, line in enumerate(lines) if line.startswith('1 ')]
-    if not starts:
-        raise ValueError('no two-line elements: a line that begins with "1 " is missing')
-    found = []
-    for i in starts:
-        if i + 1 == len(lines) or not lines[i + 1].startswith('2 '):
-            raise ValueError(f'two-line elements: line {i + 2} should begin with "2 "')
-        found.append(_pair(lines[i], lines[i + 1], i + 1))
+    found = parse_sets(lines)
     if len(found) > 1:
         known = ', '.join(str(s.number) for s in found[:5])
         raise ValueError(f'{len(found)} sets of elements where one is needed: leave one of those '

@@ -2,24 +2,22 @@
 
 The steps, and what they rest on:
 
-* SGP4 gives position and velocity in TEME; its z axis is the pole of date and GMST (IAU 1982, of
-  UT1) takes it to the Earth, then polar motion as for the stars (Vallado et al., AIAA 2006-6753,
-  appendix C).
+* An orbit (elements, or a precise one: `orbits`) gives positions in ITRF.
 * Light time is solved in the geocentric inertial frame: the satellite at t - tau, the observer
-  at t. An observer at rest in that frame would see exactly this direction; the one on the ground
-  moves with the Earth's rotation, which adds the diurnal aberration (0.26" at latitude 34). No
-  annual aberration: from the solar system's barycentre the satellite, which shares the Earth's
-  30 km/s, is displaced by 20.5" during the light time, and aberration displaces it back by as
-  much (planetary aberration: Urban & Seidelmann, Explanatory Supplement, 3rd ed., ch. 7; the
-  tests go that way, with Skyfield, and arrive within 0.001"). A star keeps its aberration.
+  at t, the Earth turned in between. An observer at rest in that frame would see exactly this
+  direction; the one on the ground moves with the Earth's rotation, which adds the diurnal
+  aberration (0.26" at latitude 34). No annual aberration: from the solar system's barycentre the
+  satellite, which shares the Earth's 30 km/s, is displaced by 20.5" during the light time, and
+  aberration displaces it back by as much (planetary aberration: Urban & Seidelmann, Explanatory
+  Supplement, 3rd ed., ch. 7; the tests go that way, with Skyfield, and arrive within 0.001"). A
+  star keeps its aberration.
 * Refraction as in `sky` (A tan z + B tan^3 z as ERFA applies it), less what the
   finite distance takes away (G. H. Kaplan, Atmospheric refraction of light from nearby objects in
   space, 2014): the ray of a star passes n0 r0 sin z0 from the Earth's centre, so beyond the air
   it runs beside the straight line to the observer; for a GPS satellite that makes 0.15" at 20
   degrees of elevation.
 
-Two-line elements of a GPS satellite are good to kilometres (1 km: 10"), worst along the orbit
-(T. S. Kelso, AAS 07-127). What is done with them here is good to 0.01".
+What is done with an orbit here is good to 0.001"; how good the orbit is, its `sigma` says.
 """
 
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ import erfa
 import numpy as np
 
 from .earth import DAY, TURN_RATE, earth_orientation, split_utc, terrestrial
+from .elements import turned
 from .places import DEFAULT_SITE, DEFAULT_WEATHER
 
 _EARTH_RADIUS = 6378137.0  # m, equatorial, for the shadow
@@ -55,22 +54,24 @@ class Corrections:
 
 
 def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
-                    orientation=None, corrections=None, time_bias=0.0):
+                    orientation=None, corrections=None, time_bias=0.0, rest=0.0):
     """Observed place of a satellite.
 
     Parameters
     ----------
-    satellite : Satellite
+    satellite : elements.Satellite, or orbits.ephemeris.Orbit
     time : float or ndarray
         UTC, seconds since 1970-01-01.
     site : Site
     weather : Weather
         ``pressure_hpa=0`` for the direction without refraction.
     orientation : EarthOrientation, optional
-        Of the shape of `time`; from the IERS tables if not given.
+        Of the shape of `time`, for elements; from the IERS tables if not given.
     corrections : Corrections, optional
     time_bias : float
-        Seconds by which the satellite is ahead on its orbit of what the elements say.
+        Seconds by which the satellite is ahead on its orbit of what that says.
+    rest : float or ndarray
+        Seconds after `time`, apart so that no digit is lost.
 
     Returns
     -------
@@ -82,29 +83,34 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     Raises
     ------
     ValueError
-        A time is outside 1900-2100, or SGP4 cannot go that far from the epoch.
+        A time is outside 1900-2100, or the orbit does not have it.
     """
     corrections = corrections or Corrections()
     time = np.asarray(time, float)
-    turn, earth = _earth(time, orientation)
-    ground = np.einsum('...ji,j->...i', earth, _site_vector(site))
-    path = _spin(satellite.state(time + time_bias)[0], turn) - ground
+    given = {} if orientation is None else {'orientation': orientation}
+    ground = _site_vector(site)
+
+    def seen_from_here(late):
+        """Where it was `late` seconds ago, in the axes of the Earth now."""
+        place = satellite.itrf(time, rest + time_bias - late, **given)
+        return turned(place, TURN_RATE * (late - time_bias)) - ground
+
+    path = seen_from_here(0.0)
     if corrections.light_time:
         delay = _length(path) / erfa.CMPS
-        place, velocity = satellite.state(time + time_bias - delay)
-        path = _spin(place, turn) - ground
+        first, path = path, seen_from_here(delay)
         # the microsecond by which that is not yet the delay is a few millimetres
-        late = _length(path) / erfa.CMPS - delay
-        path = path - late[..., None] * _spin(velocity, turn)
+        late = (_length(path) / erfa.CMPS - delay) / delay
+        path = path + late[..., None] * (path - first)
     distance = _length(path)
     seen = path / distance[..., None]
     velocity = np.zeros_like(seen)
     if corrections.diurnal_aberration:
-        velocity[..., 0] -= TURN_RATE * ground[..., 1]
-        velocity[..., 1] += TURN_RATE * ground[..., 0]
+        velocity[..., 0] -= TURN_RATE * ground[1]
+        velocity[..., 1] += TURN_RATE * ground[0]
     if corrections.annual_aberration:
         velocity += _sun_and_motion(time)[1]
-    az, el = _horizontal(seen + velocity / erfa.CMPS, earth, site)
+    az, el = _horizontal(seen + velocity / erfa.CMPS, site)
     if corrections.refraction:
         far = np.inf if not corrections.parallactic_refraction else distance
         el = refracted(el, weather, far, float(_length(_site_vector(site))))
@@ -155,7 +161,7 @@ def in_sunlight(satellite, time):
 
     Parameters
     ----------
-    satellite : Satellite
+    satellite : elements.Satellite, or orbits.ephemeris.Orbit
     time : float or ndarray
         UTC, seconds since 1970-01-01.
 
@@ -167,27 +173,10 @@ def in_sunlight(satellite, time):
     """
     time = np.asarray(time, float)
     sun = _sun_and_motion(time)[0]
-    place = _spin(satellite.state(time)[0], _earth(time, None)[0])
+    place = satellite.itrf(time)
     along = np.sum(place * sun, axis=-1)
     across = _length(place - along[..., None] * sun)
     return (along > 0.0) | (across > _EARTH_RADIUS)
-
-
-def _earth(time, orientation):
-    """GMST (rad), and the matrix from the Earth's axis of date to ITRS."""
-    orientation = orientation or earth_orientation(time)
-    utc = split_utc(time)
-    turn = erfa.ufunc.gmst82(*erfa.ufunc.utcut1(*utc, orientation.dut1)[:2])
-    tt = terrestrial(time)
-    matrix = erfa.ufunc.pom00(orientation.xp, orientation.yp, erfa.ufunc.sp00(*tt))
-    return turn, matrix
-
-
-def _spin(vector, angle):
-    """Components in axes turned by `angle` about z."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(vector, -1, 0)
-    return np.stack([cos * x + sin * y, cos * y - sin * x, z + 0.0 * angle], axis=-1)
 
 
 def _length(vector):
@@ -198,9 +187,9 @@ def _site_vector(site):
     return erfa.gd2gc(1, site.longitude, site.latitude, site.height)  # WGS84
 
 
-def _horizontal(direction, earth, site):
-    """Azimuth and elevation of a direction in the axes of date."""
-    x, y, z = np.moveaxis(np.einsum('...ij,...j->...i', earth, direction), -1, 0)
+def _horizontal(direction, site):
+    """Azimuth and elevation of a direction in ITRF."""
+    x, y, z = np.moveaxis(direction, -1, 0)
     sin_lon, cos_lon = np.sin(site.longitude), np.cos(site.longitude)
     sin_lat, cos_lat = np.sin(site.latitude), np.cos(site.latitude)
     out = cos_lon * x + sin_lon * y
@@ -224,6 +213,6 @@ def _sun_and_motion(time):
     hours, which = np.unique(np.floor(24.0 * (tt[0] - erfa.DJM0 + tt[1])), return_inverse=True)
     matrix = erfa.ufunc.c2i00b(erfa.DJM0, (hours + 0.5) / 24.0)[which.reshape(time.shape)]
     turn = erfa.ufunc.era00(*ut1)
-    sun, motion = (_spin(np.einsum('...ij,...j->...i', matrix, vector), turn)
+    sun, motion = (turned(np.einsum('...ij,...j->...i', matrix, vector), turn)
                    for vector in (-heliocentric['p'], barycentric['v']))
     return sun / _length(sun)[..., None], motion * (erfa.DAU / DAY)

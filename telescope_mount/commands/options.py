@@ -99,8 +99,8 @@ SHARED = {
     'exclude': {'action': 'append', 'default': [], 'metavar': 'ROWS',
                 'help': 'rows to leave out: numbers as they are printed (30), ranges (45-48), '
                 'conditions (el<20, star=HIP 5447), with commas or again'},
-    'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, or free:AZ,EL[,ROLL] (where '
-              'the first axis points, degrees), in place of what the file tells'},
+    'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, xy, or free:AZ,EL[,ROLL] '
+              '(where the first axis points, degrees), in place of what the file tells'},
     'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',
                  'help': 'for runs in right ascension; 0: no refraction'},
     'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
@@ -126,10 +126,10 @@ SHARED = {
 }
 
 
-MOUNT_OF_DRIVERS = ('altaz (default), equatorial, german, or free:AZ,EL[,ROLL] (where the first '
-                    'axis points, degrees)')
+MOUNT_OF_DRIVERS = ('altaz (default), equatorial, german, xy, or free:AZ,EL[,ROLL] (where the '
+                    'first axis points, degrees)')
 RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
-MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, or '
+MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, xy, or '
                   'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
                   'that the scenario has')
 SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '

@@ -8,7 +8,14 @@ from scipy.spatial.transform import Rotation
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model import geometry
 from pointing_model.mount_kinds import KINDS
-from pointing_model.mounts import ALTAZ, Mount, is_beyond, parse_mount, through_pole
+from pointing_model.mounts import (
+    ALTAZ,
+    Mount,
+    is_beyond,
+    mount_text,
+    parse_mount,
+    through_pole,
+)
 
 MOUNTS = {
     'altaz': ALTAZ, 'fork': Mount.equatorial(33.36 * DEG),
@@ -141,6 +148,32 @@ def test_an_alt_alt_mount_has_its_pole_on_the_horizon():
     assert az / DEG == pytest.approx(270.0)
     az, el = mount.horizon_of(0.0, 0.3)
     assert el == pytest.approx(np.pi / 2 - 0.3) and np.cos(az) == pytest.approx(1.0)
+
+
+def test_an_xy_mount_lies_to_the_north_or_as_it_is_told():
+    mount = parse_mount('xy')
+    assert parse_mount('alt-alt').agrees(mount) and mount_text(mount) == 'xy'
+    assert Mount.free(0.0, 0.0).frame == mount.frame
+    first, second = mount.axes_of(0.0, 5.0 * DEG)  # its keyhole: low in the north
+    assert second / DEG == pytest.approx(85.0)
+    east = parse_mount('xy:90')
+    assert parse_mount(mount_text(east)).agrees(east) and not east.agrees(mount)
+    assert east.axes_of(90.0 * DEG, 5.0 * DEG)[1] / DEG == pytest.approx(85.0)
+    with pytest.raises(ValueError, match='give the azimuth of its first axis as xy:AZ'):
+        parse_mount('xy:north')
+
+
+def test_terms_of_an_xy_mount_lean_its_axis_as_they_say():
+    """XE lifts the north end of the X axis, XA turns it to the east."""
+    mount, size = parse_mount('xy'), 100.0 * ARCSEC
+    for name, pole in (('XE', (0.0, size)), ('XA', (size, 0.0))):
+        leaning = Mount._with_pole('xy', *pole)
+        places = np.array([0.3, 2.0, 4.0]), np.array([0.5, 0.9, 0.7])
+        true = np.array(leaning.axes_of(*places))
+        first, second = mount.axes_of(*places)
+        x, y = geometry.offsets(first, second, {name: size}, mount)
+        np.testing.assert_allclose(true[1] - second, y, atol=0.2 * ARCSEC)
+        np.testing.assert_allclose((true[0] - first) * np.cos(second), x, atol=0.2 * ARCSEC)
 
 
 @pytest.mark.parametrize('name', [n for n in MOUNTS if n != 'altaz'])

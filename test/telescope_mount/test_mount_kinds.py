@@ -30,8 +30,8 @@ ALT_ALT = replace(KINDS['free'], words='an alt-alt mount', axes=('roll', 'pitch'
 
 @pytest.fixture
 def mount(monkeypatch):
-    monkeypatch.setitem(KINDS, 'altalt', ALT_ALT)
-    return parse_mount('altalt')
+    monkeypatch.setitem(KINDS, 'rollpitch', ALT_ALT)
+    return parse_mount('rollpitch')
 
 
 def night(mount, n=60, **terms):
@@ -47,7 +47,7 @@ def night(mount, n=60, **terms):
 
 
 def test_it_points_to_where_its_axes_say(mount):
-    assert mount_text(mount) == 'altalt' and parse_mount('altalt').agrees(mount)
+    assert mount_text(mount) == 'rollpitch' and parse_mount('rollpitch').agrees(mount)
     zenith = mount.horizon_of(0.0, 0.0)
     assert zenith[1] == pytest.approx(0.5 * np.pi)
     az, el = mount.horizon_of(0.0, 30.0 * DEG)  # toward the pole of its first axis
@@ -61,9 +61,9 @@ def test_a_run_is_fitted_diagnosed_written_and_read(mount, tmp_path):
     for name, value, sigma in zip(fit.names, fit.coefficients, fit.sigma):
         assert abs(value - truth[name] * ARCSEC) < 4.0 * sigma
     again = PointingModel.from_json(fit.model.to_json())
-    assert again.mount.agrees(mount) and again.mount.kind == 'altalt'
+    assert again.mount.agrees(mount) and again.mount.kind == 'rollpitch'
     document = diagnose(run, cross_validation=False, flips=199).to_dict()
-    assert document['mount'] == 'altalt' and document['mount_axes'] == ['roll', 'pitch']
+    assert document['mount'] == 'rollpitch' and document['mount_axes'] == ['roll', 'pitch']
     assert model_words(document) == 'the seven terms of an alt-alt mount'
     write_csv(run, tmp_path / 'run.csv')
     back = read_run(tmp_path / 'run.csv')
@@ -78,5 +78,5 @@ def test_guard_stars_and_picture_know_it(mount):
     rows = choose_stars(stars, 1.768e9, n=8, mount=mount)
     az, el = observed_place(stars.select(rows), 1.768e9)
     assert (np.abs(mount.axes_of(az, el)[1]) < 85.0 * DEG).all()
-    night = {spec.name: spec.parameters for spec in night_graph(bag='bag', mount='altalt')}
-    assert night['star_observer']['mount'] == night['mount_guard']['mount'] == 'altalt'
+    night = {spec.name: spec.parameters for spec in night_graph(bag='bag', mount='rollpitch')}
+    assert night['star_observer']['mount'] == night['mount_guard']['mount'] == 'rollpitch'

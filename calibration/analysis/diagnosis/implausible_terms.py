@@ -15,7 +15,7 @@ _SURE = 3.0
 _WRONG_AIR = 20.0
 #: arcsec: axes and tubes are built square, and stiff, to minutes of arc
 _SQUARE = DEG / ARCSEC
-_OF_SHAPE = ('TF', 'CA', 'NPAE', 'CH', 'NP', 'C1', 'N12')
+_OF_SHAPE = ('TF', 'CA', 'NPAE', 'CH', 'NP', 'C1', 'N12', 'CXY', 'NXY')
 
 
 def suspicious(terms):

@@ -1,0 +1,262 @@
+"""A satellite's positions at epochs, and between them: the one thing that is asked of an orbit.
+
+Between epochs a polynomial goes through the nearest: 14 of them where they are a quarter of an hour
+apart, 10 where they are minutes apart or the format says so. It is drawn in axes that turn with
+the Earth's mean rate no more: there the orbit is smoother than in ITRF, and with every second epoch
+of GPS left out the error is smaller by a factor of one to three. At the ends it goes through the
+epochs on one side, with a larger sigma; beyond them there is no position.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..earth import TURN_RATE
+from ..elements import turned
+from .interpolation import hermite, lagrange
+from .time_scales import leap_seconds, utc_of, utc_text
+
+#: epochs that a polynomial goes through, and from which step on the first
+LONG, SHORT, LONG_STEP = 14, 10, 600.0
+#: epochs with velocities, where there are fewer
+_WITH_RATES = 7
+#: steps from which on epochs are apart
+_GAP = 2.5
+#: m, off what its neighbours say: no coordinate of an orbit
+BAD = 200.0
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Positions of one satellite without a gap, from one file.
+
+    Attributes
+    ----------
+    origin : float
+        TAI, whole seconds since 1970-01-01.
+    epochs : ndarray, shape (n,)
+        Seconds from there, ascending.
+    places : ndarray, shape (n, 3)
+        ITRF, m.
+    rates : ndarray, shape (n, 3), or None
+        There, m/s.
+    sigmas : ndarray, shape (n,)
+        Of a coordinate, m.
+    source, provider : str
+        File, and who computed it.
+    count : int
+        Epochs of a polynomial; 0: by the step.
+    """
+
+    origin: float
+    epochs: np.ndarray
+    places: np.ndarray
+    rates: np.ndarray | None
+    sigmas: np.ndarray
+    source: str
+    provider: str = ''
+    count: int = 0
+
+    def __post_init__(self):
+        turn = TURN_RATE * self.epochs
+        object.__setattr__(self, '_still', turned(self.places, -turn))
+        object.__setattr__(self, '_moving', None)
+        if self.rates is not None and len(self.epochs) < self.wanted:
+            with_earth = self.rates + TURN_RATE * np.stack(
+                (-self.places[:, 1], self.places[:, 0], 0.0 * turn), axis=1)
+            object.__setattr__(self, '_moving', turned(with_earth, -turn))
+
+    @property
+    def wanted(self):
+        """Epochs of a polynomial, where there are enough."""
+        return self.count or (LONG if self.step >= LONG_STEP else SHORT)
+
+    @property
+    def width(self):
+        """Epochs of a polynomial."""
+        return min(self.wanted, len(self.epochs))
+
+    @property
+    def step(self):
+        """Between epochs, s."""
+        return float(np.median(np.diff(self.epochs))) if len(self.epochs) > 1 else 0.0
+
+    @property
+    def begin(self):
+        """TAI."""
+        return self.origin + self.epochs[0]
+
+    @property
+    def end(self):
+        """TAI."""
+        return self.origin + self.epochs[-1]
+
+    def still(self, at, fewer=0):
+        """Positions in the axes of ITRF at the origin, which do not turn on, shape (m, 3), m."""
+        if self._moving is not None:
+            count = max(min(_WITH_RATES, len(self.epochs)) - fewer // 2, 1)
+            return hermite(self.epochs, self._still, self._moving, at, count)
+        return lagrange(self.epochs, self._still, at, max(self.width - fewer, 1))
+
+    def itrf(self, at):
+        """Positions in ITRF at seconds from the origin, shape (m, 3), m."""
+        return turned(self.still(at), TURN_RATE * at)
+
+    def between(self, at):
+        """Error of a coordinate of the polynomial itself, about, shape (m,), m."""
+        return _left_out(*(self.still(at, fewer) for fewer in (0, 2, 4))) / np.sqrt(3.0)
+
+    def sigma(self, at):
+        """Of a coordinate, shape (m,), m: of the orbit, and of what is between its epochs."""
+        return np.hypot(np.interp(at, self.epochs, self.sigmas), self.between(at))
+
+    def roughness(self):
+        """How far inner epochs are from what their neighbours say, and how far that may be, m.
+
+        Returns
+        -------
+        rows : ndarray of int, shape (m,)
+        off, expected : ndarray, shape (m,)
+            `expected` is what a polynomial of that degree leaves out.
+        """
+        n, half = len(self.epochs), self.width // 2
+        rows = np.arange(half, n - half)
+        if self._moving is not None or not len(rows) or half < 3:
+            return rows[:0], np.empty(0), np.empty(0)
+        beside = np.concatenate((np.arange(-half, 0), np.arange(1, half + 1)))
+        found = [self._between(rows, beside[half - width:half + width])
+                 for width in (half, half - 1, half - 2)]
+        return rows, np.linalg.norm(found[0] - self._still[rows], axis=1), _left_out(*found)
+
+    def _between(self, rows, beside):
+        """Where epochs are by those `beside` them, shape (m, 3)."""
+        nodes = self.epochs[rows[:, None] + beside] - self.epochs[rows][:, None]
+        apart = nodes[:, None, :] - nodes[:, :, None]
+        same = np.eye(len(beside), dtype=bool)
+        ratio = np.where(same, 1.0, nodes[:, None, :] / np.where(same, 1.0, apart))
+        return np.einsum('mk,mkc->mc', np.prod(ratio, axis=2), self._still[rows[:, None] + beside])
+
+    def without(self, row):
+        """The arc without one epoch."""
+        keep = np.arange(len(self.epochs)) != row
+        return replace(self, epochs=self.epochs[keep], places=self.places[keep],
+                       rates=None if self.rates is None else self.rates[keep],
+                       sigmas=self.sigmas[keep])
+
+    def parts(self):
+        """The same, cut where epochs are missing, a list of `Arc`; lone epochs are dropped."""
+        cuts = np.flatnonzero(np.diff(self.epochs) > _GAP * self.step) + 1
+        out = []
+        for part in np.split(np.arange(len(self.epochs)), cuts):
+            if len(part) > 1:
+                out.append(replace(self, epochs=self.epochs[part], places=self.places[part],
+                                   rates=None if self.rates is None else self.rates[part],
+                                   sigmas=self.sigmas[part]))
+        return out
+
+    def followed(self, later):
+        """One arc of this one and of another that goes on where it ends."""
+        shift = later.origin - self.origin
+        both = self.rates is not None and later.rates is not None
+        return replace(
+            self, epochs=np.append(self.epochs, later.epochs + shift),
+            places=np.vstack((self.places, later.places)),
+            rates=np.vstack((self.rates, later.rates)) if both else None,
+            sigmas=np.append(self.sigmas, later.sigmas),
+            source=f'{self.source}, {later.source}', provider=self.provider)
+
+    def goes_on(self, later):
+        """Whether another begins one step after this one ends."""
+        return (abs(self.step - later.step) < 1e-3
+                and 0.5 * self.step < later.begin - self.end < 1.5 * self.step)
+
+
+def _left_out(best, fewer, fewest):
+    """About how far polynomials of ever fewer epochs, shape (m, 3), are from the truth, shape (m,).
+
+    What the last step added, as much smaller again as it was than the step before.
+    """
+    last, before = (np.linalg.norm(one - other, axis=1)
+                    for one, other in ((best, fewer), (fewer, fewest)))
+    return last * np.minimum(last / np.maximum(before, 1e-9), 1.0)
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Where one satellite is, by the arcs of one or several files.
+
+    Attributes
+    ----------
+    name : str
+        As files call it: ``G18``, ``L52``.
+    arcs : tuple of Arc
+        Of several that have a time the last one counts.
+    """
+
+    name: str
+    arcs: tuple
+
+    #: whether its sigma is that of a precise orbit, or expected of elements
+    precise = True
+
+    @property
+    def begin(self):
+        """UTC seconds since 1970-01-01."""
+        return float(utc_of(min(arc.begin for arc in self.arcs)))
+
+    @property
+    def end(self):
+        """UTC seconds since 1970-01-01."""
+        return float(utc_of(max(arc.end for arc in self.arcs)))
+
+    def itrf(self, time, rest=0.0):
+        """Positions in ITRF.
+
+        Parameters
+        ----------
+        time : float or ndarray
+            UTC, seconds since 1970-01-01.
+        rest : float or ndarray
+            Seconds after that, apart so that no digit is lost.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            m.
+
+        Raises
+        ------
+        ValueError
+            A time that no arc has.
+        """
+        return self._by_arc(time, rest, Arc.itrf, 3)
+
+    def sigma(self, time, rest=0.0):
+        """Standard deviation of a coordinate, shape (...), m; parameters as of `itrf`."""
+        return self._by_arc(time, rest, lambda arc, at: arc.sigma(at)[:, None], 1)[..., 0]
+
+    def has(self, time):
+        """Whether a time is in an arc, bool or ndarray of bool; light that it sends is seen then.
+        """
+        tai = np.asarray(time, float) + leap_seconds(time)
+        return np.any([(tai >= arc.begin + 1.0) & (tai <= arc.end) for arc in self.arcs], axis=0)
+
+    def _by_arc(self, time, rest, of, width):
+        time = np.asarray(time, float)
+        leap = leap_seconds(time)
+        shape = np.broadcast_shapes(time.shape, np.shape(rest))
+        out = np.full((int(np.prod(shape)), width), np.nan)
+        left = np.ones(len(out), bool)
+        for arc in reversed(self.arcs):
+            at = np.broadcast_to((time - arc.origin) + leap + rest, shape).ravel()
+            here = left & (at >= arc.epochs[0]) & (at <= arc.epochs[-1])
+            if here.any():
+                out[here] = of(arc, at[here])
+                left &= ~here
+        if left.any():
+            tai = np.broadcast_to(time + leap + rest, shape).ravel()[left][0]
+            raise ValueError(
+                f'{self.name}: {utc_text(tai)} UTC is in no file; they have '
+                + '; '.join(f'{utc_text(arc.begin)} to {utc_text(arc.end)}'
+                            for arc in self.arcs[:4]) + '; add the file of that day')
+        return out.reshape(*shape, width)

@@ -1,0 +1,166 @@
+"""What a reader of an orbit file gives, and what each reader declares."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .ephemeris import BAD, Arc
+from .time_scales import utc_text
+
+#: m, of a coordinate where a file does not say: an orbit that was fitted to data; a prediction of a
+#: low satellite and of a high one on its first day, and how it grows in a day. Predictions of one
+#: satellite by several providers differ by 40 to 420 m.
+FITTED = 0.1
+PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
+#: m, of a coordinate between epochs: more is told
+COARSE = 1.0
+
+
+@dataclass
+class ObjectRows:
+    """Positions of one satellite as a file has them.
+
+    Attributes
+    ----------
+    name : str
+        ``G18``, ``L52``, ``lageos2``.
+    other_names : tuple of str
+        Under which it is found, too: numbers of catalogues.
+    lines : ndarray of int, shape (n,)
+        In the file.
+    whole, rest : ndarray, shape (n,)
+        TAI, whole seconds since 1970-01-01, and what is beside.
+    places : ndarray, shape (n, 3)
+        ITRF, m; NaN: none.
+    rates : ndarray, shape (n, 3), or None
+        m/s.
+    sigmas : ndarray, shape (n,)
+        m; NaN: unknown.
+    provider : str
+    predicted : bool
+    issued : float or None
+        TAI at which a prediction begins to age; None: its first epoch.
+    count : int
+        Epochs of a polynomial; 0: by the step.
+    """
+
+    name: str
+    lines: np.ndarray
+    whole: np.ndarray
+    rest: np.ndarray
+    places: np.ndarray
+    rates: np.ndarray | None = None
+    sigmas: np.ndarray | None = None
+    provider: str = ''
+    predicted: bool = False
+    issued: float | None = None
+    count: int = 0
+    other_names: tuple = field(default_factory=tuple)
+
+    def arcs(self, path, notes):
+        """Arcs of the rows, a list of `Arc`; what was left out is added to `notes`.
+
+        Raises
+        ------
+        ValueError
+            Epochs are not in order, or fewer than two are left.
+        """
+        good = np.isfinite(self.places).all(axis=1) & np.any(self.places != 0.0, axis=1)
+        if good.sum() < 2:
+            raise ValueError(f'{path}: {self.name} has {good.sum()} positions; an orbit needs two '
+                             'at least: take another file')
+        keep = np.flatnonzero(good)
+        if len(keep) < len(good):
+            notes.append(f'{path}: {self.name} has no position at {len(good) - len(keep)} epochs, '
+                         f'the first in line {self.lines[np.flatnonzero(~good)[0]]}')
+        whole, rest = self.whole[keep], self.rest[keep]
+        origin = float(whole[0])
+        epochs = (whole - origin) + rest
+        late = np.flatnonzero(np.diff(epochs) <= 0.0)
+        if len(late):
+            first = late[0] + 1
+            raise ValueError(f'{path}, line {self.lines[keep[first]]}: the epoch '
+                             f'{utc_text(whole[first])} of {self.name} is not after the one before:'
+                             ' sort the file, or give its parts as files')
+        arc = Arc(origin, epochs, self.places[keep], None if self.rates is None else self._rates(
+            keep), self._sigmas(keep, origin + epochs), str(path), self.provider, self.count)
+        return [part for one in arc.parts() for part in [_sound(one, path, self, notes)]]
+
+    def _rates(self, keep):
+        rates = self.rates[keep]
+        return rates if np.isfinite(rates).all() and np.any(rates != 0.0, axis=1).all() else None
+
+    def _sigmas(self, keep, tai):
+        if self.predicted:
+            radius = float(np.median(np.linalg.norm(self.places[keep], axis=1)))
+            first, growth = next(one[1:] for one in PREDICTED if radius < one[0])
+            issued = tai[0] if self.issued is None else self.issued
+            default = first + growth * np.maximum(tai - issued, 0.0) / 86400.0
+        else:
+            default = np.full(len(keep), FITTED)
+        if self.sigmas is None:
+            return default
+        given = self.sigmas[keep]
+        return np.where(np.isfinite(given) & (given > 0.0), given, default)
+
+
+def _sound(arc, path, rows, notes):
+    """The arc without epochs that are no positions of its orbit, and its own roughness as sigma."""
+    while True:
+        inner, off, expected = arc.roughness()
+        # beside a bad epoch nothing is expected of the others
+        beyond = np.where(expected < BAD, off, 0.0)
+        if not len(inner) or beyond.max() < BAD:
+            break
+        worst = int(inner[np.argmax(beyond)])
+        notes.append(f'{path}: the position of {rows.name} at '
+                     f'{utc_text(arc.origin + arc.epochs[worst])} UTC is {beyond.max() / 1e3:.3g} '
+                     'km from where its neighbours say, and left out')
+        arc = arc.without(worst)
+        if len(arc.epochs) < 2 * len(rows.whole) // 3:
+            raise ValueError(f'{path}: the positions of {rows.name} lie on no orbit; is a '
+                             'coordinate missing, or the step not what it should be?')
+    if not len(inner):
+        return arc
+    half = arc.width // 2
+    middle = 0.5 * (arc.epochs[half - 1:-half] + arc.epochs[half:arc.epochs.size - half + 1])
+    coarse = float(arc.between(middle).max())
+    if coarse > COARSE:
+        notes.append(f'{path}: epochs of {rows.name} are too far apart, {arc.step / 60.0:.0f} min, '
+                     f'for its orbit: interpolated to {coarse:.1f} m; take a denser file')
+        return arc
+    if off.max() > max(0.1, 30.0 * float(np.median(off)), 5.0 * float(expected.max())):
+        at = arc.origin + arc.epochs[inner[np.argmax(off)]]
+        notes.append(f'{path}: the orbit of {rows.name} itself jumps, by {off.max():.2f} m at '
+                     f'{utc_text(at)} UTC')
+    own = float(np.median(np.sqrt(np.maximum(off**2 - (2.0 * expected)**2, 0.0))))
+    arc.sigmas[:] = np.maximum(arc.sigmas, own / np.sqrt(3.0))
+    return arc
+
+
+@dataclass(frozen=True)
+class OrbitFormat:
+    """A kind of orbit file.
+
+    Attributes
+    ----------
+    wording : str
+        For people.
+    looks_like : callable
+        Lines -> bool.
+    read : callable
+        Path, lines -> list of `ObjectRows`, or of `elements.Satellite`.
+    """
+
+    wording: str
+    looks_like: Callable
+    read: Callable
+
+
+def number(text, path, line, what):
+    """A number of a file; ValueError: it is none, one line for people."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f'{path}, line {line}: {text.strip()!r} is no {what}') from None
