@@ -6,10 +6,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
+from pointing_model.rms import sigma_of
 from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE
 from pointing_model.runs.run import PointingRun
 
-from ..estimation.robust import sigma_of
 from .finding import Finding
 from .term_fit import fit_terms
 

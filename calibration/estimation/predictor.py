@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pointing_model.rms import sigma_of
+
 from .folds import contiguous_folds
-from .robust import bisquare, huber, sigma_of
+from .robust import bisquare, huber
 from .shrinkage import Beyond, chosen, shrunk, shrunk_beside_strong
 
 #: kinds of columns beside the terms
