@@ -5,6 +5,7 @@ published because of what is known against them.
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import sigma_of
 
 from .analysis.camera_faults import SAME_ROWS, frozen_rows, turned_rows
 
@@ -91,9 +92,7 @@ def notes_of(rows):
     miss = miss[:, np.isfinite(miss).all(axis=0)]
     if miss.shape[1] < _FEW:
         return out
-    # of normal noise 1 sigma is 1.4826 times the median of what is off the median
-    off = np.abs(miss - np.median(miss, axis=1, keepdims=True))
-    sigma = 1.4826 * float(np.median(off, axis=1).max())
+    sigma = float(sigma_of(miss - np.median(miss, axis=1, keepdims=True), axis=1).max())
     if sigma >= AIR:
         return out
     return [*out, f'the miss distances of {miss.shape[1]} observations scatter by only '

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.mounts import unit_vector
 
 from .alignment import axis_at
 
@@ -148,14 +149,10 @@ def expected(reference, axis, first, latitude):
     -------
     ndarray, shape (3,)
     """
-    toward = _unit(axis.azimuth, axis.altitude)
+    toward = unit_vector(axis.azimuth, axis.altitude)
     # the hour angle grows clockwise, seen from above the northern pole
     sign = -1.0 if latitude >= 0.0 else 1.0
     return turned_about(reference.place, toward, sign * wrap(first - reference.first))
-
-
-def _unit(az, el):
-    return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
 
 
 def _turns(before, after, azimuth):

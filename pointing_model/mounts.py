@@ -190,7 +190,7 @@ class Mount:
         first, second : ndarray
             Radians, both in -pi to pi.
         """
-        x, y, z = np.tensordot(np.array(self.frame), _unit_vector(az, el), 1)
+        x, y, z = np.tensordot(np.array(self.frame), unit_vector(az, el), 1)
         return through_pole(np.arctan2(x, y), np.arctan2(z, np.hypot(x, y)), beyond)
 
     def on_travel(self, first, second):
@@ -265,7 +265,7 @@ class Mount:
 
     def direction(self, first, second):
         """East, north and up of a direction, shape (3, ...)."""
-        place = _unit_vector(first, second)
+        place = unit_vector(first, second)
         return place if self.vertical else np.tensordot(np.array(self.frame).T, place, 1)
 
     def tangents(self, first, second):
@@ -291,7 +291,8 @@ def _with_errors(mount, errors):
 ALTAZ = Mount()
 
 
-def _unit_vector(az, el):
+def unit_vector(az, el):
+    """East, north, up of azimuths and elevations, shape (3, ...)."""
     return np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az),
                      np.sin(el) * np.ones_like(az)])
 

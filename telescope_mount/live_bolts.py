@@ -10,7 +10,7 @@ from calibration.report.alignment_wording import axis_document, watch_lines
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.alignment import polar_axis
 from pointing_model.bolt_turns import Image
-from pointing_model.mounts import through_pole
+from pointing_model.mounts import through_pole, unit_vector
 from pointing_model.runs.formats.images import common_site, one_image
 from pointing_model.runs.plate_solves.fits_images import NotThere, read_header
 from pointing_model.runs.plate_solves.frames import ICRS, to_icrs
@@ -171,8 +171,8 @@ def image_of(solution, sigma, moment, first, second, site, name, air=None, frame
     known = {key: value for key, value in (air or {}).items() if value is not None}
     seen = observed_directions(*icrs, time_of, site, replace(DEFAULT_WEATHER, **known))
     az, el = float(seen.az[0]), float(seen.el[0])
-    place = np.array([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)])
-    return Image(first, second, place, float(np.hypot(sigma * ARCSEC, _SEEING)), moment, name)
+    return Image(first, second, unit_vector(az, el), float(np.hypot(sigma * ARCSEC, _SEEING)),
+                 moment, name)
 
 
 def _first(*values):

@@ -11,6 +11,7 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, wrap
 from pointing_model.pointing_terms import stacked_design
+from pointing_model.rms import sigma_of
 
 #: I - C^-1 of what is looked for: mirrored, upside down, exchanged, turned, half the scale
 SENSES = {
@@ -118,7 +119,7 @@ def _left(rows, known):
 
 def _noise(left):
     """1 sigma of an axis, of rows of which some are off."""
-    return 1.4826 * float(np.median(np.abs(left))) if left.size else 0.0
+    return float(sigma_of(left)) if left.size else 0.0
 
 
 def _best(left, miss, wrong):

@@ -6,10 +6,10 @@ import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond
+from pointing_model.rms import rms, sigma_of
 from pointing_model.runs.plate_solves.frames import B1950, ICRS, MEAN_OF_DATE, OF_DATE
 from pointing_model.runs.run import PointingRun
 
-from ..estimation.robust import sigma_of
 from .finding import Finding
 from .term_fit import fit_terms
 
@@ -356,7 +356,7 @@ def _extra(left, sigma):
     def cost(extra):
         variance = np.square(sigma) + extra * extra
         return float(np.sum(np.log(variance) + np.square(left) / variance))
-    most = 3.0 * float(np.sqrt(np.mean(np.square(left)))) + _LEAST_NOISE
+    most = 3.0 * rms(left) + _LEAST_NOISE
     found = minimize_scalar(cost, bounds=(0.0, most), method='bounded',
                             options={'xatol': 1e-3 * most})
     return float(found.x) if found.fun < cost(0.0) else 0.0

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import sigma_of
 
-from .robust import sigma_of
 from .step_scan import two_sided
 
 #: rows without which nothing is judged

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import sigma_of
 
 from .group_columns import GroupColumns, bordered, inverse_root
-from .robust import LOSS, huber, sigma_of
+from .robust import LOSS, huber
 
 # of the normal matrix, scaled to a unit diagonal:
 _GRAM_LIMIT = 1e-10  # smallest ratio of eigenvalues that are accurate

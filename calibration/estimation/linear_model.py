@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import sigma_of
 
 from .correlated_noise import CorrelatedNoise, WhiteNoise, noise_memory
 from .group_columns import Basis
 from .least_squares import reweighted, weighted_solve
-from .robust import bisquare, hampel, huber, sigma_of
+from .robust import bisquare, hampel, huber
 
 #: part of a (scaled) column that must remain beyond the model: below it the coefficient's sigma is
 #: 50 times that of the column alone, and what is found rests on the second order

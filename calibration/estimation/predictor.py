@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from pointing_model.rms import rms, sigma_of
+
 from .folds import contiguous_folds
-from .robust import bisquare, huber, sigma_of
+from .robust import bisquare, huber
 from .shrinkage import Beyond, chosen, shrunk, shrunk_beside_strong
 
 #: kinds of columns beside the terms
@@ -184,7 +186,7 @@ def predictor(problem, rows=None):
     covariance = _of_all(problem, beyond, ridge) + _between(ways, shares)
     noise, size = _calibrated(problem, mixture, scale, covariance, live)
     return Predictor(coefficients, dict(zip(WAYS, map(float, shares))), gain, gain_sigma,
-                     {way: _rms(one[:, np.concatenate(live)]) for way, one in left.items()},
+                     {way: rms(*one[:, np.concatenate(live)]) for way, one in left.items()},
                      size**2 * covariance[0], plain.inverse[0], noise, weights,
                      np.array((left['terms'], mixture)))
 
@@ -221,10 +223,6 @@ def rows_left_out(problem, folds):
 
 def _of_values(weights, scale):
     return np.concatenate((weights / scale[0]**2, weights / scale[1]**2))
-
-
-def _rms(residual):
-    return float(np.sqrt(np.mean(np.square(residual).sum(axis=0))))
 
 
 def _scale(residual, weights, free):

@@ -14,7 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .robust import GROSS, sigma_of
+from pointing_model.rms import sigma_of
+
+from .robust import GROSS
 from .step_scan import two_sided
 
 #: differences between visits, at least: of fewer no order is rare

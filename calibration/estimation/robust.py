@@ -1,4 +1,4 @@
-"""Robust losses, the noise of rows with outliers, and whether two values of a row scatter alike.
+"""Robust losses, and whether two values of a row scatter alike, whatever the outliers.
 
 A loss is what one does with a row by its distance from the fit, in standard deviations: of one
 residual, or of both axes of a row together (the radial distance, of which the Gaussian share beyond
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: 1 / 0.6745: from the median of the absolute residuals to 1 sigma of Gaussian noise
-MAD = 1.4826
+from pointing_model.rms import sigma_of
+
 #: where Huber's weights set in (Huber 1964). Of the radial distance it has 95.0 % of the
 #: efficiency of least squares at Gaussian noise (96.4 % on one axis), as 1.345 has on one axis.
 HUBER = 1.5
@@ -77,24 +77,6 @@ class Loss(NamedTuple):
 
 #: that of fits
 LOSS = Loss.of(bisquare)
-
-
-def sigma_of(residual, dof_factor=1.0, axis=None):
-    """1-sigma noise from the median of the absolute residuals.
-
-    Parameters
-    ----------
-    residual : ndarray
-    dof_factor : float
-        For the freedom that a fit took: sqrt(n / (n - k)).
-    axis : int, optional
-        As for `numpy.median`.
-    """
-    size = np.abs(residual)
-    size = size.ravel() if axis is None else np.moveaxis(size, axis, -1)
-    middle = [(size.shape[-1] - 1) // 2, size.shape[-1] // 2]
-    # a fifth of the time of `numpy.median` for a hundred rows
-    return MAD * dof_factor * np.partition(size, middle)[..., middle].mean(axis=-1)
 
 
 def scale_ratio(first, second, order=None):

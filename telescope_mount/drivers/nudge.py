@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG, wrap
+from pointing_model.rms import rms
 from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
 from pointing_model.sky.star_catalogue import StarTarget, load_catalogue
 
@@ -94,7 +95,7 @@ def _nudged_camera(samples, rests, star):
     size = np.abs(rows).max(axis=0)
     answer = np.linalg.lstsq(rows / size, misses, rcond=None)[0] / size[:, None]
     moves = answer[2:].T  # column k: for axis k
-    left = float(np.sqrt(np.mean((misses - rows @ answer) ** 2)))
+    left = rms(misses - rows @ answer)
     scale = float(np.sqrt(abs(np.linalg.det(moves))))
     if left > 0.2 * float(size[2:].max()) * max(scale, 0.1):
         out.note(f'the star does not move evenly ({left / ARCSEC:.0f} arcsec left): another star, '

@@ -10,6 +10,7 @@ one place differ by `late` times the difference of the rates.
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import sigma_of
 
 from .axis_demand import Pointing
 
@@ -146,7 +147,7 @@ def offset_of(exposures):
         if found is None:
             return None
         offset, sigma, left, free = found
-        scatter = 1.4826 * np.median(np.abs(left)) * np.sqrt(len(left) / free)
+        scatter = sigma_of(left) * np.sqrt(len(left) / free)
         off = np.hypot(*left.reshape(2, -1))
         worst = int(np.argmax(off))  # one at a time: it draws the others along
         if off[worst] <= OUTLIER * max(scatter, 1e-3 * ARCSEC) or used.sum() <= 0.75 * len(used):

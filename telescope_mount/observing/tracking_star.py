@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.rms import rms
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def error_over(tracker, everywhere, seconds_ahead=0.0):
     seconds_ahead : float
         Since the last observation.
     """
-    return float(np.sqrt(np.mean(tracker.expected(*everywhere, seconds_ahead).radial ** 2)))
+    return rms(tracker.expected(*everywhere, seconds_ahead).radial)
 
 
 def until(tracker, everywhere, goal, most_s=7200.0):

@@ -8,6 +8,7 @@ from msg_tools.steps import CallRefused
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.model_document import KEY, walks_of
 from pointing_model.pointing_terms import design
+from pointing_model.rms import rms
 
 from .tracking_star import SlewTime, error_over, next_star, until
 
@@ -108,7 +109,7 @@ class TrackedModel:
                              'model to begin with (fit, or --reference)')
         try:
             noise = model.provenance[KEY]['evening']['noise']
-            self.noise = float(np.sqrt(np.mean(np.square(noise))))
+            self.noise = rms(noise)
             self.stamp = int(model.provenance['last_stamp_ns'])
         except (KeyError, TypeError, ValueError) as err:
             raise ValueError(f'what the model tells of its tracking is damaged: {err}') from None

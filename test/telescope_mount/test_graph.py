@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from subprocess import run
+from typing import NamedTuple
 
 import pytest
 from places import ROOT
@@ -138,26 +139,46 @@ def nodes_of(text):
 
 def uses(path):
     """`names_used` of a file; without the names of the nodes, which `NODES` has for all."""
-    return read(path)[0]
+    return read(path).used
 
 
 def imports(path):
     """Full names of all that a source file imports, wherever in it."""
-    return read(path)[1]
+    return read(path).imported
+
+
+class Source(NamedTuple):
+    """What the tests ask of a file: its tree, which is large, is not kept."""
+
+    used: set
+    imported: set
+    called_last: bool  # a program is its last statement, or it is none
+    defined: set  # names that it defines, or hands on
+    named: list  # module and class that its docstrings name
 
 
 @functools.cache
 def read(path):
     text, package = path.read_text(encoding='utf-8'), path.relative_to(ROOT).parent.parts
-    whole = nodes_of(text)
+    tree = ast.parse(text)
+    whole = list(ast.walk(tree))
     found = {name for _, name in imported(whole, package)}
+    programs = [node for node in tree.body if isinstance(node, ast.If)
+                and '__main__' in ast.dump(node.test)]
+    defined = {name for node in tree.body if not isinstance(node, ast.FunctionDef)
+               for name in ([node.name] if isinstance(node, ast.ClassDef) else
+                            re.findall(r'\b[A-Z]\w+', ast.unparse(node).split('\n')[0]))}
+    named = [pair for node in whole
+             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+             for pair in re.findall(r'(?:`|: |^ *)([a-z_]+)\.([A-Z]\w+)(?=`|,|$)',
+                                    ast.get_docstring(node) or '', flags=re.M)]
     if path == ROOT / 'telescope_mount' / 'graph.py':
-        nodes = next(item for item in ast.parse(text).body
+        nodes = next(item for item in tree.body
                      if isinstance(item, ast.Assign) and item.targets[0].id == 'NODES')
         lines = text.splitlines()
-        text = '\n'.join([*lines[:nodes.lineno - 1], *lines[nodes.end_lineno:]])
-        whole = nodes_of(text)
-    return names_used(whole, package), found
+        whole = nodes_of('\n'.join([*lines[:nodes.lineno - 1], *lines[nodes.end_lineno:]]))
+    return Source(names_used(whole, package), found, programs in ([], tree.body[-1:]), defined,
+                  named)
 
 
 def sources(*packages):
@@ -177,9 +198,7 @@ def test_every_node_is_there():
 
 def test_a_program_is_called_where_all_of_it_is_defined():
     for path in sources(*PACKAGES):
-        body = ast.parse(path.read_text()).body
-        assert not any(isinstance(node, ast.If) and '__main__' in ast.dump(node.test)
-                       for node in body[:-1]), path
+        assert read(path).called_last, path
 
 
 def test_there_is_no_node_besides_them():
@@ -393,24 +412,14 @@ def test_the_arrows_inside_a_package_run_one_way():
 
 
 def test_a_class_that_a_docstring_names_is_in_the_module_that_it_names():
-    trees = {path: ast.parse(path.read_text()) for path in sources(*BELOW)}
-    # what a module defines, or hands on
+    files = {path: read(path) for path in sources(*BELOW)}
     known = {(path.parent.name if path.stem == '__init__' else path.stem, name)
-             for path, tree in trees.items() for node in tree.body
-             for name in ([node.name] if isinstance(node, ast.ClassDef) else
-                          re.findall(r'\b[A-Z]\w+', ast.unparse(node).split('\n')[0]))}
-    named, wrong = 0, []
-    for path, tree in trees.items():
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                continue
-            for module, name in re.findall(r'(?:`|: |^ *)([a-z_]+)\.([A-Z]\w+)(?=`|,|$)',
-                                           ast.get_docstring(node) or '', flags=re.M):
-                named += 1
-                if (module, name) not in known and not hasattr(sys.modules.get(module), name):
-                    wrong.append(f'{path.relative_to(ROOT)}: {module}.{name}')
-    assert named > 50
-    assert not wrong, "\n".join(wrong)
+             for path, file in files.items() for name in file.defined}
+    named = [(path, *pair) for path, file in files.items() for pair in file.named]
+    wrong = [f'{path.relative_to(ROOT)}: {module}.{name}' for path, module, name in named
+             if (module, name) not in known and not hasattr(sys.modules.get(module), name)]
+    assert len(named) > 50
+    assert not wrong, '\n'.join(wrong)
 
 
 def test_every_package_has_its_place():

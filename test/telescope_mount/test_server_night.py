@@ -1,11 +1,14 @@
 """What a night asks of an INDI or Alpaca server before it starts a graph, and where it goes on."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from alpaca_simulator import SimulatedTelescope
 from fake_server import TELESCOPE, FakeServer, switch
+from places import ROOT
 from two_axes import TwoAxes
 
 from msg_tools.status_rows import Progress
@@ -136,3 +139,10 @@ def test_a_night_that_was_interrupted_goes_on_in_its_folder(tmp_path, monkeypatc
         run(anew=True)
         assert not (out / STATE).exists() and (out / f'{STATE}.before').exists()
     assert begun == [('bag', False), ('bag_2', True), ('bag_2', True)]
+
+
+@pytest.mark.parametrize('name', ['indi', 'alpaca'])
+def test_a_simulated_server_is_a_program(name):
+    program = ROOT / 'examples' / 'simulated_servers' / f'{name}_simulator.py'
+    done = subprocess.run([sys.executable, program, '--help'], capture_output=True, text=True)
+    assert done.returncode == 0 and '--kind' in done.stdout, done.stderr

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.analysis.term_fit import fit_first_order, fit_terms
-from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import is_beyond, through_pole
+from pointing_model.rms import sigma_of
 from pointing_model.runs.formats.axis_places import rows_beyond_zenith, unfolded
 from pointing_model.runs.run import PointingRun
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from calibration.estimation.outlier_clusters import Window, clusters
 from calibration.estimation.revisits import Revisits
-from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.context import Context
 from pointing_model.mounts import is_beyond
 from pointing_model.pointing_terms import stacked_design
+from pointing_model.rms import sigma_of
 
 from ..finding import Finding
 from .diagnosis_base import sequence_of

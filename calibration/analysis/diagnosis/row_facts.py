@@ -5,9 +5,8 @@ from pathlib import PurePath
 
 import numpy as np
 
-from calibration.estimation.robust import sigma_of
 from msg_tools.units import ARCSEC
-from pointing_model.rms import rms
+from pointing_model.rms import rms, sigma_of
 
 from ..finding import Finding
 from .reading_fits import MOST_LEFT_OUT

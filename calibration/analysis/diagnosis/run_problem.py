@@ -8,7 +8,7 @@ from calibration.estimation.candidates import CandidateBank
 from calibration.estimation.correlated_noise import CorrelatedNoise, WhiteNoise
 from calibration.estimation.estimate import Estimate
 from calibration.estimation.periodogram import PeriodBank
-from calibration.estimation.robust import bisquare, sigma_of
+from calibration.estimation.robust import bisquare
 from calibration.estimation.selection_problem import SelectionProblem
 from msg_tools.units import ARCSEC
 from pointing_model.effects import changes, dictionary, effect, smooths, steps
@@ -18,6 +18,7 @@ from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import COUNT, Harmonics
 from pointing_model.model import PointingModel
 from pointing_model.mounts import rows_by_side
+from pointing_model.rms import sigma_of
 
 from ..finding import Finding
 from .diagnosis_base import after_rotation, decode_slips, linearised, sequence_of

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.special import chdtrc
 
-from calibration.estimation.robust import scale_law, scale_ratio, sigma_of
+from calibration.estimation.robust import scale_law, scale_ratio
 from msg_tools.units import ARCSEC
-from pointing_model.rms import rms
+from pointing_model.rms import rms, sigma_of
 
 #: rows in each of three bands of elevation, at least, of which it is said that they scatter
 #: differently; chance that noise makes them, and how many times as much one must scatter

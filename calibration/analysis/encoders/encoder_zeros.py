@@ -13,9 +13,10 @@ import numpy as np
 from msg_tools.units import wrap
 from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import design
+from pointing_model.rms import sigma_of
 from pointing_model.zero import BY_POLARIS, BY_STARS, is_marked
 
-from ...estimation.robust import bisquare, sigma_of
+from ...estimation.robust import bisquare
 from ...estimation.step_scan import (
     clipped,
     evidence,

@@ -63,7 +63,7 @@ class TrackedRun:
         return {**self.document, 'notes': notes, 'fitted_rows': self.fitted, 'missed_rms_arcsec': {
             'model of the evening': rms(*self.evening.T) / ARCSEC,
             'tracked': rms(*self.live.T) / ARCSEC,
-            'expected': float(np.sqrt(np.mean(np.sum(self.sigma**2, axis=1)))) / ARCSEC,
+            'expected': rms(*self.sigma.T) / ARCSEC,
             'tracked, middle': float(np.median(np.hypot(*self.live.T))) / ARCSEC,
             'model of the evening, middle': float(np.median(np.hypot(*self.evening.T))) / ARCSEC},
             'hindsight': self.smoothed.document()}

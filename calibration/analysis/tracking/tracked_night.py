@@ -15,6 +15,7 @@ from msg_tools.units import ARCSEC, wrap
 from pointing_model.context import Context
 from pointing_model.held_terms import BROAD
 from pointing_model.model_document import KEY, from_document, identity
+from pointing_model.rms import rms, sigma_of
 from pointing_model.runs.run import PointingRun
 from pointing_model.zero import PowerOnZero
 
@@ -262,7 +263,7 @@ class TrackedNight:
         expected = [tracker.expected(az, el, 60.0 * minutes) for minutes in (0.0, 10.0, 60.0)]
         return {
             'stars': tracker.stars, 'stamp': tracker.stamp,
-            'expected_arcsec': {name: float(np.sqrt(np.mean(one.radial**2))) / ARCSEC
+            'expected_arcsec': {name: rms(one.radial) / ARCSEC
                                 for name, one in zip(('now', '10 min', '1 h'), expected)},
             'chance_of_a_jump_in_1_h': expected[-1].jump, 'rates_arcsec_per_root_hour': {
                 name: value / ARCSEC if name != 'who' else value
@@ -392,7 +393,7 @@ def lean_of(rows):
 def _level(read):
     """Median of the last readings (..., n), and 1 sigma of one by the differences of neighbours."""
     return (np.median(read[..., -_FEWEST:], axis=-1).tolist(),
-            float(1.4826 * np.median(np.abs(np.diff(read))) / np.sqrt(2.0)))
+            float(sigma_of(np.diff(read)) / np.sqrt(2.0)))
 
 
 def _noise_of(model):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import ARCSEC
+from pointing_model.rms import rms
 
 from ...estimation.covariate_choice import (
     ALPHA,
@@ -248,7 +249,7 @@ def _axis(axis, found, line, used, names, enough, errors):
         'p_levels': float(found.p_levels[axis]) if tested else None,
         'causes': [], 'alike': list(alike or trend),
         'std_arcsec': float(used.zeros[:, axis].std(ddof=1)) / ARCSEC if known else None,
-        'measured_arcsec': float(np.sqrt(np.mean(used.sigmas[:, axis]**2))) / ARCSEC
+        'measured_arcsec': rms(used.sigmas[:, axis]) / ARCSEC
         if known and np.isfinite(used.sigmas[:, axis]).all() else None,
         'unexplained_arcsec': line.rms / ARCSEC if known else None,
     }
@@ -266,7 +267,7 @@ def _axis(axis, found, line, used, names, enough, errors):
                               'zero follows nothing', causes=alike or trend)
     if errors is not None:
         out['left_out_before_arcsec'], out['left_out_after_arcsec'] = (
-            float(np.sqrt(np.mean(e[:, axis]**2))) / ARCSEC for e in errors)
+            rms(e[:, axis]) / ARCSEC for e in errors)
     return out
 
 

@@ -9,6 +9,7 @@ from pointing_model.context import Context
 from pointing_model.effects.product import RESULTS, written
 from pointing_model.mounts import ALTAZ, is_beyond, through_pole
 from pointing_model.pointing_terms import stacked_design
+from pointing_model.rms import rms
 
 from .program import Program, Sheet, model_of, rotations
 from .term_columns import KEY_TERMS, TERM_KEYS, model_columns, on_sky
@@ -81,7 +82,7 @@ def loss_of(target, program, values, sky):
     size = np.hypot(*left[:, good])
     if not good.any():
         return ExportLoss(float('nan'), float('nan'), 0, len(sky))
-    return ExportLoss(float(np.sqrt(np.mean(size**2))), float(size.max()), int(good.sum()),
+    return ExportLoss(rms(size), float(size.max()), int(good.sum()),
                 int((~good).sum()))
 
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from calibration.estimation.least_squares import reweighted
-from calibration.estimation.robust import Loss, bisquare, hampel, huber, sigma_of
+from calibration.estimation.robust import Loss, bisquare, hampel, huber
+from pointing_model.rms import sigma_of
 
 U = np.linspace(0.0, 12.0, 120_001)
 DENSITY = U * np.exp(-0.5 * U**2)  # of the radial distance at Gaussian noise
