@@ -226,7 +226,7 @@ class _RunCheck:
         text = f'{self.rows.where}{what}: {used} of {read} rows can be used as written, and {left}'
         said = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
         if len(fits) > 1:
-            text += f'. These readings fit, and cannot be told apart: {said}'
+            text += f'. These readings fit equally well: {said}'
         elif fits:
             text += f'. Read otherwise they fit: {said}'
         else:
