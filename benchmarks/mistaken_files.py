@@ -166,7 +166,7 @@ def outcome(path, said, truth):
     sigma = np.sqrt(np.diagonal(fitted.covariance))
     worst = float(np.max(np.divide(off, np.maximum(sigma, 1e-12))))
     notes = [*map(wording, checked.findings),
-             *(n for n in run.meta['notes'] if 'axis would lean' in n)]
+             *(n for n in run.meta['notes'] if 'axis would be tilted' in n)]
     text = '; '.join(notes) + ' alike: ' + '; '.join(checked.alike) + f' {worst:.1f} sigma'
     signs = ('mount and catalogue exchanged', 'of catalogue and encoders counted the other way')
     if worst <= SIGMAS:

@@ -95,10 +95,9 @@ def notes_of(rows):
     sigma = float(sigma_of(miss - np.median(miss, axis=1, keepdims=True), axis=1).max())
     if sigma >= AIR:
         return out
-    return [*out, f'the miss distances of {miss.shape[1]} observations scatter by only '
-            f'{sigma / ARCSEC:.2f} arcsec, less than the air makes a star wander in short '
-            f'exposures ({AIR / ARCSEC:.1f}): look whether the camera measures at all, for the '
-            'model and its small residuals are worth nothing if it does not']
+    return [*out, f'miss distances of {miss.shape[1]} observations scatter by only '
+            f'{sigma / ARCSEC:.2f} arcsec, less than image motion by seeing '
+            f'({AIR / ARCSEC:.1f}): check that the camera measures at all']
 
 
 def contradiction(rows, report=None):

@@ -60,7 +60,7 @@ class StarRequests:
                 self.update(state, until)
                 return
         self._set_document(self._diagnosed, {
-            'state': 'nothing open', 'says': f'the diagnosis leaves no causes to tell apart: '
+            'state': 'nothing open', 'says': f'the diagnosis leaves no causes to distinguish: '
             f'{verdict}', 'request': None, 'sets': []})
 
     def update(self, state, until=0):

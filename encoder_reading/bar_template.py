@@ -114,7 +114,7 @@ class BarTemplate:
         if np.linalg.cond(shapes) > 200.0 or share.min() < 0.3:
             raise ValueError(
                 f'bar_pitch {self._pitch:g} px with blur {self._blur:g} px: wide and narrow bars '
-                'cannot be told apart; use a larger pitch, less blur or other widths')
+                'cannot be distinguished; use a larger pitch, less blur or other widths')
         low, high = 0.45 * share.min(), 0.9 + share.max()
         self.share = 0.5 * (high + low), 0.5 * (high - low)
         moved = self._light(x, 0.75)

@@ -90,7 +90,7 @@ class Disc:
             text = ''.join(map(str, windows_of(self.bits)[first]))
             raise ValueError(
                 f'disc code: the {WINDOW} bars from bar {first} and those from bar {second} are '
-                f'both {text}; a window must be found once only: change the code')
+                f'both {text}. A window must be found once only: change the code')
         self._place = np.full(2**WINDOW, -1, dtype=np.int32)
         self._place[numbers] = np.arange(self.bars)
 

@@ -112,7 +112,7 @@ class TemplateReader:
         if n - 1 < _FEWEST:
             raise ValueError(
                 f'{self.pixels} pixels at {design.bar_pitch:g} px a bar show {n - 1} whole bars: '
-                f'{_FEWEST} are needed to tell place and direction')
+                f'{_FEWEST} are needed for place and direction')
         bits = disc.bits.astype(np.int64)
         codes = 4 * np.roll(bits, 1) + 2 * bits + np.roll(bits, -1)
         codes = np.roll(windows_of(codes, n), n // 2, axis=0)

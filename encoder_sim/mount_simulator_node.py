@@ -39,7 +39,7 @@ PARAMS = (
     Param('exposure_s', 1.0, 'with time_scale 0, time on target for each command [s]', 0.01,
           3600.0),
     Param('latitude_deg', DEFAULT_SITE.latitude / DEG, 'where the mount stands, if its scenario '
-          'does not say: so an equatorial one leans [deg]', -90.0, 90.0, fixed=True),
+          'has none: the tilt of an equatorial one [deg]', -90.0, 90.0, fixed=True),
     Param('feedback_timeout_s', 2.0, 'wall time to wait for the encoder that the servo closes on '
           '[s]', 0.01, 60.0),
 )

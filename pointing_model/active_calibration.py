@@ -90,7 +90,7 @@ def correlated_sigma(model, stamp, el):
             out[k] = one['sigma_arcsec'] * ARCSEC * np.sqrt(share) * (
                 np.cos(el) if one['angle'] else 1.0)
     except (KeyError, TypeError, AttributeError):
-        raise ValueError(f'wander of the model is damaged: {known!r:.60}') from None
+        raise ValueError(f'drift of the model is damaged: {known!r:.60}') from None
     return out
 
 
@@ -293,8 +293,8 @@ class ActiveCalibration:
         """
         check_zero(zero)
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
-            raise ValueError('a zero that does not say of which power-on and model it is, and the '
-                             'one in force does (frame_id of the message)')
+            raise ValueError('a zero without its power-on and model (frame_id of the message), '
+                             'beside an active one that has them')
         if self._mismatch(zero):
             # no error: right after a power cycle the last zero of before may still be on its way
             self.refused += 1
@@ -334,16 +334,16 @@ class ActiveCalibration:
         out = []
         wrong = self._mismatch(self.zero)
         if wrong:
-            out.append(f'the zero in force {wrong}: set it anew (calibrate_zero)')
+            out.append(f'the active zero {wrong}: set it anew (calibrate_zero)')
         elif self.refused_stamp > self.zero_stamp:
             out.append('the last zero was not taken, it is of another power-on: set it anew '
                        '(calibrate_zero)')
         if self._next_zero is not None:
-            out.append(f'a zero was not taken: it goes with model {self._next_zero[1].model}, and '
-                       f'{self.model_name} is in force')
+            out.append(f'a zero was not taken: it is of model {self._next_zero[1].model}, and '
+                       f'{self.model_name} is active')
         if self._next_model is not None:
             out.append(f'model {self._next_model[1]} was not taken: its zero has not come, and '
-                       f'that in force goes with {self.zero.model}')
+                       f'the active one is of {self.zero.model}')
         if self.follows and self._stopped:
             out.append('the zero no longer follows the absolute encoder, which was switched off '
                        'and on since the reference: set it anew (calibrate_zero) and fit')

@@ -8,7 +8,7 @@ from .active_calibration import ActiveCalibration
 from .calibration_messages import joints_to_zero
 from .model import PointingModel
 
-MODEL_FILE = Param('model_file', '', 'pointing model in force at the start (JSON or YAML)',
+MODEL_FILE = Param('model_file', '', 'active pointing model at the start (JSON or YAML)',
                    fixed=True)
 
 

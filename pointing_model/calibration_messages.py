@@ -87,7 +87,7 @@ def text_to_pair(text):
             check_model(PointingModel.from_json(model_text))
         check_zero(zero)
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise ValueError(f'not a pair in force: {error}') from None
+        raise ValueError(f'not an active pair: {error}') from None
     if (zero.model or NO_MODEL) != identity(model_text):
         raise ValueError(f'a zero of model {zero.model} beside model {identity(model_text)}')
     return model_text, stamp, zero
@@ -267,7 +267,7 @@ def joints_to_zero(message, run=None):
 CAUSES_FORMAT = 'telescope_mount/apart'
 CAUSES_VERSION = 1
 #: states: a star is wanted; each set is one cause; a set is not
-ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be told from here'
+ASKS, ONE_CAUSE, CANNOT = 'asks', 'one cause', 'cannot be distinguished from here'
 
 
 @dataclass(frozen=True)
@@ -307,4 +307,4 @@ class StarRequest:
             return cls(
                 int(found['last_stamp_ns']), str(found['state']), str(found['says']), request)
         except (ValueError, KeyError, TypeError) as err:
-            raise ValueError(f'no document of causes to tell apart: {err}') from None
+            raise ValueError(f'no document of causes to distinguish: {err}') from None

@@ -28,7 +28,7 @@ _UNIT = re.compile('_(?:deg|rad|arcsec|c|hpa|s|h|m|mm|percent)$')
 #: why a driver that no column has by its own name is not known, and which column would tell it
 UNKNOWN = {
     **dict.fromkeys(('pm_x', 'pm_y'), 'the proper motion of the stars is not known (a column star '
-                    'with Hipparcos numbers tells it)'),
+                    'with Hipparcos numbers gives it)'),
     **dict.fromkeys(('miss_x', 'miss_y'), 'the miss distance is not known (columns miss_x_arcsec, '
                     'miss_y_arcsec)'),
     **dict.fromkeys(('az_rate', 'el_rate'), 'how fast the axes moved is not known (a column time, '

@@ -327,4 +327,4 @@ def walks_of(model):
         walks = entry['walk_arcsec_per_root_hour']
         return np.array([float(walks[name]) for name in model.terms]) * ARCSEC
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f'what wanders in the model is damaged: {entry!r:.60}') from None
+        raise ValueError(f'drift rates of the model are damaged: {entry!r:.60}') from None

@@ -154,9 +154,9 @@ class PointingCorrector(MountNode):
         power_on = self._active.power_on
         return [('model', terms), ('model name', self._active.model_name),
                 ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
-                ('zero goes with model', zero.model or 'not told'),
+                ('model of the zero', zero.model or 'unknown'),
                 ('zeros of another power-on refused', str(self._active.refused)),
-                ('encoder', power_on.frame if power_on else 'does not tell its power-on'),
+                ('encoder', power_on.frame if power_on else 'power-on unknown'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),
                 ('zero follows', self._active.following() or 'nothing')]

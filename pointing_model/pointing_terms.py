@@ -103,9 +103,9 @@ TERMS = {row[0]: Term(*row) for row in (
      lambda t: (1.0, ZERO)),
     ('NPAE', 'elevation axis not perpendicular to the azimuth axis, its right end high',
      '(sin E, 0)', 1, lambda t: (t.sin_el, ZERO)),
-    ('AN', 'azimuth axis leans north', '(sin A sin E, cos A)', 1,
+    ('AN', 'azimuth axis tilted north', '(sin A sin E, cos A)', 1,
      lambda t: (t.sin_az * t.sin_el, t.cos_az)),
-    ('AW', 'azimuth axis leans west', '(cos A sin E, -sin A)', 1,
+    ('AW', 'azimuth axis tilted west', '(cos A sin E, -sin A)', 1,
      lambda t: (t.cos_az * t.sin_el, -t.sin_az)),
     ('TF', 'tube flexure, cos E', '(0, cos E)', 1, lambda t: t.lifted(t.zenith.cos_el)),
     ('TX', 'flexure or refraction constant, cot E', '(0, cot E)', 1,
@@ -168,11 +168,11 @@ _HADEC = [*_rotations('equatorial', (
     ('hour angle index', '(cos δ, 0)', -1), ('declination index', '(0, 1)', -1),
     ('collimation, the line of sight not square to the declination axis', '(1, 0)', -1),
     ('declination axis not perpendicular to the polar axis', '(sin δ, 0)', -1),
-    ('polar axis leans west (of the pole, seen from below)', '(-cos h sin δ, sin h)', -1),
-    ('polar axis leans to the meridian: too high in the north', '(sin h sin δ, cos h)', -1),
+    ('polar axis tilted west (of the pole, seen from below)', '(-cos h sin δ, sin h)', -1),
+    ('polar axis tilted in the meridian: too high in the north', '(sin h sin δ, cos h)', -1),
     ('tube flexure, cos E', f'cos E {_UP}', 1))), *_ZENITH,
     Term('FO', 'fork flexure', '(0, cos h)', -1, lambda t: (ZERO, t.cos_az)),
-    Term('DAF', 'declination axis or its cantilever bends', '(-sin E, 0)', -1,
+    Term('DAF', 'flexure of the declination axis or its cantilever', '(-sin E, 0)', -1,
          lambda t: (-t.zenith.sin_el, ZERO)),
     *(_same(name, own, doc, formula, -1) for name, own, doc, formula in (
         ('HCEC', 'ACEC', 'hour angle encoder centring, cos h', '(cos h cos δ, 0)'),
@@ -195,8 +195,8 @@ _ANYWHERE = (
     ('index of the {0}', '(cos {b}, 0)', None), ('index of the {1}', '(0, 1)', None),
     ('collimation, positive where the line of sight is left of the tube', '(1, 0)', None),
     ('{1} not perpendicular to the {0}, its right end high', '(sin {b}, 0)', None),
-    ('{0} leans to its angle 0', '(sin {a} sin {b}, cos {a})', None),
-    ('{0} leans to its angle -90 degrees', '(cos {a} sin {b}, -sin {a})', None),
+    ('{0} tilted to its angle 0', '(sin {a} sin {b}, cos {a})', None),
+    ('{0} tilted to its angle -90 degrees', '(cos {a} sin {b}, -sin {a})', None),
     ('tube flexure, cos E', f'cos E {_UP}', None))
 _HADEC = {term.name: term for term in _HADEC}
 

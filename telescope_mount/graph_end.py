@@ -128,7 +128,7 @@ def come_to_rest(watcher, plan, note):
                  'has done so; look at the mount')
         elif not rest.at_rest:
             note('whether the mount stands is not known: look at it; ' + (
-                'its encoders say nothing' if over() else f'it has moved for {STOPPED:g} s'))
+                'its encoders are silent' if over() else f'it has moved for {STOPPED:g} s'))
     finally:
         watcher.node.destroy_subscription(subscription)
 

@@ -34,7 +34,7 @@ from .threads import ONE_THREAD
 
 #: that every launch file takes: name, default, text
 SHARED = (
-    ('namespace', NAMESPACE, 'of the graph: a mount has one of its own'),
+    ('namespace', NAMESPACE, 'of the graph: a separate one for each mount'),
     ('display', 'true', 'mount_display, and robot_state_publisher where it is installed: RViz and '
      'Foxglove show the mount'),
     ('params_file', '', 'ROS parameter file (site, limits), read by all nodes after the values '

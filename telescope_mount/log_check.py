@@ -75,14 +75,14 @@ def verify_log(bag, *, reference=None, seed=None, progress=None):
     back = began_anew(log)
     if back:
         raise ValueError(
-            f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])} (a simulator '
-            f'or replay was started anew): the log has {len(back) + 1} parts of the same time, '
-            'which cannot be told apart; start the whole graph anew with it, in another folder')
+            f'{bag}: time went back at {at_time(back[0][0])} to {at_time(back[0][1])}: a simulator '
+            f'or replay was started anew, and {len(back) + 1} parts have the same time. Start the '
+            'whole graph anew, in another folder')
     check = LogComparison()
     rows = _read(log, prefix, check)
     parameters = parameters_of(log.metadata, f'{prefix}calibration') or {}
     if not parameters:
-        check.unchecked.append('the log does not tell the parameters of the calibration: its '
+        check.unchecked.append('no parameters of the calibration in the log: its '
                                'defaults are taken, and all power-ons kept (see --seed, '
                                '--reference)')
     declared = declared_by(parameters, check.unchecked)

@@ -106,7 +106,7 @@ def paired(report):
     -------
     dict
         ``of`` what data: 'fresh stars', both models on those after the change; where these were
-        not tested, 'rows kept out', 'rows left out in turn' or 'rows fitted'. ``rows``, how many;
+        not tested, 'rows kept out', 'cross-validated rows' or 'rows fitted'. ``rows``, how many;
         None where it is not known. ``before`` and ``after``: ``rms_arcsec`` (radial),
         ``rms_x_arcsec``, ``rms_y_arcsec``; None of an axis that is not known.
     """
@@ -120,7 +120,7 @@ def paired(report):
         same = {key: blind[key] for key in ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec')}
         return {'of': 'fresh stars', 'rows': blind['stars'], 'before': same, 'after': same}
     for key, label, rows in (('holdout_rms_arcsec', 'rows kept out', report['kept_out']),
-                             ('cv_rms_arcsec', 'rows left out in turn', report['rows_used'])):
+                             ('cv_rms_arcsec', 'cross-validated rows', report['rows_used'])):
         values = [report[when][key] for when in ('before', 'after')]
         if None not in values:
             return {'of': label, 'rows': rows, **{

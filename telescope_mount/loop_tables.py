@@ -89,8 +89,8 @@ def loop_sentences(report):
     for effect in report['effects']:
         others = [name for name in effect['alternatives'] if name not in effect['aliases']]
         if others:
-            out.append(f'{readable(effect["name"])} was added; this night cannot tell it from '
-                       + ', '.join(map(readable, others)))
+            out.append(f'{readable(effect["name"])} was added; this night cannot distinguish it '
+                       'from ' + ', '.join(map(readable, others)))
         if effect['aliases']:
             out.append(f'{readable(effect["name"])} is the same curve in this night as '
                        + ', '.join(map(readable, effect['aliases'])))
@@ -99,10 +99,10 @@ def loop_sentences(report):
     drive = report.get('drive')
     if drive and drive['rms_arcsec'] ** 2 > _DRIVE * drive['missed_arcsec'] ** 2:
         first, second = kind_of(report).axes
-        out.append(f'fresh stars: of {drive["missed_arcsec"]:.2f} arcsec that they were missed by, '
+        out.append(f'fresh stars: {drive["missed_arcsec"]:.2f} arcsec RMS, of which '
                    f'{drive["rms_arcsec"]:.2f} is the drive ({first} {drive["rms_x_arcsec"]:.2f}, '
-                   f'{second} {drive["rms_y_arcsec"]:.2f}): the encoders saw that the axes were '
-                   'not where they were sent; no model mends it, look at servo, friction and wind')
+                   f'{second} {drive["rms_y_arcsec"]:.2f}, by the encoders). No model removes it: '
+                   'check servo, friction and wind')
     scenario = report.get('undeclared')
     if scenario:
         out.append(f'the scenario: {scenario["what"]}')

@@ -146,9 +146,9 @@ def _beyond(model, program, side):
              if name != 'ID' and not abs(value) <= error]
     if large:
         raise ValueError(
-            f'{program.title} has no side of the pier, one CH and no NP, and here '
-            f'{", ".join(named[name] for name in large)}: write a file of each side (--side east, '
-            '--side west), or leave the corrections to the bridge of this project (docs/indi.md)')
+            f'{program.title} has no side of the pier, one CH and no NP, but here '
+            f'{", ".join(named[name] for name in large)}. Write a file of each side (--side east, '
+            '--side west), or correct by the bridge of this project (docs/indi.md)')
     return None, ['of both sides: CH and NP are within one sigma of zero'
                   + (f'; {named["ID"]}, which turns over with the side too: set that zero on a star'
                      if 'ID' in named and abs(sizes['ID'][0]) > sizes['ID'][1] else '')]

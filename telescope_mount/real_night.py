@@ -63,8 +63,8 @@ def run_real_night(out, *, plan='', stars=30, drivers=(), domain_number=None, pa
     plan = plan or real_plan(stars)
     verbs = {step.verb for step in parse_plan(plan)}
     if 'fit' not in verbs and not (reference and 'track' in verbs):
-        raise ValueError(f'--plan {plan!r} has no fit, nor track with a --reference: nothing would '
-                         'be told')
+        raise ValueError(f'--plan {plan!r} has no fit, nor track with a --reference: no result '
+                         'would come')
     _check_files(drivers, reference)
 
     def nodes(folder, **common):

@@ -120,7 +120,7 @@ def _drivers(path, run, names):
     kept = [f'column_{name}' if f'column_{name}' in own else name for name in names]
     missing = [name for name, there in zip(names, kept) if there not in own]
     if missing:
-        raise ValueError(f'{path}: no column {", ".join(missing)} to take as a driver; of its own '
+        raise ValueError(f'{path}: no column {", ".join(missing)} to take as a driver; '
                          f'the file has {", ".join(own) or "none"}')
     return tuple(kept)
 
@@ -279,8 +279,8 @@ def _without_check_rows(run):
         return run
     out = run.select(~kept)
     out.meta = dict(run.meta)
-    out.meta['notes'] = [*run.meta.get('notes', ()), f'{int(kept.sum())} rows left out that are '
-                         'there to judge by (check = 1)']
+    out.meta['notes'] = [*run.meta.get('notes', ()), f'{int(kept.sum())} rows excluded that are '
+                         'for validation (check = 1)']
     if 'lines' in out.meta:
         out.meta['lines'] = np.asarray(out.meta['lines'])[~kept]
     return out

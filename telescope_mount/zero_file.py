@@ -88,7 +88,7 @@ def read_zeros(path):
         raise ValueError('; '.join([f'{path}: no row can be used', *notes]))
     if not any(np.isfinite(values[kept]).any() for values in covariates.values()):
         raise ValueError('; '.join([
-            f'{path} tells nothing that the zeros could follow: give temperature_c '
+            f'{path} has no column that the zeros could follow: give temperature_c '
             '(or temperature_az_c and temperature_el_c), supply_v, since_h or side', *notes]))
     season = Season(
         np.where(np.isfinite(run), run, np.arange(1.0, len(cells) + 1.0)).astype(int),

@@ -218,7 +218,7 @@ def _check_frame(run, solved):
     where = run.meta.get('source', 'the run')
     if len(run) < FEW:
         if not solved.declared:
-            raise _undeclared(run, f'{len(run)} rows cannot tell it')
+            raise _undeclared(run, f'{len(run)} rows cannot determine it')
         return
     if len(run) > _ROWS:
         lines = run.lines[np.linspace(0, len(run) - 1, _ROWS).astype(int)]
@@ -244,7 +244,7 @@ def _check_frame(run, solved):
             f'{_advice(run, best)}')
     if not solved.declared:
         if -2 * len(run) * gain < _DECISIVE:
-            raise _undeclared(run, f'the rows cannot tell it: {taken.what} leaves '
+            raise _undeclared(run, f'the data cannot determine it: {taken.what} leaves '
                               f'{taken.rms_arcsec:.1f} arcsec, {best.what} {best.rms_arcsec:.1f}')
         run.meta['notes'].append(Finding(
             'frame taken', causes=(taken.what, best.what), before=taken.rms_arcsec,

@@ -103,7 +103,7 @@ def gauss_newton(problem, sigmas, loss, rcond, mild=None, last=None, most_iterat
                    for of in (sigmas, sigmas if mild is None else mild))
     spectrum = spectrum_of(problem.first_order, by)
     if not spectrum.s[-1] > 0.0:
-        raise ValueError('the rows tell nothing of what is to be fitted: its columns are zero in '
+        raise ValueError('the rows do not determine what is to be fitted: its columns are zero in '
                          'all of them; fit other terms')
     rank = spectrum.rank(rcond)
     while True:

@@ -140,7 +140,7 @@ def shim_line(shim, unit='mm'):
 
 def feet_lines(feet, unit='mm'):
     """How high the feet of a base have to be lifted, in sentences."""
-    lines = [f'The azimuth axis leans {angle_text(feet.tilt / ARCSEC)} toward azimuth '
+    lines = [f'The azimuth axis tilts {angle_text(feet.tilt / ARCSEC)} toward azimuth '
              f'{feet.toward / DEG:.1f}°.']
     if (feet.lifts < _CLEAR * feet.sigmas).all():
         return [*lines, 'Feet: leave them; their lifts are within their errors.']

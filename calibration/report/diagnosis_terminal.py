@@ -75,7 +75,7 @@ def _errors(view):
     document, axes = view.document, view.residuals.mount.names.columns
     head = [f'before: {axes[0]}', axes[1], 'radial', f'after: {axes[0]}', axes[1], 'radial']
     errors = new_table(f'RMS on the sky, arcsec, {document["observations"]} observations',
-                       'judged on', *head)
+                       'rows', *head)
     parts, stretches = (document['before'], document['after']), document['cv_contiguous']
     for label, *values in (
             ('fit residuals', *(part[f'rms_{axis}arcsec'] for part in parts

@@ -38,9 +38,9 @@ def _undecided(found):
                 f'observations is left out: {"; ".join(found.causes)}. ')
     text += (f'Where a part is left out the model misses it by {found.size:.1f}\u2033 beside a '
              f'noise of {found.before:.1f}\u2033' if found['misses'] else
-             'It would take away most of the error')
+             'It would remove most of the error')
     return f'{text}: the observations are too few or too unequal to ' + (
-        'distinguish an effect from what one session has of its own. Observe the whole sky in one '
+        'distinguish an effect from a peculiarity of one session. Observe the whole sky in one '
         'session more.' if found.todo == 'another session' else
         'judge an effect. Observe more stars, over the whole sky.')
 
@@ -71,8 +71,7 @@ def _another_model(found):
     own, other = map(readable, found.causes)
     beside = ', '.join(map(readable, found['beside'])) or 'none'
     more, better = found['more'], found['better']
-    text = (f'with {other} in the place of {own} the run is explained as well, with other effects '
-            f'beside it: {beside}')
+    text = (f'{other} instead of {own} explains the run as well. Other effects then: {beside}')
     if more:
         text += f'. That is {more} effect{"s" * (more > 1)} more'
     if more and better:
@@ -110,9 +109,8 @@ def _runs_held_out(found):
 def _lag(found):
     what, driver = readable(found.causes[0]).partition(' with ')[0], the(found['driver'])
     if found['why'] == 'start':
-        return (f'how late the {what} follows {driver} is unknown: its log has to begin '
-                f'{found["before"]:.0f} min before the run (rows with time and temperature '
-                'and no angles count)')
+        return (f'how late the {what} follows {driver} is unknown: log {driver} from '
+                f'{found["before"]:.0f} min before the run on (rows without angles count)')
     if found['why']:
         return (f'how late the {what} follows {driver} is unknown: it goes too straight through '
                 'the run')
@@ -141,34 +139,33 @@ KINDS = {
     'column explains better': _column_better,
     'too few rows': lambda found: (
         f'{found.size} of {found["read"]} rows could be used. With more than a third left out no '
-        'effect is claimed: what the others show may come from what is wrong with those. Look at '
-        'the rows left out, and at the columns.'),
+        'effect is claimed: what the others show may come from what is wrong with those. Check '
+        'the excluded rows, and the columns.'),
     'undecided': _undecided,
     'not from run to run': lambda found: (
-        'More is beyond chance, but it does not hold from run to run, so it is not added (the '
-        'notes have the names): what the rows of one run share looks like an effect.'),
+        'More is significant, but not in all runs, so it is not added (the notes have the names). '
+        'A peculiarity of one run looks like an effect.'),
     'dropped, worse on rows left out': lambda found: (
-        f'More is beyond chance, but where {found["what"]} are left out, they are predicted worse '
-        f'than without it {_figures(found)}, so it is not added (the notes have the names).'),
+        f'More is significant, but predicts left-out {found["what"]} worse '
+        f'{_figures(found)}, so it is not added (the notes have the names).'),
     'worse on rows left out': lambda found: (
-        f'But where {found["what"]} are left out, they are predicted worse than without any effect '
-        f'{_figures(found)}: what was found may hold for these observations alone. Judge it on '
-        'another run (--holdout) before you use it there.'),
+        f'The effects predict left-out {found["what"]} worse {_figures(found)}: they may hold for '
+        'these observations alone. Validate them on another run (--holdout).'),
     'rows searched': _rows_searched,
     'first answer': _first_answer,
     'columns not taken': _columns_not_taken,
     'terms beside correlated noise': lambda found: (
-        'the zero wanders, and the terms were fitted with that in mind; `fit`, which takes each '
-        f'row for itself, leaves {found.before:.2f} in place of {found.after:.2f} arcsec on these '
-        'rows, because its terms take up a part of the wander'),
+        'the terms were fitted beside correlated noise. `fit`, which ignores it, leaves '
+        f'{found.before:.2f} instead of {found.after:.2f} arcsec on these rows: its terms absorb a '
+        'part of the drift'),
     'another model': _another_model,
-    'no gain on rows left out': _dropped('no gain on rows left out'),
-    'not repeated': _dropped('runs or rows that are left out are predicted worse with it'),
+    'no gain on rows left out': _dropped('no cross-validated improvement'),
+    'not repeated': _dropped('cross-validated worse with it'),
     'beyond the zenith': lambda found: (
         f'{found.size} rows are nearer to the zenith than the mount can look'),
     'curve': lambda found: (
-        f'something unknown is left that follows {the(found["driver"])}: the model has a curve for '
-        f'it, {found["shape"]}'),
+        f'unknown error that follows {the(found["driver"])}: the model has a curve for it, '
+        f'{found["shape"]}'),
     'columns of some runs': lambda found: (
         f'not in all runs, so not used: {", ".join(found["columns"])}'),
     'two clocks': lambda found: (
@@ -182,8 +179,8 @@ KINDS = {
         f'{_sessions(found)}: zeros of their own explain the rows better (--sessions 0 takes them '
         'as one)'),
     'gaps without sessions': lambda found: (
-        f'{found["source"]}: gaps of more than {found.size:g} h, but sessions with zeros of their '
-        'own explain the rows no better: taken as one (--sessions HOURS makes them sessions)'),
+        f'{found["source"]}: gaps of more than {found.size:g} h, but separate zeros explain the '
+        'rows no better: one session (--sessions HOURS separates them)'),
     'terms of sessions': lambda found: (
         f'each session has its own {", ".join(found.causes)}: they move from session to session '
         '(--own says otherwise)'),

@@ -27,7 +27,7 @@ def state_rows(state, taken_up, finding):
             ('zeros by', ways(state.zeros.values()) or 'nothing yet'),
             ('taken up', '; '.join(taken_up) or 'nothing: there from the start'),
             ('diagnosis', finding or 'none yet'),
-            *([('causes told apart', asked['says'])] if asked else []),
+            *([('causes distinguished', asked['says'])] if asked else []),
             *(_tracking_rows(state.tracked) if state.tracks else [])]
 
 

@@ -19,13 +19,13 @@ def _alike(found):
         f'{readable(name)}: ' + (KINDS[one.kind](one) if one.kind == 'alike on all stars'
                                  else f'it needs {KINDS[one.kind](one)}')
         for name, one in found['needed'].items())
-    return f'{readable(best)} or {_names(others, " or ")} cannot be told from here; {needed}'
+    return f'{readable(best)} or {_names(others, " or ")} cannot be distinguished here; {needed}'
 
 
 def _star(found):
     best, nearest = map(readable, found.causes)
-    return (f'to tell {best} from {nearest}: {found["behind"]:.1f} apart of {found["told"]:g}, and '
-            f'here they differ by {found.size:.1f} sigma of a star')
+    return (f'to distinguish {best} from {nearest}: ΔBIC {found["behind"]:.1f} of '
+            f'{found["told"]:g}; here they differ by {found.size:.1f} sigma of a star')
 
 
 def _later(found):

@@ -75,7 +75,7 @@ def effect_summary(diagnosis, found):
                     and 'hysteresis' in row['name'] for row in found.ranking)
         more.append('After a reversal the new side is reached little by little, most of it '
                     f'within {memory:g}° of motion (its memory)'
-                    + (', or sooner or later: these rows do not tell.' if open_
+                    + ('; the data do not determine the distance.' if open_
                        else ': a short move shows less of it.'))
     reach = float(np.ptp(values)) if len(values) else 0.0
     return Statement(_lead(seen, rms, reach, own),
@@ -89,9 +89,9 @@ def _lead(seen, rms, reach, own):
     """
     if rms is None or not np.isfinite(rms):
         return f'{seen}.'
-    reach = f'{arcsec(reach)} from lowest to highest, ' if reach else ''
+    reach = f'{arcsec(reach)} peak to peak, ' if reach else ''
     own = f'; \u00b1{arcsec(own)} in the angle of the axis' if own else ''
-    return f'{seen} ({reach}{arcsec(rms)} RMS on the sky{own}).'
+    return f'{seen}. Size: {reach}{arcsec(rms)} RMS on the sky{own}.'
 
 
 def _as_observed(seen, context, e, used):
@@ -134,7 +134,7 @@ def _of_approach(diagnosis, e):
         return ''
     order = 'in time' if derived['order'] == 'time' else 'of the rows'
     return (f'The direction of approach is no column of the file: it was derived from the order '
-            f'{order}, and is wrong where the axis moved otherwise between two rows.')
+            f'{order}. It is wrong where the axis moved otherwise between two rows.')
 
 
 def effect_title(found, axes):

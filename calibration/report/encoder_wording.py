@@ -16,8 +16,8 @@ from calibration.analysis.encoders.cross_check_rows import (
 )
 from msg_tools.units import ARCSEC
 
-MARKS_UNKNOWN = ('the reference marks of the incremental encoder could not be judged: it tells '
-                 'nothing of them on incremental/homing')
+MARKS_UNKNOWN = ('reference marks of the incremental encoder unknown: nothing on '
+                 'incremental/homing')
 _HOUR = 3600.0
 _DRIFT_CAUSES = ('electromagnetic interference, a loose connector, dirt on the grating, or a zero '
                  'that moves as it warms')
@@ -92,8 +92,8 @@ def _beside_slow(event):
     """How it stands beside what goes slowly: its chance is that of noise alone, and no more."""
     slow = 'a disc that turns or shifts' if event.kind == 'drift' else 'a slow change'
     if event.lead >= 2.0 * np.log(_VERY):
-        return f'more than {_VERY:.0f} times likelier than {slow}'
-    return f'{float(f"{np.exp(0.5 * event.lead):.1g}"):.0f} times likelier than {slow}'
+        return f'likelihood ratio to {slow} above {_VERY:.0f}'
+    return f'likelihood ratio to {slow} {float(f"{np.exp(0.5 * event.lead):.1g}"):.0f}'
 
 
 def _no_jump(found):
@@ -105,10 +105,10 @@ def _counts_drift(found):
     size = f'by {abs(event.amount) / ARCSEC:.2f} arcsec within {rows} rows'
     trust = f'(confidence {event.confidence:.2f}, by chance {event.probability:.1g})'
     if event.moved != INCREMENTAL:
-        whose = '' if event.confidence >= SURE else ', or that against it: the stars do not tell'
+        whose = '' if event.confidence >= SURE else ', or that against it: undetermined'
         return f'{event.axis}: {ABSOLUTE} drifts against the incremental one{whose}, {size} {trust}'
     remedy = ('its zero follows the other' if event.confidence >= SURE else
-              'the stars do not tell which of the two it is: nothing follows')
+              'the stars cannot distinguish the two: no zero is corrected')
     return (f'{event.axis}: {INCREMENTAL}: the counts of the {event.axis} encoder drift against '
             f'the absolute encoder, {size}: {_DRIFT_CAUSES}; {remedy} {trust}')
 
@@ -116,8 +116,7 @@ def _counts_drift(found):
 def count_drift_line(axis):
     """Why a zero follows, for the notes of a diagnosis; `axis` in words."""
     return (f'the counts of the {axis} encoder drift against the absolute encoder: '
-            f'{_DRIFT_CAUSES}; the zero of this axis follows the absolute encoder, and rows are '
-            'taken so')
+            f'{_DRIFT_CAUSES}. The zero of this axis is corrected by the absolute encoder')
 
 
 def _zeros_disagree(found):
@@ -125,9 +124,9 @@ def _zeros_disagree(found):
     amount = f'{shift.absolute / ARCSEC:+.2f} +- {shift.absolute_sigma / ARCSEC:.2f} arcsec'
     when = f'between {_interval_name(shift.since)} and {_interval_name(shift.run)}'
     if shift.cause == ALIKE:
-        return (f'{shift.axis}: {ALIKE} moved by {amount} {when}: both encoders show it alike, as '
-                f'they would if the mount turned about this axis (confidence '
-                f'{shift.causes[ALIKE]:.2f}, by chance {shift.probability:.1g})')
+        return (f'{shift.axis}: {ALIKE} moved by {amount} {when} on both encoders, as if the mount '
+                f'turned about this axis (confidence {shift.causes[ALIKE]:.2f}, by chance '
+                f'{shift.probability:.1g})')
     who, other = (MOUNT, ABSOLUTE) if shift.cause == MOUNT else (ABSOLUTE, MOUNT)
     also = (f', the {INCREMENTAL} by {shift.incremental / ARCSEC:+.2f} +- '
             f'{shift.incremental_sigma / ARCSEC:.2f}' if shift.cause == BOTH else '')
@@ -141,18 +140,18 @@ def _not_compared(found):
     return f'{before} and {after} were not compared against the sky: {found["why"]}'
 
 
-#: from where it need not be told how much likelier
+#: from where the ratio need not be given
 _VERY = 1000.0
 _SLOW = {'disc turns': 'a disc that turns on its hub through the night',
          'disc shifts': 'a disc that moves off its axis little by little',
-         'zero bends': 'a zero that moves slowly'}
+         'zero drifts slowly': 'a zero that moves slowly'}
 
 KINDS = {
     'no jump': _no_jump,
     'marks unknown': lambda found: MARKS_UNKNOWN,
     'no second encoder': lambda found: 'no second encoder: nothing to compare with',
     'few stars for the sky': lambda found: (
-        f'fewer than {FEWEST_STARS} stars: Polaris alone stands for the sky'),
+        f'fewer than {FEWEST_STARS} stars: the sky is known by Polaris alone'),
     'sky not fitted': lambda found: f'sky not fitted: {found["why"]}',
     'power-ons not compared': _not_compared,
     'reference mark not met': _mark_not_met,

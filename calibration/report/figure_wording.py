@@ -225,7 +225,7 @@ def figures_sentence(document):
                        'rows err alike')
         if label == HELD and own is not None:
             out.append(f'Cross-validated within the fitted runs it is {arcsec(own)}: such rows '
-                       'share what each run has of its own')
+                       'share the peculiarities of their run')
     slow = bool((document.get('wander') or {}).get('slow'))
     if floor is not None:
         out.append(f'Fit RMS corrected for degrees of freedom: {arcsec(floor)}'

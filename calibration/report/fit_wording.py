@@ -26,12 +26,11 @@ def implausible_term(row):
     if row['what'] == 'sign' and row.get('sound_with'):
         return _with_others(row, figure)
     if row['what'] == 'sign':
-        return (f'{name}, the bending of the tube, is negative ({figure}), and weight bends no '
-                f'tube upward. {_of_air(row.get("refraction"), bool(row.get("altaz")))}')
+        return (f'{name}, tube flexure, is negative ({figure}). Weight cannot lift a tube. '
+                f'{_of_air(row.get("refraction"), bool(row.get("altaz")))}')
     if name == 'TX':
-        return (f'{name}, what is wrong with the refraction, is {figure} of cot E, where the whole '
-                'refraction has 40 to 60″: most likely it was '
-                + ('left out of the star places' if row['value_arcsec'] > 0
+        return (f'{name}, error of the refraction, is {figure} of cot E; all of it is 40 to 60″. '
+                'Most likely it was ' + ('left out of the star places' if row['value_arcsec'] > 0
                    else 'put into the star places twice') + f'. {_DESK}?')
     return (f'{name} is {figure}, more than a degree: mounts are not built so. Check first, at the '
             'desk, what the columns of the file mean, and where their zeros are.')
@@ -41,16 +40,14 @@ def _with_others(row, figure):
     """Of a bending of the tube that is negative with the cause that fits best, not with others."""
     values = '; '.join(f'{_signed(one["value_arcsec"])} ± {one["sigma_arcsec"]:.1f}″ with '
                        f'{one["cause"]}' for one in row['sound_with'])
-    return (f'{row["name"]}, the bending of the tube, is negative with the cause that fits best '
-            f'({figure}), and not with others that fit as well ({values}). Weight bends no tube '
-            'upward, which speaks for these; or look at the refraction: '
-            + _DESK[0].lower() + _DESK[1:] + '?')
+    return (f'{row["name"]}, tube flexure, is negative with the cause that fits best ({figure}). '
+            f'With others that fit as well it is not ({values}). Weight cannot lift a tube, which '
+            f'favours these; or check the refraction. {_DESK}?')
 
 
 _DESK = ('Check first, at the desk: have star places and readings both the refraction, once, or '
          'both not')
-_OTHERS = ('a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file, which '
-           'turns every sign')
+_OTHERS = 'a mirror that tilts in its cell, {}or mount and catalogue exchanged in the file'
 #: of an alt-azimuth mount: its cosine is the same curve
 _DISC = 'an elevation encoder whose disc is off centre, '
 
@@ -59,21 +56,20 @@ def _of_air(fitted, altaz):
     """What a refraction that is wrong would do in place of a negative TF, and what else does it."""
     others = _OTHERS.format(_DISC * altaz)
     if fitted is None:
-        return ('Usual reasons: the refraction is in the star places twice or too much (TX or TX3 '
-                f'fits better then), {others}. {_DESK}?')
+        return ('Usual reason: the refraction is in the star places twice or too much (TX or TX3 '
+                f'fits better then). Others: {others}. {_DESK}?')
     gain = fitted['delta_bic']
     size = f'{_signed(fitted["value_arcsec"])}″ of cot E; the whole refraction has 40 to 60″'
     if gain >= _CLEAR:
         return ('Most likely the refraction is in the star places twice or too much: in the place '
                 f'of TF it fits these rows better ({size}). {_DESK}?')
     if gain > -_CLEAR:
-        return ('Refraction that is in the star places twice or too much explains it as well '
-                f'({size}); so does {others}. {_DESK}? That is the cheapest check.')
-    return ('Refraction that is in the star places twice or too much bears on the same curve, but '
-            f'is not the whole of it: in the place of TF it fits these rows worse ({size}), and '
-            f'beside it TF is {_signed(fitted["beside_arcsec"])}″. What does this too: {others}. '
-            f'{_DESK}, and which column is the mount? Then look at the {"disc and the " * altaz}'
-            'mirror cell.')
+        return (f'Refraction applied twice or too much explains it as well ({size}). So does '
+                f'{others}. {_DESK}? That is the cheapest check.')
+    return (f'Refraction applied twice or too much explains a part: in place of TF it fits worse '
+            f'({size}). Beside it TF is {_signed(fitted["beside_arcsec"])}″. Other reasons: '
+            f'{others}. {_DESK}, and which column is the mount? Then check the '
+            f'{"disc and the " * altaz}mirror cell.')
 
 
 def _signed(value):
@@ -102,8 +98,8 @@ def _raised_sigma(found):
 
 def _little_freedom(found):
     dof = found['degrees']
-    return (f'{dof} degree{"s" * (dof != 1)} of freedom: 95 of 100 terms are within the 95 % told '
-            "(Student's t), fewer within two sigmas")
+    return (f'{dof} degree{"s" * (dof != 1)} of freedom: use the 95 % intervals (Student\'s t); '
+            'two sigmas are too narrow')
 
 
 def _rejected_star(found):
@@ -115,7 +111,7 @@ def _rejected_star(found):
 def origin_sentence(origin):
     """Whose the errors of a German mount are, of a `sky_model.Origin`."""
     mount, sky = (origin.left_out[name] / ARCSEC for name in (OF_MOUNT, ON_SKY))
-    figures = (f'{mount:.2f} arcsec radial on rows left out as errors of the mount, {sky:.2f} '
+    figures = (f'cross-validated RMS {mount:.2f} arcsec as errors of the mount, {sky:.2f} '
                f'as errors applied on the sky (p = {origin.chance:.1g})')
     if origin.holds == ON_SKY:
         terms = ', '.join(f'{row["name"]} {row["value_arcsec"]:+.1f}'
@@ -124,7 +120,7 @@ def origin_sentence(origin):
                 f'corrects them there, or makes them; with one sign on both sides: {terms}')
     if origin.holds == OF_MOUNT:
         return f'the errors go through the pole with the mount: {figures}'
-    return f'whether the errors go through the pole with the mount cannot be told: {figures}'
+    return f'undetermined whether the errors go through the pole with the mount: {figures}'
 
 
 def comparison_sentence(comparison, axes=('azimuth', 'elevation')):
@@ -147,8 +143,8 @@ def _frame_taken(found):
 
 def _first_axis_leans(found):
     terms = ', '.join(f'{name} {value:+.1f}' for name, value in found['terms_deg'].items())
-    return (f'the {found["axis"]} axis would lean {found.size:.1f} deg ({terms}): a clock that is '
-            'not UTC, or a wrong longitude or latitude, looks the same')
+    return (f'the {found["axis"]} axis would be tilted {found.size:.1f} deg ({terms}): a clock '
+            'that is not UTC, or a wrong longitude or latitude, looks the same')
 
 
 def _sigma_of_solver(found):
@@ -164,7 +160,7 @@ KINDS = {
     'raised sigma': _raised_sigma,
     'few degrees of freedom': _little_freedom,
     'rows not judged': lambda found: (
-        'no row was judged by the others: a wrong one may be among them; observe more'),
+        'no row could be tested as an outlier: observe more'),
     'implausible term': lambda found: implausible_term(found.evidence),
     'held model': lambda found: (
         f'held as {found["file"]} has it, not fitted anew: '
@@ -176,10 +172,10 @@ KINDS = {
         f'{found.size} runs (column run) fitted as one, with one zero: take one with --run N, or '
         'fit zeros to each with --sessions auto'),
     'not cross-validated': lambda found: (
-        f'{found["model"]}: not cross-validated, the stars are too few to leave some out'),
+        f'{found["model"]}: not cross-validated, too few stars'),
     'better model': lambda found: (
         f'cross-validation prefers another model: {found["best"]} {found.after:.2f} arcsec radial '
-        f'on stars left out, {found["model"]} {found.before:.2f}'),
+        f'cross-validated, {found["model"]} {found.before:.2f}'),
     'many far places': lambda found: (
         f'{found.size} of {found["rows"]} places are far from where the encoders point: with so '
         'many none is left out for it'),

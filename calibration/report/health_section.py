@@ -47,7 +47,7 @@ def health_section(health, run=None, axes=AXES):
         _streams(health['streams']), _marks(health['marks']), _decoding(health),
         _nodes(health['nodes']), listed(health['problems']),
         note=' '.join([
-            'As the log of the night tells.' if health['whole'] else 'The log is large: rates are '
+            'From the log of the night.' if health['whole'] else 'The log is large: rates are '
             'of its index, single messages were not looked at.',
             *['The clock is a simulated one: where the mount rests, it leaps, which looks like a '
               'gap.'] * bool(health.get('simulated_clock'))]) if health['streams'] else '')
@@ -143,7 +143,7 @@ def _decoding(health):
         [(axis, row['count'], *(number(row.get(key), 3) for key in (
             'middle', 'beyond_95', 'largest')), row['none'])
          for axis, row in health['sigmas_arcsec'].items()],
-        'numbers', 'Errors that the absolute encoder tells of its readings'))
+        'numbers', 'Errors of the readings, by the absolute encoder'))
 
 
 def _nodes(nodes):

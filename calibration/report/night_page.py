@@ -288,7 +288,7 @@ def _words(run, report, split_seed):
     satellite, lied = run.get('star', np.zeros(n)) < 0, distrusted(run)
     kept_out = is_kept_out(run)
     words[satellite] = 'satellite: for checks only'
-    words[kept_out] = 'fresh star, pointed at blind: judged by, not fitted'
+    words[kept_out] = 'fresh star, pointed at blind: for validation, not fitted'
     words[lied] = 'excluded: the camera was frozen, mirrored or turned'
     used = ~(satellite | kept_out | lied)
     fitted = used.copy()

@@ -26,21 +26,20 @@ def correlation_sentence(entry, axes):
         direction_sentence(entry, axes) if step else '',
         f'Most of it is even: {drifts}, as where something slips or settles '
         '(clutch, clamp, saddle, tripod or pier, mirror)' if drifts else '',
-        'What moves it is not known' if not step else
-        'To tell them apart return to stars of the beginning now and then, or observe in an '
+        'Its cause is unknown' if not step else
+        'To distinguish them return to the first stars now and then, or observe in an '
         'order that mixes the sky']))
 
 
 def _lead(step, explained):
-    """What it may be: what the rows do not tell apart comes first."""
+    """What it may be: what the data cannot distinguish comes first."""
     if not step:
-        return f'neighbouring rows err alike: the zero wanders, or {explained} does it' \
-            if explained else 'the zero wanders'
-    more = f', or {explained} does it' if explained else ''
-    return ('neighbouring rows err alike, and these rows do not tell why: the zero wanders, or the '
-            f'direction has an error that no effect in the model describes{more}; for they went '
-            f'over the sky step by step, {step["step_deg"]:.0f}\u00b0 from one to the next '
-            f'({step["any_deg"]:.0f}\u00b0 between any two)')
+        return f'correlated noise: the zero drifts, or {explained} explains it' \
+            if explained else 'the zero drifts'
+    more = f', or {explained}' if explained else ''
+    return (f'correlated noise: the zero drifts, or the model lacks an effect of the direction'
+            f'{more}. The data cannot distinguish them: consecutive rows are '
+            f'{step["step_deg"]:.0f}\u00b0 apart, any two {step["any_deg"]:.0f}\u00b0')
 
 
 def drift_words(entry, axes):
@@ -79,10 +78,10 @@ def difference_sentence(entry, words):
     if not figures:
         return ''
     near, far = (_each(figures, key) for key in ('next_arcsec', 'apart_arcsec'))
-    text = (f'What is left of a row and of the next differs by {near}, of rows about '
-            f'{_distance(figures[0][1])} apart by {far} (RMS on the sky, noise included)')
+    text = (f'Residuals of consecutive rows differ by {near} RMS; about '
+            f'{_distance(figures[0][1])} apart by {far}')
     if not any(one['moves_arcsec'] for _, one in figures):
-        text += ': no more, so it is from row to row that they err alike, if at all'
+        text += '. So only consecutive rows err alike, if at all'
     return text
 
 
@@ -92,10 +91,9 @@ def direction_sentence(entry, words):
     if not figures or entry.get('pairs', 0) < FEWEST:
         return ''
     near, far = (_each(figures, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
-    return (f'Rows within {entry["within_deg"]:.0f}° on the sky differ by {near} where one follows '
-            f'the other, by {far} where they are {_distance(figures[0][1])} or more apart '
-            f'({entry["pairs"]} pairs): an error of the direction leaves the two alike, a zero '
-            'that wanders makes the second as large as that of rows anywhere')
+    return (f'Rows within {entry["within_deg"]:.0f}° on the sky differ by {near} if consecutive, '
+            f'by {far} if {_distance(figures[0][1])} or more apart ({entry["pairs"]} pairs). '
+            'Equal figures mean an error of the direction, a larger second one a drift')
 
 
 def _figures(entry, words, *keys):

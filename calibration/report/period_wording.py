@@ -26,7 +26,7 @@ def period_sentences(effect):
     if len(p['orders']) > 1:
         out.append(f'It is no pure sine: waves {listed(p["orders"])} times a period are in it.')
     if p['of'] == 'time':
-        return [*out, 'It goes with the clock and not with the axis. Its phase is that of this '
+        return [*out, 'It is periodic in time, not in the axis angle. Its phase is that of this '
                 'night.']
     if p['tape']:
         return [*out, f'Declared were {p["tape"]} lines a turn.']

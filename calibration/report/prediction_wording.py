@@ -38,9 +38,9 @@ def _reach(found):
 
 
 def _better(found):
-    return (f'fit --predict would do better where only the prediction matters: RMS '
-            f'{found.after:.2f} arcsec in blocks of time left out, with the effects of this '
-            f'diagnosis {found.before:.2f}. It names no cause')
+    return (f'for prediction alone fit --predict is better: {found.after:.2f} arcsec RMS, '
+            f'cross-validated in blocks of time; this diagnosis {found.before:.2f}. It names no '
+            'cause')
 
 
 KINDS = {

@@ -90,12 +90,12 @@ def _if_so(document, values, names):
     if not found or found['told']:
         return ''
     polar, taken, other = found['polar_axis_arcsec'], found['taken'], found['other']
-    out = f', if the catalogue of the file is {taken}, which its rows do not tell'
+    out = f', if the catalogue of the file is {taken} (undetermined)'
     if {taken, other} <= set(polar):
         by = {name: polar[other][name] - value for name, value in polar[taken].items()}
         moved = {own: {**row, 'value_arcsec': row['value_arcsec'] + by.get(row['name'], 0.0)}
                  for own, row in values.items()}
-        out += f'; if it is {other}, it {_lean(moved, names, document.get("south", False))}'
+        out += f'. If it is {other}, it {_lean(moved, names, document.get("south", False))}'
     return f'{out}. Say which with --equinox before the axis is moved'
 
 
@@ -105,7 +105,7 @@ def _what(name, names):
     cone = ', the cone error' if names.axes[0] == 'hour angle' else ''
     return {'IA': f'zero of the {names.axes[0]}', 'IE': f'zero of the {names.axes[1]}',
             'CA': f'collimation{cone}', 'NPAE': 'the axes are not square',
-            'TF': 'the tube bends', **dict.fromkeys(('AN', 'AW'), 'the tilt of the '
+            'TF': 'tube flexure', **dict.fromkeys(('AN', 'AW'), 'the tilt of the '
                                                     f'{names.shafts[0]}')}[own]
 
 

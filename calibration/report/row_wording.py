@@ -16,9 +16,8 @@ _BY_CHANCE = 0.05
 #: what was taken for the catalogue and for the mount, by the format of the file
 _AS_NAMED = 'the columns were taken as the file names them'
 _TAKEN = {
-    'tpoint': 'the columns were taken as this format has them, which does not name them: of each '
-              'row first the catalogue (where it has no right ascensions the observed place, '
-              'refraction in it), then the mount',
+    'tpoint': 'this format names no columns. First come the catalogue (observed places if it has '
+              'no right ascensions), then the mount',
     'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
     'gpoint': 'the columns were taken as this format has them',
     'mountwizzard4': 'the keys were taken as this format has them',
@@ -155,9 +154,9 @@ def signs_sentences(alike, names, written=None):
     sentences, mirrored = [], MIRRORED.text(names=names)
     mirror = f', or {mirrored}' if mirrored in alike else ''
     if Reading(exchanged=True).text() in alike or mirror:
-        sentences.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive is '
-                         'an encoder that reads too much. Signs alone no run can confirm: they are '
-                         f'right unless mount and catalogue are exchanged in the file{mirror}')
+        sentences.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive: the '
+                         'encoder reads too much. No run can confirm the signs. Check that mount '
+                         f'and catalogue are not exchanged in the file{mirror}')
     rest = without_signs(alike, names)
     return sentences + [columns_alike(rest)] * bool(rest)
 
@@ -165,15 +164,15 @@ def signs_sentences(alike, names, written=None):
 def _reading_as_good(found):
     zero, tilt = found['sizes_deg']
     own_zero, own_tilt = found['as_written_deg']
-    return (f'{found["where"]}{found.causes[0]} would fit as well, with a zero of {zero:.3g} deg '
-            f'and a tilt of {tilt:.3g} in place of a zero of {own_zero:.3g} deg and a tilt of '
-            f'{own_tilt:.3g}: make sure of the {found["what"]}')
+    return (f'{found["where"]}{found.causes[0]} would fit as well: zero {zero:.3g} deg, tilt '
+            f'{tilt:.3g} instead of {own_zero:.3g} and {own_tilt:.3g}. Check the '
+            f'{found["what"]}')
 
 
 def _better_reading(found):
-    return (f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, where the '
-            f'seven terms leave {found.before:.1f}; an effect that they lack may do so too: make '
-            f'sure of the {found["what"]}')
+    return (f'{found["where"]}{found.causes[0]} would fit to {found.after:.1f} arcsec, the seven '
+            f'terms to {found.before:.1f}. Check the {found["what"]}; an effect beyond the terms '
+            'may do so too')
 
 
 def worst_sentence(document):
@@ -290,10 +289,10 @@ def _moved(found):
 
 def _step(found):
     text = f'{_moved(found)}: a step, beyond what drift or correlated noise would do; '
-    text += 'a session with zeros of its own begins there; ' * (found.todo == 'own zeros')
+    text += 'a session with new zeros begins there; ' * (found.todo == 'own zeros')
     text += _noise(found)
     if found.after is not None:
-        text += (f'. With zeros of its own after it {found.before:.2f}″ of RMS become '
+        text += (f'. With new zeros after it the RMS falls from {found.before:.2f}″ to '
                  f'{found.after:.2f}″: --sessions auto fits them')
     return text
 
@@ -333,6 +332,6 @@ KINDS = {
     'better reading': _better_reading,
     'star measured again': lambda found: (
         f'{found["word"]}s {"; ".join(" and ".join(map(str, rows)) for rows in found["rows"])} are '
-        'of one place, a star measured again: they are left out together, and what is left of '
-        f'them differs by {arcsec(found.size)}, which tells how well a star is centred'),
+        'repeated measurements of one star: they stay together in cross-validation. Their '
+        f'residuals differ by {arcsec(found.size)}, the centring noise'),
 }

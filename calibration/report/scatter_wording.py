@@ -59,6 +59,6 @@ def axes_sentence(document):
         out.append(f'It scatters evenly, not as cos {letter}: no error of the angle of the '
                    f'{kind.shafts[0]}. Look at optics, mirror and camera (rows, tilt, wind).')
     else:
-        out.append(f'Whether it scatters as cos {letter} (drive, encoder, clock) or evenly '
-                   '(optics, camera), these rows do not tell.')
+        out.append(f'The data do not determine whether it scatters as cos {letter} (drive, '
+                   'encoder, clock) or evenly (optics, camera).')
     return ' '.join(out)

@@ -233,15 +233,15 @@ def predicting_tables(found, mount):
     if rest > 0:
         chosen.add_row(f'{rest} smaller ones', str(sum(
             part['columns'] for part in found.parts[_PARTS:])), '')
-    errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'judged on',
+    errors = new_table(f'RMS on the sky, arcsec, all {found.rows} rows, outliers too', 'rows',
                        *mount.names.columns, 'radial')
-    for label, one in (('blocks of time left out, the terms alone', found.blocks_before),
-                       ('blocks of time left out, all repeated', found.blocks)):
+    for label, one in (('cross-validated in blocks of time, terms', found.blocks_before),
+                       ('cross-validated in blocks of time, all', found.blocks)):
         if one is not None:
             errors.add_row(label, *_rms_cells(one._asdict()))
     if found.after:
-        for label, each in (('random rows left out, the terms alone', found.before),
-                            ('random rows left out, all repeated', found.after)):
+        for label, each in (('cross-validated, random folds, terms', found.before),
+                            ('cross-validated, random folds, all', found.after)):
             errors.add_row(label, *_rms_cells({
                 key: sum(getattr(one, key) for one in each) / len(each)
                 for key in ('x', 'y', 'radial')}))

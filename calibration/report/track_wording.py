@@ -32,8 +32,8 @@ KINDS = {
     'unknown sensor': lambda found: (
         f'{found["sensor"]}: not among the sensors that this filter was made with; name it there'),
     'long gap': lambda found: (
-        f'nothing for {found.size:.1f} h: zeros and lean are widened as from one night to the '
-        'next'),
+        f'nothing for {found.size:.1f} h: zeros and tilt get the uncertainty of a '
+        'new night'),
     'wrong star': lambda found: (
         f'star {found["star"]} is a wrong star ({100.0 * found.size:.0f} %)'),
     'jump': lambda found: (

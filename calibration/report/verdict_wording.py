@@ -22,7 +22,7 @@ _LITTLE_GAIN = 0.75  # and above which most of it is left to be explained
 #: of the effects that would have been found, so many are named
 _MOST_NAMED = 8
 #: verdict -> what a page calls it
-VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero wanders', 'undecided': 'undecided',
+VERDICTS = {'none': 'nothing missing', 'wanders': 'the zero drifts', 'undecided': 'undecided',
             'identified': 'cause identified', 'ambiguous': 'found; the cause is open',
             'unknown': 'cause unknown', 'refused': 'nothing concluded',
             'withheld': 'not published', 'taken_back': 'taken back'}
@@ -217,19 +217,19 @@ def _headline(document, effects):
     count = len(document['effects'])
     if document['verdict'] in ('withheld', 'taken_back'):
         many, them = ('One effect', 'it') if count == 1 else (f'{count} effects', 'them')
-        return (f'{many} seemed to be there, but the model with {them} points worse: the model '
-                'before stays in force')
+        return (f'{many} seemed to be there, but the model with {them} points worse: the old model '
+                'stays active')
     label, before, after = best_pair(document)
     ranked = _by_size(document, effects)
     slow, text = _slow_words(document), 'Something is wrong beyond the terms'
     if ranked:
-        text = ranked[0][1].lead.removesuffix('.')
+        text = ranked[0][1].lead
         if slow:
-            text = f'{slow}. Beside it {text[:1].lower()}{text[1:]}'
-            text += f', the largest of {counted(count, "other error")}' * (count > 1)
+            text = f'{slow}. Second: {text[:1].lower()}{text[1:].removesuffix(".")}'
+            text += f'. Other errors: {count}' * (count > 1)
         else:
-            text += (f', the largest of {counted(count, "error")}' if count > 1
-                     else ', the only error found') + ' beyond the terms of the model'
+            text += (f' Largest of {counted(count, "error")}' if count > 1
+                     else ' The only error found') + ' beyond the terms of the model'
     if after is None:
         return text
     share = f', {100 * (after / before - 1):+.0f} %'.replace('-', '−') if before else ''
@@ -255,10 +255,10 @@ def _slow_words(document):
     if not slow_is_largest(document):
         return ''
     correlation = document['wander']
-    return ('The largest error moves slowly, '
+    return ('The largest error is a drift '
             + ('with time or over the sky' if correlation.get('along_the_sky') else 'with time')
-            + f', and its cause is not known ({arcsec(correlation["removes_rms_arcsec"])} RMS on '
-            f'the sky){_drifts(document)}')
+            + f', cause unknown ({arcsec(correlation["removes_rms_arcsec"])} RMS on the sky)'
+            f'{_drifts(document)}')
 
 
 def _drifts(document):

@@ -94,7 +94,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
     lines = alarms or ['The cross-check of the encoders raises no alarm.']
     statements = [zero['statement'] for zero in (
         report.get('changes') or report.get('zeros') or [])[-1:] if zero.get('statement')]
-    marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, in force'),
+    marks = legend(('before', 'by the exposures for it, ± 1 σ'), ('after', 'by all rows, active'),
                    ('third', 'incremental − absolute encoder'))
     drawn = pair(_against(rows, i, [row['run'] for row in rows], 'power-on', axes)
                  for i in range(2)) if len(rows) > 1 else ''
@@ -110,7 +110,7 @@ def zeros_section(report, rows, axes=('azimuth', 'elevation')):
 def _table(rows, axes):
     head = ['power-on', 'begin UTC', 'rows', 'exposures for it']
     head += [f'{name} {what}' for name in axes
-             for what in ('by these ″', '± ″', 'in force ″', 'inc. − abs. ″')]
+             for what in ('by these ″', '± ″', 'active ″', 'inc. − abs. ″')]
     head += ['air °C', 'encoder °C', 'supply V']
     cells = []
     for row in rows:

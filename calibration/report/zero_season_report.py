@@ -76,7 +76,7 @@ def season_table(document):
         lambda axis: decimals(axis.get('left_out_after_arcsec')))
     if document['tonight']:
         tonight = [document['tonight'][name] for name in AXES]
-        row('tonight, foretold, arcsec',
+        row('tonight, predicted, arcsec',
             lambda _, t: _value(t['expected_arcsec'], t['sigma_arcsec']), tonight)
         if all(t['measured_arcsec'] is not None for t in tonight):
             row('tonight, measured, arcsec',

@@ -53,8 +53,8 @@ KINDS = {
         f'undecided: {_words(found.causes, " or ")} explain the zero alike, because they changed '
         'together; nights on which they differ will decide'),
     'common trend': lambda found: (
-        f'undecided: the zero goes with the {_words(found.causes)} over the season, but not from '
-        'night to night; a zero that walks or drifts looks the same'),
+        f'undecided: the zero correlates with the {_words(found.causes)} over the season, not from '
+        'night to night. A random walk or drift looks the same'),
     'zero follows nothing': lambda found: 'nothing found that the zero follows',
 }
 
@@ -70,8 +70,8 @@ def zero_statement(zero):
         f'; the stars disagree by {zero.misfit:.1f} times what their noise and the held terms '
         'allow (a term has changed): sigma is widened by that')
     if zero.reference == NO_MODEL and not (list_of('az') or list_of('el')):
-        return (f'{by}no earlier model is its reference: the stars themselves tell the zero from '
-                f'the other terms, as well as its sigma says{wide}')
+        return (f'{by}no earlier model is its reference: the stars themselves separate the zero '
+                f'from the other terms, within its sigma{wide}')
     each = f'{first} by {list_of("az")}; {second} by {list_of("el")}{wide}'
     if zero.reference == NO_MODEL:
         return (f'{by}no earlier model is its reference, so the other terms are in the zero. '

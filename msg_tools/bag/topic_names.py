@@ -46,5 +46,5 @@ def prefix_of(log):
         raise ValueError(
             f'{log.path} has observations of {len(found)} mounts, '
             f'{" and ".join(f"{name}{topics.OBSERVATION.name}" for name in found)}; record each in '
-            'a log of its own (exclude of mcap_logger, or ros2 bag convert)')
+            'a separate log (exclude of mcap_logger, or ros2 bag convert)')
     return found[0]

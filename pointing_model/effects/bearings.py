@@ -30,8 +30,8 @@ _GEARS = {
 _RING = ('encoder disc, worm wheel or horseshoe ring oval or tilted',
          'its worm wheel, encoder disc or horseshoe ring oval or tilted',
          'disc, worm wheel or horseshoe ring oval or tilted',
-         'the tilt and the roundness of the worm wheel, of a horseshoe ring (its weight makes it '
-         'oval as it turns), or of the disc of an encoder on the axis')
+         'tilt and roundness of the worm wheel, the horseshoe ring (oval under its weight) or the '
+         'encoder disc')
 
 
 @form
@@ -111,17 +111,17 @@ def _bearing_wobble(order, mount=USUAL):
 def _nod(order, mount=USUAL):
     k, names = int(order), KINDS[mount]
     a = names.letter('az')
-    return Effect(f'{names.key("el")}_nod_{k}', f'the mount nods {k} a turn of {names.word("az")}',
+    return Effect(f'{names.key("el")}_nod_{k}', f'mount wobble, {k} per turn of {names.word("az")}',
                   f'(0, cos {k}{a}), (0, sin {k}{a})', names.key('az'), 'el', ('cos', 'sin'),
                   lambda c: [(0.0, np.cos(k * c.az)), (0.0, np.sin(k * c.az))],
-                  lambda _: f'The mount nods in {names.word("el")}, {times(order)} of the '
+                  lambda _: f'The mount wobbles in {names.word("el")}, {times(order)} of the '
                   f'{names.shaft("az")}',
                   'wheels or pads under the azimuth axis, and the base under the fork'
                   if names.vertical else f'bearings of the {names.shaft("az")}, and what it '
                   f'carries: {names.carriers}'
                   f'{" and counterweight" * names.two_sided}',
                   f'a wave of the {names.word("az")}, {times(order)}',
-                  f'mount nods{" on its wheels, pads or base" * names.vertical} '
+                  f'mount wobble{" on its wheels, pads or base" * names.vertical} '
                   f'({times(order)} of {names.word("az")})',
                   tpoint=_tpoint_order(names, 'H2C1# H2S1#', k))
 
@@ -139,7 +139,7 @@ def _line_of_sight(order, mount=USUAL):
                   f'{shaft}, at any {names.word("el")}',
                   f'what turns with the {word} and holds the beam: a Nasmyth mirror or the cabin, '
                   'the fork that twists on an uneven track, cables' if names.vertical else
-                  f'what turns with the {shaft} and bends under its weight: '
+                  f'flexure of what turns with the {shaft}: '
                   f'{names.carriers}, cables',
                   f'a wave of the {word}, {times(order)}, the same at any {names.word("el")}',
                   f'line of sight swings ({times(order)} of the {shaft})',

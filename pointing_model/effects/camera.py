@@ -56,8 +56,8 @@ def _off_axis(mount=USUAL):
     def wording(amount):
         value = float(amount.values[0])
         if value < 0.0:
-            return (f'The {word} error goes with −tan {letter}, {arcsec(-value)}: an off-axis '
-                    'camera makes the other sign')
+            return (f'The {word} error is −tan {letter} times {arcsec(-value)}: an off-axis '
+                    'camera has the other sign')
         beside = np.degrees(np.sqrt(2.0 * value * ARCSEC))
         return (f'The places are those of a camera {beside:.2f}° beside the line of sight, or of '
                 f'the mean of several: they leave {arcsec(value)} tan {letter}. No error of the '
@@ -128,5 +128,5 @@ def _too_well_centred(context):
     if spread > least:
         return ''
     return (f'the stars were centred to {spread / ARCSEC:.1f} arcsec, where their noise is '
-            f'{noise / ARCSEC:.1f}: that noise looks like a scale; leave stars uncentred by more '
+            f'{noise / ARCSEC:.1f}: that noise looks like a scale. Leave stars uncentred by more '
             f'than {least / ARCSEC:.0f} arcsec')

@@ -10,7 +10,7 @@ _TERM_EFFECTS = {
     'refraction': (
         'TX', 'refraction constant wrong, or flexure that grows as cot E', '(0, cot E)',
         'Stars near the horizon are off as refraction would be: the refraction that was applied '
-        'is wrong, or the tube bends that way',
+        'is wrong, or tube flexure looks alike',
         'pressure, temperature and wavelength that the refraction was computed with'),
     'refraction_cube': (
         'TX3', 'third order of the refraction wrong', '(0, cot^3 E)',
@@ -18,8 +18,8 @@ _TERM_EFFECTS = {
         'the refraction formula below 15° of elevation'),
     'second_flexure': (
         'ECES', 'second flexure of the tube, or elevation encoder off centre', '(0, sin E)',
-        'The tube bends with the sine of the elevation, or the disc of the elevation encoder is '
-        'off its centre',
+        'Tube flexure as the sine of the elevation, or the disc of the elevation encoder is off '
+        'its centre',
         'bolts of the mirror cell and of the camera; the centring of the elevation disc'),
 }
 
@@ -32,21 +32,21 @@ _SHAPES = {'refraction': 'a rise toward the horizon, as cot E',
            'declination_axis_flexure': 'a shift to one side that grows with the elevation'}
 #: which causes they are reported as, where the other that is named has its own effect
 _SUMMARIES = {'second_flexure': 'second flexure of the tube (as sin E)'}
-#: of mounts that are no alt-azimuth ones: what bends toward the zenith is no error of an axis
+#: of mounts that are no alt-azimuth ones: flexure toward the zenith is no error of an axis
 _ELSEWHERE = {
     **{name: _TERM_EFFECTS[name] for name in ('refraction', 'refraction_cube')},
     'second_flexure': (
         'HZCZ', 'second flexure of the tube', 'sin E upward',
-        'The tube bends with the sine of the elevation',
+        'Tube flexure as the sine of the elevation',
         'bolts of the mirror cell and of the camera'),
     'fork_flexure': (
-        'FO', '{0} bends under its weight', '(0, cos h)',
-        'The {0} bends: the declination is off with the cosine of the hour angle',
+        'FO', 'flexure of the {0}', '(0, cos h)',
+        'Flexure of the {0}: the declination error is the cosine of the hour angle',
         'stiffness of the {0}, and of the polar axis'),
     'declination_axis_flexure': (
-        'DAF', 'declination axis bends under the tube and the counterweight', '(-sin E, 0)',
-        'The declination axis bends under what it carries: the higher the star, the farther it is '
-        'to one side', 'stiffness of the declination axis and its bearings; the counterweight'),
+        'DAF', 'flexure of the declination axis', '(-sin E, 0)',
+        'Flexure of the declination axis: the higher the star, the farther it is to one side',
+        'stiffness of the declination axis and its bearings; the counterweight'),
 }
 
 
@@ -94,7 +94,7 @@ def _term(name, mount=USUAL):
 def _fork_cross_term(mount=USUAL):
     names, carried = KINDS[mount], KINDS[mount].carrier
     a, e = names.letters
-    return Effect('fork_cross_term', f'{carried} bends: flexure that turns with the '
+    return Effect('fork_cross_term', f'{carried} flexure that turns with the '
                   f'{names.word("az")}',
                   f'(0, sin {e} cos {a}), (0, sin {e} sin {a})', names.key('az'), 'el',
                   ('cos', 'sin'),
@@ -102,7 +102,7 @@ def _fork_cross_term(mount=USUAL):
                              (0.0, c.trig.sin_el * c.trig.sin_az)],
                   look_at=f'stiffness of the {carried} and its joint with the {names.shaft("az")}',
                   shape=f'a wave of the {names.word("az")}, once per turn, larger high up',
-                  summary=f'{carried} bends as the {names.word("az")} turns')
+                  summary=f'{carried} flexure that turns with the {names.word("az")}')
 
 
 def propose(context, lacking, own):

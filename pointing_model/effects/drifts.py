@@ -120,7 +120,7 @@ def _run_zero(axis, runs, mount=USUAL):
     names = KINDS[mount]
     # source: paper 000, Table 1
     return Effect(f'{names.key(axis)}_zero_per_run',
-                  f'{names.word(axis)} zero of its own in each run or power-on',
+                  f'{names.word(axis)} zero of each run or power-on',
                   f'{names.named(_ZERO_TERM[axis])} in each run but the first', 'run', axis,
                   tuple(f'run {r:g}' for r in runs[1:]),
                   lambda c: [on_axis(axis, 1.0 * (c.get('run') == r), c.trig.cos_el)

@@ -75,7 +75,7 @@ def by_side(effects, context):
     if against:
         return [], ('what differs by the side of the pier',
                     f'all rows are on one side of the pier: what is constant there is {index}, '
-                    f'{sight} and {skew}, and on the other side they have the opposite sign')
+                    f'{sight} and {skew}; their sign changes on the other')
     against = single_rows(context, 'pier_side', -1.0, 1.0)
     if against:
         return [], ('what differs by the side of the pier', against)
@@ -110,7 +110,7 @@ def _by_counterweight(of, play):
                   f'({whole.formula}) x {"sign cos" if play else "cos"}(first angle)',
                   'counterweight', whole.axes, whole.coefficient_names, columns, wording,
                   'the bearings and the housing of the first axis, the balance about the second',
-                  'a lean of the first axis that goes with the counterweight', '',
+                  'a tilt of the first axis as the counterweight pulls', '',
                   whole.unit, requires=('counterweight',))
 
 
@@ -190,7 +190,7 @@ def _polynomial(result, of, power, mount='equatorial'):
                   word, ('slope',), columns,
                   wording,
                   f'the steps or lines in a turn of the {names.shaft(word)} that are set, and '
-                  f'what bends as the {names.shaft(of)} turns',
+                  f'flexure as the {names.shaft(of)} turns',
                   f'a {"parabola" if k == 2 else "straight line"} of the {names.word(of)}', '',
                   'arcsec/rad' + ('^2' if k == 2 else ''),
                   tpoint=name)

@@ -59,5 +59,5 @@ def _product(result, factors, name=None):
                   'azimuth' if any(a == 'A' for _, a, _ in factors) else 'elevation', axes,
                   (name or formula,),
                   lambda c: [act(c.trig, value_of(factors, c.az, c.el))],
-                  look_at='what the program that the model comes from says of this term', effort=0,
+                  look_at='the manual of the program that the model comes from', effort=0,
                   tpoint=name)

@@ -40,9 +40,7 @@ def _harmonic(result, of, order, mount=USUAL):
                   'el' if result == 'el' else 'az', ('cos', 'sin'), columns,
                   lambda _: f'The {what} error has a wave of the {word}, {times(k)}, without a '
                   'known cause',
-                  f'what else turns with the {word}, or repeats each {360.0 / k:.0f}° of it; '
-                  'orders below 3 are mostly hidden by zeros, collimation and axes that are not '
-                  'square',
+                  f'what else turns with the {word}, or repeats each {360.0 / k:.0f}° of it',
                   f'a wave of the {word}, {times(k)}, in the {what} error', kind='smooth',
                   tpoint=tpoint or None, scan=f'harmonic of {of} in {result}', share='scans')
 
@@ -59,16 +57,16 @@ def _nod_unlike(order, partner, mount=USUAL):
         return [(0.0, f(k * c.az) * size(c.trig)) for f in (np.cos, np.sin)]
 
     return Effect(f'nod_unlike_{k}_{how.replace(" ", "_")}',
-                  f'the {names.word("el")} error has a wave of the {names.word("az")} that goes '
-                  f'with {how}: no nod',
+                  f'the {names.word("el")} error has a wave of the {names.word("az")} '
+                  f'times {how}: no nod',
                   f'(0, cos {k}{a} {how}), (0, sin {k}{a} {how})', names.key('az'), 'el',
                   ('cos', 'sin'), columns,
                   lambda _: f'The {names.word("el")} error has a wave of the {names.word("az")}, '
-                  f'{times(k)}, that goes with {how}: a nod would be the same at any '
+                  f'{times(k)}, times {how}: a nod would be the same at any '
                   f'{names.word("el")}',
                   f'what turns with the {names.word("az")} and bears weight: a part that yields '
                   f'more at one {names.word("el")} than at another',
-                  f'a wave of the {names.word("az")}, {times(k)}, that goes with {how}',
+                  f'a wave of the {names.word("az")}, {times(k)}, times {how}',
                   f'something that turns with the {names.word("az")} and is no nod '
                   f'({times(k)}, as {how})', only_shape=True,
                   scan=f'nod unlike {partner}', share='scans')

@@ -80,8 +80,8 @@ def _clock(latitude, mount=USUAL):
                   ('hour_angle',),
                   lambda c: [_displaced(c, -np.cross(pole, c.direction(), axis=0))], look_at=_CLOCK,
                   shape='a turn about the pole', effort=0,
-                  alias=f'clock and longitude are exactly {alias}: no pointing run can tell them '
-                        f'from {"these terms" if mount == "altaz" else "this term"}'
+                  alias=f'clock and longitude are exactly {alias}: no pointing run can distinguish '
+                        f'them from {"these terms" if mount == "altaz" else "this term"}'
                         if alias else None)
 
 
@@ -89,8 +89,8 @@ def _clock(latitude, mount=USUAL):
 def _latitude():
     return Effect('latitude', 'latitude wrong', 'the columns of AN', 'azimuth', 'both',
                   ('latitude',), lambda c: [TERMS['AN'].of(c.trig)], look_at=_CLOCK,
-                  shape='a lean to the north', effort=0,
-                  alias='latitude is exactly AN: no pointing run can tell it from this term')
+                  shape='a tilt to the north', effort=0,
+                  alias='latitude is exactly AN: no pointing run can distinguish the two')
 
 
 @form

@@ -36,7 +36,7 @@ def _bearing_cage(ratio, how, mount=USUAL):
         return [*((0.0, one) for one in waves), *((one * c.trig.sin_el, 0.0) for one in waves)]
 
     names_of = {'lean': ('el_cos', 'el_sin', 'az_cos', 'az_sin')}.get(how, ('cos', 'sin'))
-    return Effect(f'bearing_cage_{how}', f'the bearing of the {shaft} has a wave that goes with '
+    return Effect(f'bearing_cage_{how}', f'the bearing of the {shaft} has a wave that turns with '
                   'its cage, not with the axis',
                   f'cos, sin of {ratio:.3f} {a}, {a} counted in turns'
                   + (f' (x 1 in {e}, x sin {e} across)' if how == 'lean' else ''),

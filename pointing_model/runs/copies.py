@@ -165,7 +165,7 @@ def without_copies(runs, seen=()):
         if copied.all():
             notes.append(f'{_name(run)} left out: all {len(run)} rows are {where} too')
             continue
-        notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows left out, they are '
+        notes.append(f'{_name(run)}: {int(copied.sum())} of {len(run)} rows excluded, they are '
                      f'{where} too')
         kept.append(without_rows(run, copied, f'{SAME}a row {where}'))
     if runs and not kept:

@@ -43,7 +43,7 @@ COLUMNS = {
     'exposure': ('exposure_s', 1.0, 'length of the exposure over which the readings were averaged, '
                  's; 0: read in its middle'),
     'camera_late': ('camera_late_s', 1.0, "what was taken off the camera's stamp, s"),
-    'lean_north': ('lean_north_arcsec', ARCSEC, 'what the base leans to the north by an '
+    'lean_north': ('lean_north_arcsec', ARCSEC, 'tilt of the base to the north by an '
                    'inclinometer, from any origin'),
     'lean_west': ('lean_west_arcsec', ARCSEC, 'the same to the west'),
     'check': ('check', 1.0, '1: a fresh star to judge by, kept out of every fit and choice'),
@@ -198,8 +198,8 @@ class PointingRun:
 
 
 KEPT_POWER_ONS = Param(
-    'kept_power_ons', 10, 'power-ons of the encoder whose rows are kept, the last ones: memory and '
-    'the time of a fit stay as they are over months; the log has all rows. 0: all', 0, 100000,
+    'kept_power_ons', 10, 'power-ons of the encoder whose rows are kept, the last ones, so that '
+    'memory and fits stay small over months. The log has all rows. 0: all', 0, 100000,
     fixed=True)
 
 

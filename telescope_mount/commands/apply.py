@@ -13,7 +13,7 @@ def add(commands):
     parser = commands.add_parser(
         'apply', help='turn directions into encoder angles by a model, or back',
         description='Read a table with the columns az_deg, el_deg (with --reverse az_enc_deg, '
-        'el_enc_deg) and write it with the angles of the other side in two further columns. '
+        'el_enc_deg). Write it with the angles of the other side in two further columns. '
         'Or with ra_deg, dec_deg and the time of each, at a site: then with where a perfect mount '
         'reads, too. Further columns by the names of a run (time, temperature_c, approach_az, '
         '...) drive the effects that need them.')
@@ -31,9 +31,9 @@ def add(commands):
                         'column time')
     parser.add_argument('--set', action='append', default=[], metavar='COLUMN=VALUE', dest='given',
                         help='a driver of all rows, as temperature_c=4.5')
-    parser.add_argument('--zero', default='newest', metavar='WHICH', help='of the zeros that the '
-                        'model carries from its night: newest (default; rows with a column run '
-                        'take that of their run), none, or the number of a run')
+    parser.add_argument('--zero', default='newest', metavar='WHICH', help='zero of the model: '
+                        'newest (default; by row, if there is a column run), none, or the number '
+                        'of a run')
     options.add(parser, 'latitude', 'longitude', 'height', 'pressure', 'temperature')
     options.add(parser, 'equinox', help='of ra_deg, dec_deg: J2000 (default, with the ICRS), or '
                 'apparent places of date')

@@ -9,9 +9,9 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'bolts', help='which bolt of the mount to turn, which way and how far',
-        description='From the terms of a model, or of a run that is fitted first: which bolts of '
-        'an equatorial mount to turn, the shim for its cone error, the feet of an alt-azimuth '
-        'mount. With --live: what is left, image by image, while they are turned.')
+        description='From the terms of a model or run: bolts of an equatorial mount, shim for its '
+        'cone error, feet of an alt-azimuth mount. With --live: what is '
+        'left, image by image, while they are turned.')
     parser.add_argument('file', type=options.log_path, nargs='?', metavar='MODEL|RUN',
                         help='a model file of ours (.json), or a run to fit; with --live it may '
                         'be left out')
@@ -26,7 +26,7 @@ def add(commands):
                         'alt-azimuth mount: radius of the circle of feet in mm, how many, azimuth '
                         'of the first (default: 3 feet, the first in the north)')
     parser.add_argument('--live', metavar='FOLDER', help='watch a folder of images, '
-                        'solved or not, and tell what is left after each; '
+                        'solved or not, and print what is left after each; '
                         'indi:HOST[:PORT[:CAMERA]] takes them with a camera of an INDI server')
     parser.add_argument('--exposure', type=options.real(1e-3, 600.0, 's'), default=1.0,
                         metavar='S', help='of that camera (default: 1)')

@@ -16,8 +16,8 @@ def add(commands):
                         metavar='S', help='how long to listen (default: 60)')
     parser.add_argument('--nudge', type=options.real(0.01, 2.0, 'degrees'), nargs='?', const=0.05,
                         default=0.0, metavar='DEG', help='MOVES the mount: each axis by so much '
-                        '(0.05 if left out) and back, to see that it follows and how the camera '
-                        'lies; only where nothing else is wrong and nobody else commands it')
+                        '(0.05 if left out) and back, to check motion and camera. Only if nothing '
+                        'else is wrong and nobody else commands it')
     parser.add_argument('--star', action='store_true',
                         help='with --nudge: SLEWS to a bright star first (--latitude, --longitude) '
                         'and nudges beside it, to judge the camera')

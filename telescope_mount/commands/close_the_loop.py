@@ -11,16 +11,16 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'close-the-loop', help='find what the model lacks, add it, and prove the gain',
-        description='Observe a simulated night with an effect that only the simulator knows (or '
-        'take a measured run), fit, diagnose the residual, add what is found to the model, and '
-        'point at fresh stars with it: the miss distance before and after.')
+        description='Observe a simulated night with an effect that only the simulator knows, or '
+        'take a measured run. Fit, diagnose the residual, add what is found to the model. '
+        'Point at fresh stars with it: the miss distance before and after.')
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument('file', nargs='?', type=options.log_path, metavar='RUN',
-                      help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; judged on rows that '
-                      'were kept out')
-    options.add_scenario(what, help='instead: what is wrong with the simulated mount, a name '
-                      '(loop_*, mount_*), a YAML file, a pattern such as "mount_*" for all of them '
-                      'in one table, or "all" for every loop_*; "list": print their names')
+                      help='a measured run: CSV, TPOINT, MMT, IRAM, or a log; validated on rows '
+                      'not fitted')
+    options.add_scenario(what, help='errors of the simulated mount: a name '
+                      '(loop_*, mount_*), a YAML file, a pattern such as "mount_*", "all" for '
+                      'every loop_*; "list": print their names')
     options.add_out(parser, 'loop', 'log, model, reports and page')
     options.add(parser, 'seed')
     parser.add_argument('--stars', type=options.whole(12, 5000), default=90,
@@ -32,8 +32,8 @@ def add(commands):
                         help='of a measured run one row in N is kept out (default: 4)')
     options.add(parser, 'alpha', help='chance that a clean night gets any effect (default: 0.01)')
     options.add(parser, 'date')
-    options.add(parser, 'latitude', help='of the site; a measured run whose file does not tell it '
-                'gets what follows the stars only with both')
+    options.add(parser, 'latitude', help='of the site; a measured run without site needs both for '
+                'effects that follow the stars')
     options.add(parser, 'longitude', 'height', 'azimuth-origin', 'pressure', 'temperature',
                 'equinox')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)

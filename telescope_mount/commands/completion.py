@@ -8,8 +8,8 @@ def add(commands):
     parser = commands.add_parser(
         'completion', help='have a shell complete commands, options and names',
         description='Print what makes a shell complete commands, options, names of scenarios and '
-        'files: eval "$(telescope-mount completion bash)" in ~/.bashrc, or the same with zsh in '
-        '~/.zshrc after compinit; for fish redirect it to '
+        'files. Bash: eval "$(telescope-mount completion bash)" in ~/.bashrc. Zsh: the same in '
+        '~/.zshrc after compinit. Fish: redirect it to '
         '~/.config/fish/completions/telescope-mount.fish.')
     parser.add_argument('shell', choices=SHELLS)
 

@@ -22,9 +22,9 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'diagnose', help='find what a pointing model lacks, on logs and measured runs',
-        description='Fit the declared model to pointing runs, look at what it leaves, name the '
-        'physical effect that explains it, and prove the gain on data that neither the fit nor '
-        'the choice has seen.')
+        description='Fit the declared model to pointing runs, examine the residuals, and name the '
+        'physical effect that explains them. The improvement is cross-validated, with the effects '
+        're-selected per fold.')
     parser.add_argument('runs', nargs='+', type=options.log_path, metavar='RUN',
                         help='pointing runs of one mount: logs, CSV, TPOINT, MMT or IRAM files')
     parser.add_argument('--base', default='physical', metavar='MODEL',
@@ -32,13 +32,13 @@ def add(commands):
                         'model file, ours or of another program, whose terms are fitted anew')
     parser.add_argument('--own', type=options.names, metavar='TERMS', help='terms that each run '
                         'or session fits for itself (default: of several, IA,IE and what pays)')
-    options.add(parser, 'sessions', help='a gap longer than this begins a session, with terms of '
-                'its own; none: take runs as they are; auto (default): at gaps of hours, and where '
-                'places visited again show a step, if the rows say so')
-    parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars in a turn of '
+    options.add(parser, 'sessions', help='a longer gap begins a session with separate terms. none: '
+                'no sessions. auto (default): at gaps of hours, and where revisited places show a '
+                'step, if the data support it')
+    parser.add_argument('--graduation', metavar='NAME=LINES', help='lines or bars per turn of '
                         'the encoders, such as grating=47200 or az.grating=47200,el.bars=1080: '
-                        'outliers by whole ones are slips (default: what a log of ours tells); '
-                        'tape=LINES, of a tape on a drum: sought within 1 %%')
+                        'outliers by whole ones are slips. Default: from a log of ours. '
+                        'tape=LINES, of a tape on a drum: searched within 1 %%')
     parser.add_argument('--worm', metavar='AXIS=TEETH', help='teeth of a worm wheel, such as '
                         'ha=180 or az=360,el=288: its periodic error is looked for there (default: '
                         'periods are searched, 10 to 1000 a turn)')

@@ -22,8 +22,8 @@ def add(commands):
         'export', help='write the observations of a log, or any topic, as CSV or Parquet; a '
         'model for another program',
         description='Write a pointing run (a log of ours, or any file that fit reads) as a CSV '
-        'that fit reads again; with --topics the messages of a log, a table a topic; with --to a '
-        'model as another program reads it.')
+        'that fit reads again. With --topics: the messages of a log, a table a topic. With --to: '
+        'a model as another program reads it.')
     parser.add_argument('file', type=options.log_path, metavar='RUN', help='with --to a model')
     parser.add_argument('out', type=Path, metavar='OUT',
                         help='file, .csv or .parquet; with --topics a folder')
@@ -32,7 +32,7 @@ def add(commands):
                         + ', '.join(PROGRAMS))
     parser.add_argument('--sky', type=options.log_path, metavar='RUN',
                         help='what the program cannot hold is '
-                        'refitted and told on the directions of this run (default: a uniform sky '
+                        'refitted on the directions of this run (default: a uniform sky '
                         'above 20 degrees)')
     parser.add_argument('--zero', metavar='WHICH', help='of the zeros that the model carries: add '
                         'newest, or that of the run of this number, to its indices (default: none)')

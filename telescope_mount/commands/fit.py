@@ -16,14 +16,13 @@ def add(commands):
     options.add(parser, 'latitude', help='of the site, for runs in right ascension and of '
                 'equatorial mounts')
     options.add(parser, 'longitude', 'height', 'pressure', 'temperature', 'equinox')
-    parser.add_argument('--predict', action='store_true', help='add whatever predicts stars in '
-                        'blocks of time left out (effects, steps, slow drift), without a claim '
-                        'that it is a cause')
+    parser.add_argument('--predict', action='store_true', help='add whatever predicts '
+                        'left-out blocks of time (effects, steps, drift), without naming a cause')
     parser.add_argument('--run', dest='number', type=options.whole(-10**6, 10**6), metavar='N',
                         help='of several runs in the file (column run) the one of this number')
-    options.add(parser, 'sessions', default=0.0, help='a gap longer than this begins a session, '
-                'with zeros of its own; auto: at gaps of hours, and where places visited again '
-                'show a step, if the rows say so; none (default): one zero')
+    options.add(parser, 'sessions', default=0.0, help='a longer gap begins a session with '
+                'separate zeros. auto: at gaps of hours, and where revisited places show a step, '
+                'if the data support it. none (default): one zero')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     parser.add_argument('--no-robust', action='store_true', help='plain least squares')
     parser.add_argument('--max-iterations', type=options.whole(1, 10000), default=30, metavar='N',

@@ -16,7 +16,7 @@ def add(commands):
         'of ours or of rosbag2. Exit code 1 where it is damaged.')
     parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--quick', action='store_true',
-                        help='tell what the index says, without reading the messages')
+                        help='print the index, without reading the messages')
     parser.add_argument('--report', type=Path, metavar='FILE', help='write the page of the night '
                         'that it is the log of (.html)')
     options.add_json(parser, 'it')

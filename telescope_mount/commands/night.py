@@ -10,8 +10,8 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'night', help='observe a simulated night through the whole node graph',
-        description='Start every node as a process, observe stars, set the zero (on Polaris where '
-        'it is well up, else on a few other stars), fit the pointing model, log everything, and '
+        description='Start every node as a process, observe stars, set the zero on Polaris (where '
+        'it is low, on a few other stars). Fit the pointing model, log everything, '
         'print the error before and after.')
     options.add_out(parser, 'night', 'log, model, observations and page')
     options.add(parser, 'seed')
@@ -30,8 +30,8 @@ def add(commands):
                         'hold the expected pointing error with stars chosen for it, such as '
                         '1.5arcsec,90; the model follows the mount')
     parser.add_argument('--tell-apart', default='', metavar='STARS[,HOURS]', help='after the fit, '
-                        'diagnose, and take at most so many stars that tell apart the causes that '
-                        'are left open, such as 15,2h; by default none is waited for')
+                        'diagnose, and observe at most so many stars that distinguish open '
+                        'causes, such as 15,2h (default: none)')
     options.add(parser, 'harmonics', 'harmonics-alone', 'harmonics-degree')
     options.add(parser, 'date', 'latitude', 'longitude', 'height')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT + options.SERVER_OF_NIGHT)

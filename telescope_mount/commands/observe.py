@@ -13,7 +13,7 @@ def add(commands):
     parser = commands.add_parser(
         'observe', help='observe with the drivers of a real mount',
         description='Start the nodes beside drivers (docs/real_mount.md), observe stars, fit the '
-        'pointing model, check it on fresh stars, log everything, and print the error before and '
+        'pointing model, check it on fresh stars, log everything. Print the error before and '
         'after. Time is that of the wall.')
     options.add_out(parser, 'observed', 'log, model, observations and page')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
@@ -28,7 +28,7 @@ def add(commands):
     parser.add_argument('--absolute-encoder', action='store_true',
                         help='a driver publishes absolute/joint_states')
     parser.add_argument('--inclinometer', action='store_true',
-                        help='a driver publishes inclinometer, a witness where a model is tracked')
+                        help='a driver publishes inclinometer, a sensor of the adaptive model')
     parser.add_argument('--exposure', type=options.real(0.0, 3600.0, 's'), default=0.0, metavar='S',
                         help="length of the camera's exposures: the mount must rest on its track "
                         'all that time (default 0: it is judged in their middle)')

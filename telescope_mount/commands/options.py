@@ -100,14 +100,14 @@ SHARED = {
                 'help': 'rows to leave out: numbers as they are printed (30), ranges (45-48), '
                 'conditions (el<20, star=HIP 5447), with commas or again'},
     'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, xy, or free:AZ,EL[,ROLL] '
-              '(where the first axis points, degrees), in place of what the file tells'},
+              '(where the first axis points, degrees), instead of that of the file'},
     'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',
                  'help': 'for runs in right ascension; 0: no refraction'},
     'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
                     'help': 'for runs in right ascension'},
     'equinox': {'choices': ('auto', 'j2000', 'date'), 'default': 'auto',
                 'help': 'of right ascensions in the file: J2000, or apparent places of date; auto '
-                '(default): what the file tells, else what fits'},
+                '(default): that of the file, else what fits'},
     'harmonics': {'choices': ('none', 'zenith', 'printed'), 'default': 'none',
                   'help': "paper 000's spherical harmonics in the model, by how their E is read: "
                   'zenith distance, or as printed (default: none)'},
@@ -129,9 +129,9 @@ SHARED = {
 MOUNT_OF_DRIVERS = ('altaz (default), equatorial, german, xy, or free:AZ,EL[,ROLL] (where the '
                     'first axis points, degrees)')
 RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
-MOUNT_OF_NIGHT = ('what the observer is told of the mount: altaz, equatorial, german, xy, or '
-                  'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: the kind '
-                  'that the scenario has')
+MOUNT_OF_NIGHT = ('kind of the mount: altaz, equatorial, german, xy, or '
+                  'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: that of the '
+                  'scenario')
 SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '
                    'or Alpaca server in place of the simulated one, on the clock of this machine')
 
@@ -140,7 +140,7 @@ def add_server(parser):
     """Add the options of a night on a mount of a server."""
     parser.add_argument('--camera', default='', metavar='indi:HOST:PORT:NAME',
                         help='of a mount of a server: the camera of an INDI server whose images '
-                        'are solved; by default a simulator tells where it looks')
+                        'are solved (default: the position of a simulator)')
     parser.add_argument('--driver', type=Path, action='append', default=[], metavar='FILE',
                         help='the same: the driver in Python of a camera of your own')
     parser.add_argument('--exposure', type=real(1e-3, 600.0, 's'), default=1.0, metavar='S',

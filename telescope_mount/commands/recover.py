@@ -11,7 +11,7 @@ def add(commands):
     parser = commands.add_parser(
         'recover', help='make a whole log of what can be read of a damaged one',
         description='Write what can be read of a log into a new one, with index, statistics and '
-        'metadata, and say how many messages of which topics and times are lost. The damaged log '
+        'metadata. Print how many messages of which topics and times are lost. The damaged log '
         'is only read. Exit code 1 where anything of it is missing in the new one.')
     parser.add_argument('log', type=options.log_path, metavar='BAG')
     parser.add_argument('--out', type=Path, metavar='DIR',

@@ -8,9 +8,9 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'season', help='the terms night by night, what moves them, and what tonight\'s will be',
-        description='Read the pointing runs of many nights (any kind that fit takes), fit each, '
-        'and print how the terms wander, what moves them (temperature, time, a step that nobody '
-        'has told of) and what is foretold for a night to come.')
+        description='Fit the pointing runs of many nights (any kind that fit takes). Print how the '
+        'terms drift, what moves them (temperature, time, an unreported step) and the terms '
+        'predicted for a night to come.')
     parser.add_argument('files', type=options.log_path, metavar='RUN', nargs='+',
                         help='files, logs, or folders of files')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
@@ -18,13 +18,13 @@ def add(commands):
     parser.add_argument('--since', action='append', default=[], metavar='DATE[=TEXT]',
                         help='something was done to the mount then; may be given again')
     parser.add_argument('--tonight', action='append', default=[], metavar='DATE|COLUMN=VALUE',
-                        help='the night to foretell (default: a day after the last), and what '
+                        help='the night to predict (default: a day after the last), and what '
                         'is known of it, such as temperature=4.5; may be given again')
     parser.add_argument('--cause', action='append', default=[], metavar='COLUMN',
                         help='a column that may move the mount though its name does not say so')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
                 'temperature', 'equinox')
-    options.add_outputs(parser, save='the model foretold')
+    options.add_outputs(parser, save='the predicted model')
 
 
 def run(args):
@@ -69,7 +69,7 @@ def run(args):
     document = worded(result.document())
     console.print(_table(document))
     print_lines(console, 'found', worded(result.findings())
-                or ['nothing moves the terms beyond their own wander'])
+                or ['the terms drift; no cause found'])
     print_lines(console, 'note', document['notes'])
     write_outputs(console, args, document, model=result.model().save,
                   page=args.report and render_season(result, args.files))
@@ -94,8 +94,8 @@ def _table(document):
     nights = document['nights']
     predicted, drift = document['tonight'], document['wander']
     out = new_table(f'{len(nights)} nights, {nights[0]["time"][:10]} to '
-                    f'{nights[-1]["time"][:10]}; foretold for {predicted["time"]}, arcsec', 'term',
-                    'foretold', 'last night', 'wanders per √day', 'scatter by night')
+                    f'{nights[-1]["time"][:10]}; predicted for {predicted["time"]}, arcsec', 'term',
+                    'predicted', 'last night', 'drift per √day', 'scatter by night')
     for name in document['terms']:
         out.add_row(name, *(f'{of["terms_arcsec"][name]:+.1f} ± {of["sigma_arcsec"][name]:.1f}'
                             for of in (predicted, nights[-1])),

@@ -10,7 +10,7 @@ def add(commands):
     parser = commands.add_parser(
         'solve', help='solve a folder of images with an installed plate solver',
         description='Run a plate solver (solve-field of astrometry.net, or astap) over the FITS '
-        'images of a folder and write a pointing run that fit and diagnose read. What is solved is '
+        'images of a folder. Write a pointing run that fit and diagnose read. What is solved is '
         'not solved again: after an interruption give the same command.')
     parser.add_argument('folder', type=Path, metavar='FOLDER')
     parser.add_argument('--keywords', type=Path, metavar='FILE.yaml', help='which keywords of the '

@@ -8,9 +8,9 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'track', help='follow a mount through a run that was observed, star by star',
-        description='Go through a pointing run (CSV, or a log of ours) in the order of time with a '
-        'model that follows the mount, and print what each star was missed by before it was seen, '
-        'what jumped and drifted, and whether the expected errors hold.')
+        description='Go through a pointing run (CSV, or a log of ours) in time with an adaptive '
+        'model. Print the error of each prediction, what jumped and drifted, and whether the '
+        'expected errors hold.')
     parser.add_argument('file', type=options.log_path, metavar='RUN')
     parser.add_argument('--model', type=options.model_path, metavar='MODEL',
                         help='to begin with (default: fitted to the first stars)')

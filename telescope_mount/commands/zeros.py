@@ -11,7 +11,7 @@ def add(commands):
         'zeros', help='what the measured zeros of power-ons follow: temperature, supply, ...',
         description='Read zeros of power-ons, a row each (CSV: zero_az_arcsec, zero_el_arcsec, '
         'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
-        'without zeros is tonight: its zero is told in advance.')
+        'without zeros is tonight: its zero is predicted.')
     parser.add_argument('file', type=Path, metavar='FILE')
     options.add_outputs(parser, 'the verdict', save='', report=False)
 

@@ -182,8 +182,8 @@ def _encoder(out, samples, stream):
     _motion(out, stamps[known], values[known], rates[known], pointed)
     if pointed:
         powered = all(read_frame(frame) is not None for frame in stream.frames)
-        power = 'tells its power-on in frame_id' if powered else (
-            'tells no power-on in frame_id: each homing counts as one')
+        power = 'power-on in frame_id' if powered else (
+            'no power-on in frame_id: each homing counts as one')
         homing = 'incremental/homing is published' if samples.homing else (
             'no incremental/homing: its marks cannot be judged')
         out.add(OK if powered and samples.homing else NOTE, f'{power}; {homing}')
@@ -236,12 +236,12 @@ def _motion(out, stamps, values, rates, pointed):
             unit = 'deg/s? ' if 30.0 < ratio < 110.0 else ''
             out.wrong(f'velocity is {ratio:.3g} times what the angle does: {unit}it must be rad/s')
     elif (known & ~moving & (np.abs(rates[1:]) > 10.0 * STILL)).sum() > 5:
-        out.wrong('tells a velocity, and its angle does not change: frozen?')
+        out.wrong('velocity not zero, but the angle does not change: frozen?')
     rest = ~moving.any(axis=1)
     if pointed and not known.any() and rest.sum() > 20:
         restless = float(np.mean(np.abs(own[rest]).max(axis=1) > STILL))
         if restless > 0.5:
-            out.wrong(f'tells no velocity, and its noise over {float(np.median(passed)):.3g} s '
+            out.wrong(f'no velocity, and its noise over {float(np.median(passed)):.3g} s '
                       'looks like motion: home never sees it at rest; fill velocity')
     if not way.any():
         out.note('not one bit has changed: it stands, or it is frozen (move the mount, or --nudge)')

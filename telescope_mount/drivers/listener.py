@@ -232,7 +232,7 @@ def _site(rows):
     """Of a guard's status."""
     missing = [param.name for param in SKY_PARAMS[:3] if param.name not in rows]
     if missing:
-        raise ValueError(f'not nudged: the guard does not tell its {missing[0]}: start it anew')
+        raise ValueError(f'not nudged: the guard has no {missing[0]}: start it anew')
     latitude, longitude, height = (float(rows[param.name]) for param in SKY_PARAMS[:3])
     return Site(latitude * DEG, longitude * DEG, height)
 

@@ -80,9 +80,8 @@ def _nudged_camera(samples, rests, star):
         rows += [(1.0, stamp - rests[0].begin, *away) for stamp in stamps[inside]]
         misses += list(values[inside])
         if not inside.any() and star:
-            out.wrong('not the star that must be in the field: is the site right, and the clock, '
-                      'does the mount point to within the field, are the axes exchanged in both '
-                      'drivers, does the camera answer?')
+            out.wrong('the star is not in the field: check the site, the clock, the pointing, the '
+                      'order of the axes in both drivers, and the camera')
             return out
         if not inside.any():
             out.note('no star in the field at each step: camera not judged; point at a bright '

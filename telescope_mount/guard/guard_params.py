@@ -37,8 +37,8 @@ PARAMS = (
           'a file with one on each line [deg]', check=parse_horizon, fixed=True),
     *(Param(limit.parameter, limit.distance_deg, f'least distance from {limit.name}, on the way '
             'too; 0: it is no matter [deg]', 0.0, 90.0, fixed=True) for limit in SKY_LIMITS),
-    Param('slew_timing', 0.5, 'the axes slew with no less than this share of speed and '
-          'acceleration, and no track asks for more than it; 0: in any order, and all of it',
+    Param('slew_timing', 0.5, 'least share of speed and acceleration in slews, and most in '
+          'tracks; 0: in any order, and all of it',
           0.0, 1.0, fixed=True),
     Param('turn_known', True, 'the first axis reads the turn that it is on; else only what is '
           'safe on any turn is allowed', fixed=True),
@@ -46,7 +46,7 @@ PARAMS = (
           'once, for a simulated mount whose time waits for events [s]', 0.0, 5.0, fixed=True),
     Param('ahead_s', 1.5, 'a command reaches so far beyond now, by the time of the graph [s]', 0.2,
           3600.0, fixed=True),
-    Param('goto', False, 'the driver is told places, and slews to them as it likes: commands hold '
+    Param('goto', False, 'the driver gets places, and slews to them as it likes: commands hold '
           'the track alone, and any way in between must be free', fixed=True),
     Param('silence_s', 0.5, 'without a reading for so long the mount is stopped [s]', 0.05, 60.0,
           fixed=True),

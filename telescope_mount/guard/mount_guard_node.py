@@ -64,9 +64,9 @@ class MountGuard(ManagedNode):
         blocked = limits.blocked_pole
         if blocked:
             self.get_logger().warning(
-                f'the pole through which the mount changes its side is {blocked[0] / DEG:.1f} deg '
-                f'high, the horizon there {blocked[1] / DEG:.1f} deg: it cannot change it; set '
-                'least_elevation_deg and horizon lower there')
+                f'the mount cannot change its side: the pole is {blocked[0] / DEG:.1f} deg high, '
+                f'the horizon there {blocked[1] / DEG:.1f} deg. Set least_elevation_deg and '
+                'horizon lower there')
         self._park = parse_pair(value('park_deg'))
         supervisor = GotoSupervisor if value('goto') else Supervisor
         self._supervisor = supervisor(limits, _site(self), GuardSettings(
@@ -104,8 +104,8 @@ class MountGuard(ManagedNode):
         kept = [limit for limit in SKY_LIMITS if values[limit.parameter]]
         if values['renew_s'] and kept and not all(
                 name in self._parameter_overrides for name in PLACE):
-            raise ValueError(f'no site, so nobody knows where {kept[0].name} is: set latitude_deg '
-                             'and longitude_deg (in a parameter file under /**: for all nodes; or '
+            raise ValueError(f'no site, so the place of {kept[0].name} is unknown. Set '
+                             'latitude_deg and longitude_deg (parameter file, under /**:, or '
                              f'--latitude and --longitude), or {kept[0].parameter}: 0.0')
         if values['goto'] and not values['renew_s']:
             raise ValueError('renew_s = 0 with goto: nothing would stop such a driver; set it to '

@@ -91,6 +91,6 @@ def off_way(here, ends, behind, axes, words):
         if not low <= angle <= high:
             off = max(least - angle, angle - most)
             return (f'the {word} is at {angle / DEG:.1f} deg, {off / DEG:.1f} deg outside of '
-                    'the way that was judged: stopped; its driver goes another way or to the '
-                    'other side; look at it, and call resume')
+                    'the checked way: stopped. Its driver goes another way or to the '
+                    'other side: look at it, and call resume')
     return ''

@@ -201,7 +201,7 @@ def sentence(found, late=0.0, second=None):
     str
     """
     if found is None:
-        return 'clocks of camera and encoder: too few exposures to tell their offset'
+        return 'clocks of camera and encoder: too few exposures for their offset'
     offset, sigma = found['offset_s'], found['sigma_s']
     other = '' if second is None else (
         f' ({second["offset_s"]:+.3f} ± {second["sigma_s"]:.3f} s against the absolute one)')

@@ -38,8 +38,8 @@ REMEDIES = {
     'stamps': 'stamp with the time of the measurement, of a clock set by NTP',
     'frozen': 'look at the instrument',
     'number': 'home it again',
-    'zero': 'home it, or power it off and on, and set the zero anew: rows since then have another '
-            'one; look at its head, disc and cable',
+    'zero': 'home it, or power it off and on, and set the zero anew: it has changed. '
+            'Look at its head, disc and cable',
     'motion': 'look at brakes, limits, joint names and signs (telescope-mount check-drivers)',
     'sign': 'its signs, rotation or scale are wrong: telescope-mount check-drivers --nudge',
     'slow': 'nothing, or expose shorter',

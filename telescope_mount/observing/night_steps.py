@@ -268,7 +268,7 @@ class NightSteps:
         yield from self.until(there, 'the new zero')
         if known.zero_stamp < newest:  # the fit makes a zero of each power-on
             self.out.get_logger().warning(
-                'the new zero is of a power-on that is over: the one before stays in force')
+                'the new zero is of a power-on that is over: the old one stays active')
 
     def _do_new_model(self, step):
         yield from self.new_model(step.verb)

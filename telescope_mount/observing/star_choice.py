@@ -148,11 +148,11 @@ def choose_stars(stars, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, n=30, 
                 f'{", where the guard lets the tube look" * bool(limits.allowed)}: widen the '
                 'limits')
         raise ValueError(
-            f'{n} stars asked for, {np.count_nonzero(good)} available: of {np.count_nonzero(up)} '
+            f'{n} stars requested, {np.count_nonzero(good)} available of {np.count_nonzero(up)} '
             f'to Hp {mag_limit:g} between {min_el / DEG:g} and {max_el / DEG:g} degrees of '
-            f'elevation {np.count_nonzero(up & known)} are excluded and '
-            f'{np.count_nonzero(up & ~known & ~lonely)} have a bright neighbour; '
-            'ask for fewer or raise the magnitude limit')
+            f'elevation: {np.count_nonzero(up & known)} are excluded, '
+            f'{np.count_nonzero(up & ~known & ~lonely)} have a bright neighbour. '
+            'Request fewer or raise the magnitude limit')
     az, el = (angle[good] for angle in places[len(places) // 2])
     chosen = _stratified(az, el, n, min_el, highest, rng)
     first, second = axes_at(mount, az[chosen], el[chosen], limits,

@@ -26,9 +26,8 @@ PARAMS = SKY_PARAMS + (
           'again [arcsec]', 0.1, 36000.0),
     Param('on_target_arcsec', 30.0, 'largest difference of the encoder from its demand in an '
           'exposure that counts [arcsec]', 0.1, 36000.0),
-    Param('exposure_s', 0.0, "length of the camera's exposures: one counts when the encoder was "
-          'on target all that time, and is paired with its mean; 0: with its reading in the middle '
-          '[s]', 0.0, 3600.0),
+    Param('exposure_s', 0.0, 'length of the exposures, with the encoder on target all that time; '
+          'its mean is taken; 0: its reading in the middle [s]', 0.0, 3600.0),
     Param('smear_arcsec', 5.0, 'largest way of the axes beside their track in an exposure of '
           'exposure_s that counts [arcsec]', 0.01, 3600.0),
     Param('camera_late_s', 0.0, "by how much the camera's stamps are later than the encoder's of "
@@ -39,7 +38,7 @@ PARAMS = SKY_PARAMS + (
           'up, and how far apart they are [deg/s]', 0.01, 90.0),
     Param('field_deg', 1.0, 'a star farther from the boresight is outside the field of the camera: '
           'its message has another unit [deg]', 1e-3, 180.0),
-    Param('renew_request_s', 0.2, 'how often the guard is told that the request still holds; 0: '
+    Param('renew_request_s', 0.2, 'how often the request is renewed at the guard; 0: '
           'once [s]', 0.0, 10.0, fixed=True),
     Param('answer_timeout_s', 5.0, 'wall time after which a pointing without an answer is '
           'commanded again [s]', 0.5, 3600.0),
@@ -49,8 +48,8 @@ PARAMS = SKY_PARAMS + (
           fixed=True),
     Param('give_up_s', 600.0, 'wall time without an observation after which a plan ends while '
           'something is wrong or waited for; 0: never [s]', 0.0, 86400.0),
-    Param('state_file', '', 'where the night is kept, so that its plan goes on after the process, '
-          'or the whole graph, was killed; one of another plan is put aside; none: not kept',
+    Param('state_file', '', 'where the night is kept, so that its plan goes on after a kill of '
+          'process or graph. One of another plan is put aside; none: not kept',
           fixed=True),
     Param('first_run', 1, 'run number of the first power-on, where the calibration has no rows of '
           'the night yet', -1000000, 1000000),

@@ -87,7 +87,7 @@ class StepTargets:
         if not AxisLimits().reached(mount, *place, highest * DEG, time[0], [POLARIS_HIP])[0]:
             angle = abs(mount.axes_of(*place)[1][0])
             raise CallRefused(f'Polaris stands at {angle / DEG:.1f} deg of {mount.names.axes[1]}, '
-                              f'beyond max_elevation_deg = {highest}, and tells no zero of the '
+                              f'beyond max_elevation_deg = {highest}, and gives no zero of the '
                               f'{mount.names.axes[0]} there: set it on stars (zero_on_stars)')
 
     def check_height(self, target, name, remedy):

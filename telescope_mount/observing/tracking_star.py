@@ -84,7 +84,7 @@ class NextStar:
                          list(self.gains.items())[:3] if gain > 0.05)
         return (f'{self.seconds:.0f} s: takes the expected error from '
                 f'{self.before / ARCSEC:.2f} to {self.after / ARCSEC:.2f} arcsec'
-                + (f'; tells of {terms} of the variance' if terms else ''))
+                + (f'; measures {terms} of the variance' if terms else ''))
 
 
 def next_star(tracker, az, el, here, everywhere, waited=0.0, *, sigma, exposure_s=10.0, slew=None,

@@ -112,7 +112,7 @@ class TrackedModel:
             self.noise = rms(noise)
             self.stamp = int(model.provenance['last_stamp_ns'])
         except (KeyError, TypeError, ValueError) as err:
-            raise ValueError(f'what the model tells of its tracking is damaged: {err}') from None
+            raise ValueError(f'tracking record of the model is damaged: {err}') from None
         self.mount, self.states = model.mount, tuple(model.terms)
         self._covariance, self._walk = np.asarray(model.covariance), np.square(walks)
 

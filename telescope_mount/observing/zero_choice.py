@@ -171,7 +171,7 @@ class ZeroChoice:
         targets = [StarTarget(self._stars.select([row]))
                    for row in np.repeat(chosen.rows, chosen.counts)]
         by = f'{BY_STARS} ({len(chosen.rows)})'
-        given = ('the model in force and its covariance held' if is_a_model(self._model) else
+        given = ('the active model and its covariance held' if is_a_model(self._model) else
                  f'without a model: other terms within {BROAD / ARCSEC:.0f} arcsec')
         again = ', of the change since the power-on before' if self._earlier and not is_a_model(
             self._model) else ''

@@ -141,7 +141,7 @@ def harmonic_verdict(errors, orders=6):
     errors = np.asarray(errors, dtype=float)
     n = len(errors)
     if n <= 2 * orders + 1:
-        raise ValueError(f'{n} errors cannot tell {orders} harmonics; give more than '
+        raise ValueError(f'{n} errors cannot determine {orders} harmonics; give more than '
                          f'{2 * orders + 1}')
     angle = 2.0 * np.pi * np.arange(n) / n
     centred = errors - errors.mean()

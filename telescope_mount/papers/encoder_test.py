@@ -283,8 +283,8 @@ def notes(report):
         f'{low:.1f}" and {high:.1f}" (95 %)',
         f'harmonics 1 to 6 of the turn in table 2: '
         f'{"found" if harmonics["found"] else "nothing found"} '
-        f'(smallest Holm p {min(harmonics["p_holm"]):.2f}); '
-        f'without them {harmonics["std_without_arcsec"]:.2f}" are left, but at an angle left out '
+        f'(smallest Holm p {min(harmonics["p_holm"]):.2f}). '
+        f'Without them {harmonics["std_without_arcsec"]:.2f}" remain, cross-validated '
         f'{harmonics["left_out_without_arcsec"]:.2f}" instead of '
         f'{harmonics["left_out_arcsec"]:.2f}"',
     ]

@@ -11,7 +11,7 @@ def add(commands):
     parser = commands.add_parser(
         'experiment', help='the eleven nights and the GPS satellite of paper 000',
         description='Observe thirteen nights through the node graph: a power-on each, 30 stars, '
-        'Polaris, 30 stars; the model of two nights before corrects tonight, before and after the '
+        'Polaris, 30 stars. The model of two nights before corrects tonight, before and after the '
         'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
         'with ours beside it, and what the zeros follow: temperature, supply, time, side of the '
         'mark.')
@@ -21,8 +21,8 @@ def add(commands):
                         help='of the table, after two for their models (default: 11)')
     what = parser.add_mutually_exclusive_group()
     options.add_scenario(
-        what, help='what is wrong with the simulated mount, in place of the drifts: a '
-                      'season whose zeros follow something (season_temperature, season_trend, '
+        what, help='errors of the simulated mount, instead of the drifts: a '
+                      'season (season_temperature, season_trend, '
                       'season_none), or a YAML file; list: print their names')
     what.add_argument('--drifts', choices=('paper', 'random'), default='paper',
                         help='of the zero at each power-on: those that give the paper\'s errors '

@@ -63,10 +63,9 @@ def render_experiment(report, run=None, files=()):
     case = report.get('case_1_1')
     lines = [f'Alarm: {text}' for text in report['alarms'][:8]]
     if case:
-        lines.append(f'With Polaris {case["polaris_off_arcsec"]:.1f}″ off, where the telescope was '
-                     f'to point within {case["specification_arcsec"]:g}″: stars are missed by '
-                     f'{case["before_rms_arcsec"]:.2f}″ (radial RMS) before the zero is set, by '
-                     f'{case["after_rms_arcsec"]:.2f}″ after.')
+        lines.append(f'Polaris {case["polaris_off_arcsec"]:.1f}″ off (specification '
+                     f'{case["specification_arcsec"]:g}″): {case["before_rms_arcsec"]:.2f}″ RMS '
+                     f'before the zero is set, {case["after_rms_arcsec"]:.2f}″ after.')
     data = None if run is None else residuals_of_nights(report, run)
     body = [
         '<h1>Nights with the model of two nights before</h1>',
@@ -129,7 +128,7 @@ def residuals_of_nights(report, run):
     before, after = (np.concatenate([part[i] for part in parts], axis=1) for i in (1, 2))
     return run_residuals(
         rows, [f'HIP {star:.0f}' for star in rows['star']], before, after,
-        np.ones(len(rows), bool), ['judged by, not fitted'] * len(rows), group_word='night',
+        np.ones(len(rows), bool), ['for validation, not fitted'] * len(rows), group_word='night',
         before_text='model of two nights before, zero of then',
         after_text='the same model, zero of tonight')
 
@@ -236,8 +235,8 @@ def _zeros(summary):
             rows.append((name, number(one['expected_arcsec'], 1, True),
                          number(one['sigma_arcsec'], 1), number(one['measured_arcsec'], 1, True),
                          number(one['measured_sigma_arcsec'], 1)))
-    predicted = '<h3>The last power-on, foretold before Polaris was seen</h3>' + table(
-        ('axis', 'foretold ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
+    predicted = '<h3>The last power-on, predicted before Polaris was seen</h3>' + table(
+        ('axis', 'predicted ″', '± ″', 'measured ″', '± ″'), rows, 'numbers') if rows else ''
     return folded_section('What the zeros of the power-ons follow', listed(season_lines(summary)),
                    pair(drawn), predicted,
                    note='Zero since the first power-on, against what was measured at the mark.')

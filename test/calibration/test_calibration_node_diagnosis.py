@@ -141,8 +141,8 @@ def test_a_diagnosis_that_cannot_be_is_refused_with_a_reason(graph, tmp_path):
     assert answer.message.startswith('none; ')
     graph.wait_for(lambda: apart)
     assert json.loads(apart[0].data)['state'] == 'nothing open'
-    graph.report('calibration', '', 'causes told apart',
-                 'the diagnosis leaves no causes to tell apart: none')
+    graph.report('calibration', '', 'causes distinguished',
+                 'the diagnosis leaves no causes to distinguish: none')
 
 
 def test_angles_that_are_not_what_they_are_named_are_refused_and_said(graph):

@@ -99,7 +99,7 @@ def test_a_camera_that_says_about_the_same_is_told_and_no_other(noise, told):
     rng = np.random.default_rng(5)
     lying = PointingRun({**rows.columns, 'miss_x': noise * ARCSEC * rng.normal(size=len(rows)),
                          'miss_y': noise * ARCSEC * rng.normal(size=len(rows))})
-    said = [note for note in notes_of(lying) if 'look whether the camera measures' in note]
+    said = [note for note in notes_of(lying) if 'check that the camera measures' in note]
     assert bool(said) == told
     if noise == 0.0:  # these rows are left out altogether
         assert notes_of(lying) == reasons(lying) != []

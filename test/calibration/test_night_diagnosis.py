@@ -250,7 +250,7 @@ def test_what_does_not_hold_on_rows_kept_out_is_not_published():
     assert 'Not published' in paragraph(found.diagnosis.cautions)
     headline, sentences = verdict_sentences(found.diagnosis.to_dict(),
                                             caution=paragraph(found.diagnosis.cautions))
-    assert 'stays in force' in headline and any('Not published' in text for text in sentences)
+    assert 'stays active' in headline and any('Not published' in text for text in sentences)
     json.dumps(document, allow_nan=False)
     # and there is nothing to take back
     told = night.check_on_blind_stars()

@@ -66,7 +66,7 @@ def test_what_is_no_design(values, text):
 
 
 def test_a_design_that_cannot_be_read():
-    with pytest.raises(ValueError, match='cannot be told apart'):
+    with pytest.raises(ValueError, match='cannot be distinguished'):
         reader_of(Design(bar_narrow=0.148e-3))
     with pytest.raises(ValueError, match='show 18 whole bars: 22 are needed'):
         reader_of(Design(pixels=1200, bar_pitch=60.0, blur=8.0))

@@ -107,7 +107,7 @@ def test_own_code():
 def test_repeated_window_is_refused_with_both_places():
     bits = random_bits()
     bits[220:238] = bits[31:49]
-    with pytest.raises(ValueError, match=r'from bar 31 and those from bar 220 are both [01]{18};'):
+    with pytest.raises(ValueError, match=r'from bar 31 and those from bar 220 are both [01]{18}\.'):
         own_disc(bits)
     # also where the circle closes
     bits = random_bits()

@@ -157,7 +157,7 @@ def test_frames_alone_need_a_reader(graph):
     ({'azimuth.pixels': 100}, 'must be 400 to 16384'),
     ({'elevation.code': 'morse'}, "elevation.code = 'morse': code 'morse' is not one of table"),
     ({'elevation.method': 'sine'}, 'use one of template, paper'),
-    ({'azimuth.bar_narrow_mm': 0.149}, 'azimuth encoder: .*cannot be told apart'),
+    ({'azimuth.bar_narrow_mm': 0.149}, 'azimuth encoder: .*cannot be distinguished'),
     ({'azimuth.bar_wide_mm': 0.25}, 'azimuth encoder: bars of 0.25 mm'),
     ({'mount': 'dobson'}, 'use one of altaz, equatorial, german, free'),
     ({'azimuth.pixel': 2000}, 'did you mean azimuth.pixels'),

@@ -318,7 +318,7 @@ def test_nothing_and_the_wrong_number_of_pixels():
 
 def test_designs_that_cannot_be_read():
     for changes in ({'bar_narrow': 0.148e-3}, {'bar_pitch': 40.0, 'blur': 9.0}):
-        with pytest.raises(ValueError, match='cannot be told apart'):
+        with pytest.raises(ValueError, match='cannot be distinguished'):
             TemplateReader(encoder(**changes).design)
     with pytest.raises(ValueError, match='show 18 whole bars: 22 are needed'):
         TemplateReader(encoder(60, pixels=1200).design)

@@ -184,7 +184,7 @@ def test_encoders_read_together():
 
 
 def test_a_design_that_cannot_be_read():
-    with pytest.raises(ValueError, match='cannot be told apart'):
+    with pytest.raises(ValueError, match='cannot be distinguished'):
         encoder(bar_narrow=0.149e-3)
 
 

@@ -154,7 +154,7 @@ def test_a_zero_that_wanders_is_trusted_less_and_less():
     (PowerOnZero(0.0, -6.3, run=1), 'zero of -6.3 rad on the second axis'),
     (PowerOnZero(0.0, 0.0, np.diag([1e-12, np.inf]), run=1),
      'sigma of inf arcsec of the second axis'),
-    (PowerOnZero(0.1, 0.0), 'does not say of which power-on and model')])
+    (PowerOnZero(0.1, 0.0), 'without its power-on and model')])
 def test_a_zero_of_no_encoder_is_refused_and_the_last_one_stays(zero, words):
     now = ActiveCalibration(OLD)
     now.update_zero(1, replace(OLD_ZERO, started=1e9))

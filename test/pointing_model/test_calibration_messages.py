@@ -39,7 +39,7 @@ def test_without_a_model_and_without_a_sigma():
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'zero': {}}, 'not a pair in force'), ({'format': 'other'}, 'not telescope_mount/in_force'),
+    ({'zero': {}}, 'not an active pair'), ({'format': 'other'}, 'not telescope_mount/in_force'),
     ({'model': None}, 'beside model none'), ({'model': {'format': 'x'}}, 'not a pointing model')])
 def test_what_is_no_pair_is_refused(change, words):
     text = MODEL.to_json()

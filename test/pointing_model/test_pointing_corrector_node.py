@@ -176,14 +176,14 @@ def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stay
     tell(1e9)
     graph.report('pointing_corrector', '', 'encoder', 'power_on_1@1000000000.000')
     set_zero(ZERO, started=1e9, model=name)
-    graph.report('pointing_corrector', 'ok', 'zero goes with model', name)
+    graph.report('pointing_corrector', 'ok', 'model of the zero', name)
     wanted = desk(TIMES, SKY, RATES)[0]
     set_zero(9 * ZERO, started=1e9, model='none')
-    graph.report('pointing_corrector', f'it goes with model none, and {name} is in force')
+    graph.report('pointing_corrector', f'it is of model none, and {name} is active')
     np.testing.assert_array_equal(desk(TIMES, SKY, RATES)[0], wanted)
     set_zero(ZERO, started=1e9, model=name)
     tell(2e9)
-    graph.report('pointing_corrector', 'the zero in force is of the power-on that began at '
+    graph.report('pointing_corrector', 'the active zero is of the power-on that began at '
                  '1000000000.000')
     set_zero(7 * ZERO, started=1e9, model=name)
     graph.report('pointing_corrector', '', 'zeros of another power-on refused', 1)

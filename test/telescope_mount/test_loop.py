@@ -172,7 +172,8 @@ def test_what_is_printed_and_written(german):
     whole = (german.folder / 'page.html').read_text()
     before, after = (german.report['judged']['radial'][f'{when}_arcsec']
                      for when in ('before', 'after'))
-    assert f'<h2>The same fresh stars: from {before:.2f}″ to {after:.2f}″' in whole
+    assert (f'<h2>{after:.2f}″ RMS on fresh stars with the new model, {before:.2f}″ with the old'
+            ) in whole
     # the pair of the same stars stands above those of other stars
     assert 0 < german.text.index('model before') < german.text.index('other stars each')
     assert german.report['paired']['before']['rms_arcsec'] == before
@@ -326,7 +327,7 @@ def test_before_and_after_are_of_the_same_stars():
     assert pair(judged=None, published=False) == ('fresh stars', 5.46, 5.46)
     assert pair(judged=None) == ('rows kept out', 1.0, 1.0)
     lone = {**figures, 'holdout_rms_arcsec': None}
-    assert pair(judged=None, after=lone)[0] == 'rows left out in turn'
+    assert pair(judged=None, after=lone)[0] == 'cross-validated rows'
     figures['rms_x_arcsec'] = figures['rms_y_arcsec'] = 0.7
     lone = {**figures, 'cv_rms_arcsec': None, 'holdout_rms_arcsec': None}
     assert pair(judged=None, after=lone) == ('rows fitted', 1.0, 1.0)
@@ -359,7 +360,7 @@ def test_how_far_the_axes_stood_from_their_demand(german):
     more = drive_error(rows, german.model)
     assert more['rms_y_arcsec'] == pytest.approx(5.0, abs=0.3) and more['rms_x_arcsec'] < 0.5
     text = ' '.join(loop_sentences({**german.report, 'drive': more}))
-    assert 'is the drive (hour angle' in text and 'look at servo' in text
+    assert 'is the drive (hour angle' in text and 'check servo' in text
     assert drive_error(rows.select(~late), german.model) is None
 
 

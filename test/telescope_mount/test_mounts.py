@@ -38,7 +38,7 @@ def test_fit_prints_the_terms_of_the_mount(ended, german_csv, tmp_path, monkeypa
     model, figures = tmp_path / 'model.json', tmp_path / 'fit.json'
     _, out, _ = ended('fit', german_csv, '--predict', '--save', model, '--json', figures)
     for word in ('IH', 'MA', 'TF', ' ha ', ' dec ', 'Parts of the prediction',
-                 'blocks of time left out, all repeated', 'No cause is claimed'):
+                 'cross-validated in blocks of time, all', 'No cause is claimed'):
         assert word in out, word
     assert json.loads(model.read_text())['mount']['kind'] == 'german'
     # all keys are there, whatever was asked
@@ -94,7 +94,7 @@ def test_half_a_site_goes_with_the_half_that_the_file_tells(ended, refused, germ
     places = tmp_path / 'places.csv'
     places.write_text('# latitude_deg: 31\nra_deg,dec_deg,time,az_enc_deg,el_enc_deg\n'
                       '10,20,1700000000,30,40\n')
-    assert 'longitude is not told' in refused('fit', places)
+    assert 'longitude is missing' in refused('fit', places)
     assert read_run(places, site={'longitude': 0.1}).meta['site']['latitude'] == 31.0 * DEG
 
 

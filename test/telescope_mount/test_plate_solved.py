@@ -170,7 +170,7 @@ def test_without_a_frame_the_rows_tell_it_or_nothing_is_fitted(night, tmp_path):
         load_run(write(tmp_path / 'few.csv', few, HEAD))
     assert len(load_run(write(tmp_path / 'few.csv', few))) == 6
     short = simulated(14, 0.005)
-    with pytest.raises(ValueError, match='the rows cannot tell it'):
+    with pytest.raises(ValueError, match='the data cannot determine it'):
         load_run(write(tmp_path / 'short.csv', columns_of(short), HEAD))
 
 

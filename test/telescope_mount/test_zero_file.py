@@ -21,7 +21,7 @@ def test_zeros_that_follow_the_temperature(tmp_path, ended):
     file = written(tmp_path / 'zeros.csv', more='2026-02-01T18:00:00,,,10.0,5.0\n')
     code, out, err = ended('zeros', file, '--json', tmp_path / 'out.json')
     assert (code, err) == (0, '')
-    assert 'the zero follows the temperature' in out and 'tonight, foretold' in out
+    assert 'the zero follows the temperature' in out and 'tonight, predicted' in out
     assert 'not tried: supply voltage: constant' in out and (tmp_path / 'out.json').is_file()
     judged = zero_file_causes(file)
     for axis in ('azimuth', 'elevation'):
@@ -91,7 +91,7 @@ def test_what_is_not_used_of_a_file_is_said(tmp_path, ended):
     file.write_text(file.read_text().replace('supply_v', 'suply_v'))
     code, out, err = ended('zeros', file)
     out = ' '.join(out.split())
-    assert (code, err) == (0, '') and 'tonight, foretold' in out
+    assert (code, err) == (0, '') and 'tonight, predicted' in out
     assert 'lines 15-16 left out: one of' in out and 'line 14 left out: no zero' in out
     assert 'column suply_v is not used: did you mean supply_v?' in out
 

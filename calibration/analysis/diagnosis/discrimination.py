@@ -140,7 +140,7 @@ class Discrimination:
         self._beside = {i: e.beside for i, e in enumerate(found)}
         if not self._sets:
             raise ValueError('the diagnosis leaves no set of causes open: there is nothing to '
-                             'tell apart')
+                             'distinguish')
 
     def compare(self, runs, most=MOST_STARS, ask=True):
         """How the sets stand by all rows.

@@ -226,7 +226,7 @@ class _RunCheck:
         text = f'{self.rows.where}{what}: {used} of {read} rows can be used as written, and {left}'
         fitting = '; '.join(f'{fit.text} ({_size(fit.rms_arcsec)})' for fit in fits)
         if len(fits) > 1:
-            text += f'. These readings fit, and cannot be told apart: {fitting}'
+            text += f'. These readings fit equally well: {fitting}'
         elif fits:
             text += f'. Read otherwise they fit: {fitting}'
         else:

@@ -280,7 +280,7 @@ def _axis_drift(night, axis, events, budget, also, slow=()):
                         night.interval[rows], alternatives, budget.false_alarm / 2.0,
                         [side[rows] for side in _sides(night, axis)],
                         [(one.columns[:, rows], one.numbers) for one in slow
-                         if one.kind != 'zero bends'])
+                         if one.kind != 'zero drifts slowly'])
     if found is None:
         return None
     column, size = np.zeros(len(night.run)), float(np.ptp(found.path))

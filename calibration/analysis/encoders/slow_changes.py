@@ -29,7 +29,7 @@ class SlowChange(NamedTuple):
 
     Attributes
     ----------
-    kind : {'disc turns', 'disc shifts', 'zero bends'}
+    kind : {'disc turns', 'disc shifts', 'zero drifts slowly'}
     columns : ndarray, shape (k, n)
         Of the axis' angle.
     numbers : int
@@ -64,7 +64,8 @@ def slow_changes(night, axis):
         out += [SlowChange('disc turns', tonight * np.stack(
             [np.cos(angle - one * u), np.sin(angle - one * u)]), 3, one) for one in (turn, -turn)]
     bends = np.stack([u, u**2 * tonight, u**3])
-    return [*out, SlowChange('zero bends', bends[:2], 2), SlowChange('zero bends', bends, 3)]
+    return [*out, SlowChange('zero drifts slowly', bends[:2], 2),
+            SlowChange('zero drifts slowly', bends, 3)]
 
 
 def lead_over(slow, design, y, run, jumps, numbers):
@@ -135,7 +136,7 @@ def jumps_or_slow(search, slow, design, y, run, column, kind=lambda one: one.kin
             break
         kinds = [kind(one) for one in found]
         # a drift is a slow change itself
-        rivals = [one for one in slow if one.kind != 'zero bends' or 'step' in kinds]
+        rivals = [one for one in slow if one.kind != 'zero drifts slowly' or 'step' in kinds]
         lead, best = lead_over(rivals, design, y, run, [column(one) for one in found],
                                sum(NUMBERS[one] for one in kinds))
         if lead >= (LEAD if 'step' in kinds else 0.0):

@@ -75,13 +75,13 @@ class Past:
             arrays = {name: np.array(kept[name], dtype=float) for name in _ARRAYS}
             out = cls(tuple(kept['names']), noise=float(kept['noise']), **arrays)
         except (KeyError, TypeError, ValueError) as err:
-            raise ValueError(f'what the model tells of earlier nights is damaged: {err!r:.80}; '
+            raise ValueError(f'record of earlier nights in the model is damaged: {err!r:.80}; '
                              'make it again (telescope-mount season)') from None
         k = len(model.terms)
         if out.names != tuple(model.terms) or not out.noise > 0.0 or any(
                 arrays[name].shape != (k,) * dimensions or not np.isfinite(arrays[name]).all()
                 for name, dimensions in _ARRAYS.items()):
-            raise ValueError('what the model tells of earlier nights is of other terms, or no '
+            raise ValueError('record of earlier nights in the model is of other terms, or no '
                              'number: make it again (telescope-mount season)')
         return out
 
@@ -208,7 +208,7 @@ def rate_weights_of(document, facts):
         known = [(float(row['zero_arcsec']) * ARCSEC, float(row['lean_arcsec']) * ARCSEC,
                   float(row['chance'])) for row in document]
     except (KeyError, TypeError, ValueError) as err:
-        raise ValueError(f'what the model tells of rates is damaged: {err!r:.80}; make it again '
+        raise ValueError(f'drift rates in the model are damaged: {err!r:.80}; make it again '
                          '(telescope-mount season)') from None
     out = np.array([sum(chance for zero, lean, chance in known
                         if np.allclose((zero, lean), (fact['zero'], fact['tilt']), 1e-6))

@@ -22,7 +22,7 @@ from ...estimation.gaussian_sum import GaussianSum
 from ..finding import Finding
 
 AS_IT_WAS, ZEROS, LEAN, REFIT = HYPOTHESES = (
-    'all as it was', 'only the zeros moved', 'the lean too', 'more than that')
+    'all as it was', 'only the zeros moved', 'the tilt too', 'more than that')
 #: how likely each is before any star
 CHANCES = (0.4, 0.3, 0.15, 0.15)
 #: (times as far as runs have scattered so far, how likely) where it is more than the lean

@@ -135,9 +135,8 @@ def _note_clock(meta, site):
         return
     meta['notes'].append(given + (
         f', at longitude {site.longitude / DEG:.6g} deg' if site is not None else
-        ', at longitude 0, for none is given: the order of the rows and the time between them are '
-        'right, the hour of UTC is not, and places of the sky are off by up to 1 arcsec '
-        '(--longitude)'))
+        ', at longitude 0, for none is given. Intervals between rows are right, the hour of UTC is '
+        'not; places on the sky are off by up to 1 arcsec (--longitude)'))
 
 
 def _whole_site(path, meta, sidereal_clock):
@@ -153,7 +152,7 @@ def _whole_site(path, meta, sidereal_clock):
     missing = [name for name in needed if name not in given]
     if missing:
         raise ValueError(f'{path}: right ascensions need the site, and its '
-                         f'{" and ".join(missing)} is not told: comments '
+                         f'{" and ".join(missing)} is missing: comments '
                          + ', '.join(f'"# {name}_deg: ..."' for name in missing)
                          + f', or {" ".join(f"--{name} DEG" for name in missing)}')
     from pointing_model.sky.places import Site
@@ -191,8 +190,8 @@ def to_axes(path, table, mount):
                 columns[az], columns[el] = through_pole(columns[az], columns[el], beyond)
             for name in ('az_raw', 'el_raw'):
                 if name in columns:
-                    meta['notes'].append(f'{table.label(name)} left out: which side it is of is '
-                                         'not told')
+                    meta['notes'].append(f'{table.label(name)} left out: its side is '
+                                         'unknown')
                     del columns[name]
         turned = is_beyond(columns['el']) & (table.reasons == 0)
         if turned.any() and not meta.get('from_horizon'):

@@ -136,13 +136,13 @@ def sentence(found):
     text = 'the file does not say the equinox of its catalogue: '
     left = ', '.join(f'{v:.1f} arcsec if {name}' for name, v in found['left_arcsec'].items())
     left = f'the physical terms alone leave (median) {left}' if left else 'they are too few'
-    by = (f'{found["likelier"]} is likelier by a log-likelihood of '
-          f'{found["log_likelihood"]:.1f} with wandering zeros and other terms in the model')
+    by = (f'log-likelihood favours {found["likelier"]} by '
+          f'{found["log_likelihood"]:.1f}, with drifting zeros and other terms in the model')
     if found['told']:
         return f'{text}taken as {found["taken"]}; {by}, and {left}'
-    out = (f'{text}the rows do not tell it, taken as {found["taken"]}, which is a guess; {left}')
+    out = (f'{text}undetermined by the data, taken as {found["taken"]}, a guess; {left}')
     if found['left_arcsec']:
-        out += f'; {by} ({DECISIVE:g} would tell)'
+        out += f'; {by} ({DECISIVE:g} would decide)'
     return f'{out}{_moved(found)}. Say it with --equinox j2000 or --equinox date'
 
 

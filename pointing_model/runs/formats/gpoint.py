@@ -66,8 +66,8 @@ def read(path, lines):
             raise ValueError(f'{path}, row {number}: another mount or site than in row '
                              f'{heads[0][0]}: a run is of one mount')
     if kind == 'altaz-manual':
-        raise ValueError(f'{path}, row {heads[0][0]}: altaz-manual is not read: which way its '
-                         'offsets count is told nowhere; give a CSV file')
+        raise ValueError(f'{path}, row {heads[0][0]}: altaz-manual is not read: the sign of '
+                         'its offsets is documented nowhere; give a CSV file')
     longitude, latitude, height = map(float, place)
     if not (abs(latitude) <= 90.0 and -180.0 <= longitude <= 360.0
             and -500.0 <= height <= 10000.0):

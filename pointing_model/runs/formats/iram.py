@@ -84,8 +84,8 @@ def _table(rows, cells):
     columns['time'] = rows.iso_times('id', days) + 3600.0 * columns['UTh']
     if 'object' in cells:
         columns['star'] = np.array(cells['object'])
-    notes = ['x, y are pnt.X, pnt.Y: applied correction plus measured offset, added to the place '
-             'to point there; pnt.dAZ, pnt.dEL left out, they are a part of it']
+    notes = ['x, y are pnt.X, pnt.Y: applied correction plus measured offset, added to the '
+             'place. pnt.dAZ, pnt.dEL are a part of it and left out']
     if np.array_equal(columns['az'], np.rint(columns['az'])):
         notes.append('places are whole degrees')
     notes += renamed

@@ -56,9 +56,8 @@ def through_the_pole(path, table, side, hour_angle):
         _place_unknown(table, known, sound, beyond, down, hour_angle)
     elif sound.sum() >= _FEWEST and not down[sound].any() and beyond[sound].any():
         table.meta['notes'].append(
-            'pier_side has the counterweight up in every row; if it was down, the column tells '
-            'where the tube points and not where it stands: exchange east and west (else ID, CH '
-            'and NP have the opposite sign)')
+            'pier_side has the counterweight up in every row. If it was down, exchange east and '
+            'west: the column says where the tube points (else ID, CH, NP change sign)')
     return beyond
 
 

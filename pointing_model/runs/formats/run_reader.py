@@ -146,7 +146,7 @@ def _settle_mount(path, table, given):
     if not isinstance(mount, Mount):
         latitude = known_site(meta).get('latitude')
         if mount is None and not table.names.celestial:
-            raise ValueError(f'{path}: the mount of the columns axis1, axis2 is not told: give a '
+            raise ValueError(f'{path}: the mount of the columns axis1, axis2 is missing: give a '
                              'line "# mount: free:AZ,EL", or --mount')
         try:
             mount = parse_mount(mount or 'equatorial', latitude)

@@ -164,7 +164,7 @@ def own_name(name, taken, notes):
     new = f'column_{name}'
     while new in taken:
         new = f'column_{new}'
-    notes.append(f'column {name!r} is kept as {new!r}: {name} is a name with a meaning of its own')
+    notes.append(f'column {name!r} is kept as {new!r}: {name} is a reserved name')
     return new
 
 

@@ -67,8 +67,8 @@ def read(path, lines):
         'az_enc': value['mount ha'], 'el_enc': value['mount dec'],
         'pier_side': np.where(beyond, -1, 1)}
     meta = {'format': 'unam', 'mount_declared': 'german', 'sky_frame': ICRS, 'notes': [
-        'places are the solved ones, readings hour angle and declination of the mount; rotation '
-        '180 is the side through the pole; the moment is told by the sidereal time of the mount']}
+        'places are the solved ones, readings hour angle and declination of the mount. Rotation '
+        '180 is the side through the pole; the time is from the sidereal time of the mount']}
     if 'equinox' not in value:
         meta['notes'].append('the log has no column of the equinox: solved places taken as J2000')
     table = Table(columns, rows.lines, meta, rows.reasons,

@@ -174,10 +174,9 @@ def export(model, program, sky=None, sky_name='', facts=None, beyond=None):
     """
     program, given = program_for(program, model.mount), sky is not None
     if model.mount.on_sky and not program.one_sided:
-        raise ValueError(f'{program.title} takes the terms of a German mount for those of its '
-                         'parts, which go through the pole with it, and those of this model act '
-                         'on the sky, the same on both sides of the pier: keep it in a file of '
-                         'ours (--to model, or --to table)')
+        raise ValueError(f'{program.title} lets the terms of a German mount go through the pole '
+                         'with it. Those of this model act on the sky, alike on both sides of the '
+                         'pier. Keep it in a file of ours (--to model, or --to table)')
     whole = uniform_sky(mount=model.mount)
     if not given:
         sky, sky_name = whole, 'a uniform sky above 20 degrees'

@@ -17,7 +17,7 @@ from .fits_images import NotThere, astropy_fits, read_header, solution_of
 PROGRAMS = {
     'solve-field': (('solve-field',), 'astrometry.net and index files for the field, in Debian '
                     'astrometry.net, astrometry-data-tycho2-10-19 (fields wider than 1 degree)'),
-    'astap': (('astap_cli', 'astap'), 'astap and a star database of its own'),
+    'astap': (('astap_cli', 'astap'), 'astap and its star database'),
 }
 _GRACE = 5.0  # s beyond its own limit, before a solver is ended
 _FREE = 6  # degrees of freedom, below which the scatter of the stars gives no sigma

@@ -51,7 +51,7 @@ class AlpacaDriver(GotoMount):
         elsewhere = self.check(telescope, self._set_site)
         telescope.prepare(self.site if elsewhere else None)
         if self.mount.two_sided and telescope.beyond is None:
-            raise AlpacaError(f'{telescope.device} does not tell its side of the pier: a German '
+            raise AlpacaError(f'{telescope.device} does not report its side of the pier: a German '
                               'mount cannot be read without it')
         if self._dead_man and self.stopper is None:
             self.stopper = DeadMan(self._host, self._port, str(self._number), kind=ALPACA)

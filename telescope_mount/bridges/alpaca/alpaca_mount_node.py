@@ -11,7 +11,7 @@ from .alpaca_sources import SERVER_PARAMS
 
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, TOLERANCE,
-    Param('set_site', True, 'tell the driver the site where it has another', fixed=True),
+    Param('set_site', True, 'set the site of the driver where it has another', fixed=True),
     Param('period_ms', 100, 'time between two readings [ms]', 20, 10000, fixed=True),
 )
 

@@ -115,7 +115,7 @@ class BoltCamera:
         if telescope.has_axes:
             return telescope.axes[0].tolist()
         if telescope.place is None:
-            raise IndiError(f'{telescope.device} does not tell where it looks')
+            raise IndiError(f'{telescope.device} does not report its position')
         (ra, dec), received = telescope.place
         # of a mount that stands the right ascension is that of when it was told
         at = moment if telescope.tracks else received * 1e-9

@@ -187,7 +187,7 @@ class IndiClient:
             return sorted(
                 device for (device, name), vector in self._vectors.items() if name == 'DRIVER_INFO'
                 and int(vector.values.get('DRIVER_INTERFACE', '0')) & interface)
-        devices = self.wait(found, f'the server tells of no {what}', timeout)
+        devices = self.wait(found, f'the server has no {what}', timeout)
         if len(devices) > 1:
             raise IndiError(f'several {what}s on the server: {", ".join(devices)}; choose one by '
                             'its name')

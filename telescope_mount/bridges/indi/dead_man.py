@@ -135,7 +135,7 @@ def watch(stream, kind, host, port, device, silence=SILENCE[INDI]):
             armed = words[-1:] == ARMED
             continue
         if armed:
-            why = 'has died' if ready else f'says nothing for {silence:g} s'
+            why = 'has died' if ready else f'is silent for {silence:g} s'
             done = stop(kind, host, port, device)
             print(f'who commanded the mount {why}: {device} '
                   + ('is stopped' if done else f'may still move: nobody answers at {host}:{port}'),

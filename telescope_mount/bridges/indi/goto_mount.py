@@ -16,8 +16,8 @@ from pointing_model.mounts import is_beyond
 from .pointing import AxisFollower, axes_at
 
 #: axes that are not told: a sentence for people
-NO_AXES = ('the driver tells no axis angles: the position that it reports is taken for them, and '
-           'what its own model corrects cannot be measured')
+NO_AXES = ('the driver reports no axis angles: its position is taken for them, and what its '
+           'model corrects cannot be measured')
 #: axes that stand are not told again by a driver; they are said so often here, s
 STILL = 0.2
 #: s after an order in which a driver says that it is under way

@@ -107,7 +107,7 @@ def _middle(data, began, seconds):
     here = began + round(seconds * 0.5e9)
     stamp = header.get('DATE-OBS')
     if stamp is None:
-        return here, 'the camera tells no DATE-OBS: exposures are taken to begin when asked for'
+        return here, 'the camera reports no DATE-OBS: exposures are taken to begin when asked for'
     try:
         start = iso_seconds(str(stamp))
         there = round((start + 0.5 * float(header.get('EXPTIME', seconds))) * 1e9)

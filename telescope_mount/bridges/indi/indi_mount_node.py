@@ -20,9 +20,9 @@ TOLERANCE = Param('tolerance_arcsec', 1.0, 'axes that are farther from their dem
                   '[arcsec]', 0.1, 3600.0, fixed=True)
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT, TOLERANCE,
-    Param('set_site', True, 'tell the driver the site, and the time with it',
+    Param('set_site', True, 'set the site of the driver, and its time',
           fixed=True),
-    Param('period_ms', 100, 'time between two readings, where the driver can be told; 0: its own '
+    Param('period_ms', 100, 'time between two readings, where the driver can be set; 0: its own '
           '[ms]', 0, 10000, fixed=True),
 )
 #: s in which home waits for a mount that is being made ready

@@ -27,8 +27,8 @@ FIELD_PARAMS = (
 )
 PARAMS = (
     AUTOSTART, *SERVER_PARAMS, *SKY_PARAMS, KIND_OF_MOUNT,
-    Param('camera', '', 'name of the camera on the server whose images are solved; empty: a '
-          'simulator tells where it looks', fixed=True),
+    Param('camera', '', 'name of the camera on the server whose images are solved; empty: the '
+          'position of a simulator', fixed=True),
     Param('exposure_s', 1.0, 'of the camera [s]', 1e-3, 600.0, fixed=True),
     Param('solver', '', 'solve-field or astap, or the path of one; empty: the first that is '
           'installed', fixed=True),

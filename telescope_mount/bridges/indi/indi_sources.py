@@ -194,7 +194,7 @@ class SolvedSky(IndiSource):
             image = self.camera.expose(self._exposure)
             self.why, self.note = '', image.note
             if self._second is None:
-                raise IndiError('the mount tells no axes, and with them the side of the pier')
+                raise IndiError('the mount reports no axes, so the side of the pier is unknown')
             try:
                 self.exposures.append((image.middle, self._miss(image)))
             except NotSolved as err:

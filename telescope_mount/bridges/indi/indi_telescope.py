@@ -87,10 +87,9 @@ def _driver(telescope):
 def check_kind(telescope, kind):
     """Raise IndiError where a driver of an alt-azimuth mount tells axes of another one."""
     if kind == 'altaz' and _driver(telescope) == SIMULATOR:
-        raise IndiError(f'{telescope.device} is set to ALTAZ, and its axes are hour angle and '
-                        'declination all the same: set its MOUNT_TYPE to EQ_FORK or EQ_GEM; for an '
-                        'alt-azimuth one: '
-                        'python examples/simulated_servers/indi_simulator.py --kind altaz')
+        raise IndiError(f'{telescope.device} is set to ALTAZ, but its axes are hour angle and '
+                        'declination: set its MOUNT_TYPE to EQ_FORK or EQ_GEM. For an alt-azimuth '
+                        'one: python examples/simulated_servers/indi_simulator.py --kind altaz')
 
 
 def knows_where_it_looks(telescope):

@@ -13,8 +13,8 @@ HOUR = 15.0 * DEG
 def check_kind(mount):
     """Raise ValueError where a mount cannot be told its axes by right ascension and declination."""
     if mount.kind not in ('equatorial', 'german', 'altaz'):
-        raise ValueError(f'a mount that is {mount.kind} cannot be told its axes by right ascension '
-                         'and declination alone; this bridge drives altaz, equatorial, german')
+        raise ValueError(f'right ascension and declination alone cannot command the axes of a '
+                         f'{mount.kind} mount; this bridge drives altaz, equatorial, german')
 
 
 def hour_angle_of(mount, first, second, site):

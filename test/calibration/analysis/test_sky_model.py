@@ -134,7 +134,7 @@ def test_the_model_that_holds_is_published_and_its_files_and_exports_say_so(tmp_
     np.testing.assert_array_equal(again.sky_to_encoder(1.0, 2.0), loaded.sky_to_encoder(1.0, 2.0))
     for name in ('tpoint', 'spk', 'onstepx', 'rts2'):
         export(other, PROGRAMS[name])
-        with pytest.raises(ValueError, match='act on the sky, the same on both sides'):
+        with pytest.raises(ValueError, match='act on the sky, alike on both sides'):
             export(model, PROGRAMS[name])
     with pytest.raises(ValueError, match='of a mount that is equatorial'):
         Mount('equatorial', MOUNT.frame, 'sky')

@@ -69,7 +69,7 @@ def test_by_the_zenith_azimuths_go_the_shorter_way_round(robust):
 
 def test_of_columns_of_zeros_a_fit_says_so():
     rng = np.random.default_rng(13)
-    with pytest.raises(ValueError, match='tell nothing of what is to be fitted'):
+    with pytest.raises(ValueError, match='do not determine what is to be fitted'):
         fit_terms(simulated(rng, rng.uniform(-3, 3, 300), np.zeros(300), ALTAZ), ('NPAE',))
 
 

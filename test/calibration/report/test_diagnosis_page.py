@@ -126,7 +126,7 @@ def test_everything_is_in_it_in_order(page, diagnosis):
         'Largest errors', 'Evidence', 'RMS', 'Effects', 'Residuals by driver', 'Target',
         'Histograms', 'Candidate effects', 'Terms', 'Stars', 'Notes on the data', 'Excluded rows',
         'Not testable']
-    assert f'lowest to highest, {arcsec(found.size_arcsec)} RMS on the sky).' in found.lead
+    assert f'peak to peak, {arcsec(found.size_arcsec)} RMS on the sky.' in found.lead
     assert f'<span>{after} after</span>' in page and f'<span>{before} before</span>' in page
     assert '<h1>Pointing diagnosis: ' in page
     assert f'{way_start(diagnosis)}″</b><span>raw' in page
@@ -314,7 +314,7 @@ def test_the_most_honest_pair_is_quoted():
     document = {'verdict': 'ambiguous', 'before': before, 'after': after,
                 'effects': [{'name': 'a_b', 'alternatives': ['azimuth_encoder_2', 'c']}]}
     headline, sentences = verdict_sentences(document, [Statement('A is off.')])
-    assert headline == ('A is off, the only error found beyond the terms of the model. RMS 2.00″ '
+    assert headline == ('A is off. The only error found beyond the terms of the model. RMS 2.00″ '
                         'with it, cross-validated (6.00″ without, −67 %)')
     assert sentences[:2] == [
         'One effect found; the cause is open.',
@@ -324,7 +324,7 @@ def test_the_most_honest_pair_is_quoted():
     document['effects'] = [{'name': name, 'cv_gain_arcsec': gain}
                            for name, gain in (('a', 1.0), ('b', 5.0), ('c', None))]
     told = verdict_sentences(document, [Statement(f'{name}.') for name in 'ABC'], limit=2)
-    assert told[0].startswith('B, the largest of three errors beyond')
+    assert told[0].startswith('B. Largest of three errors beyond')
     assert [text[:4] for text in told[1][1:4]] == ['1. B', '2. A', 'And ']
     assert told[1][1] == '1. B.'
 

@@ -33,8 +33,8 @@ def told(reach, contenders=(), order=2, size=(0.0, -10.0)):
 
 def test_a_wave_has_both_sizes_and_where_it_was_observed():
     one, found, mount = told(64.0)
-    assert '; ±10.0″ in the angle of the axis)' in one.lead
-    assert float(re.search(r'([0-9.]+)″ from lowest to highest', one.lead)[1]) < 20.0
+    assert '; ±10.0″ in the angle of the axis.' in one.lead
+    assert float(re.search(r'([0-9.]+)″ peak to peak', one.lead)[1]) < 20.0
     assert 'twice per turn over the 128° observed' in one.lead
     assert 'it is +10.0″ near −45° and −10.0″ near 45°' in one.text
     assert 'Of the turn 128° of 360° were observed' in one.text

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from a_night import a_night
 from chromium import Browser, program
+from page_audit import audit
 from places import LOG, ROOT
 
 from calibration.analysis.diagnosis import diagnose
@@ -262,6 +263,22 @@ def test_in_a_browser_it_fits_and_asks_for_nothing(request, browser, name):
     assert len(browser.asked) == 1
     browser.window(1600)
     assert _fits(browser)
+
+
+@pytest.mark.parametrize('width, dark', [(390, True), (1280, False)])
+@pytest.mark.parametrize('name', ['night', 'diagnosed'])
+def test_in_a_browser_nothing_is_cut_or_faint(request, browser, name, width, dark):
+    assert audit(browser, request.getfixturevalue(name).path, width, dark) == []
+
+
+def test_what_is_cut_or_faint_is_found(browser, tmp_path):
+    path = tmp_path / 'page.html'
+    path.write_text('<html><body style="background:#fff"><main><p style="color:#999">faint</p>'
+                    '<p style="width:2000px;text-align:right">cut</p></main>'
+                    '<script>nothing()</script></body></html>')
+    found = audit(browser, path, 390, False)
+    assert [one.partition(':')[0].partition(' 2')[0] for one in found] == [
+        'wider than the window', 'contrast', 'cut', 'ReferenceError']
 
 
 def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):

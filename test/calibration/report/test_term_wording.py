@@ -20,7 +20,7 @@ from pointing_model.runs.run import PointingRun
 @pytest.mark.parametrize('kind, values, said', [
     ('german', [-1059, 30, 5, 2, 3, -256, 60], 'The raw error is mostly IH −1059″ (zero of the '
      'hour angle). The polar axis points 4.3′ too low (ME) and 3″ west of the pole (MA).'),
-    ('altaz', [-60, 30, 5, 2, -24, 19, 600], 'The raw error is mostly TF +600″ (the tube bends). '
+    ('altaz', [-60, 30, 5, 2, -24, 19, 600], 'The raw error is mostly TF +600″ (tube flexure). '
      'The azimuth axis tilts 24″ to the south (AN) and 19″ to the west (AW).'),
     ('free', [900, 30, 5, 2, 3, 4, 5], 'The raw error is mostly I1 +900″ (zero of the first '
      'axis).')])
@@ -93,14 +93,14 @@ def test_where_the_axis_points_hangs_on_an_equinox_that_is_a_guess():
     said = raw_error_sentence(told)
     assert (
         'The polar axis points 9.9′ too high (ME) and 4.1′ east of the pole (MA), if the catalogue '
-        'of the file is J2000, which its rows do not tell; if it is of date, it points 1.8′ too '
+        'of the file is J2000 (undetermined). If it is of date, it points 1.8′ too '
         'high (ME) and 84″ east of the pole (MA). Say which with --equinox before the axis is '
         'moved.') in said
     assert said in ' '.join(verdict_summary(told, [Statement('A.')]).sentences)
     for settled in (None, {**found, 'told': True}):
         assert 'catalogue' not in raw_error_sentence({**told, 'equinox': settled})
     few = raw_error_sentence({**told, 'equinox': {**found, 'polar_axis_arcsec': {}}})
-    assert 'do not tell. Say which' in few
+    assert '(undetermined). Say which' in few
 
 
 def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
@@ -108,14 +108,14 @@ def test_a_sign_that_the_effects_only_leave_in_doubt_is_told():
                              'what': 'sign', 'beside_effects_arcsec': -13.4,
                              'altaz': True})
     assert text.startswith(
-        'TF, the bending of the tube, is negative (−60.2 ± 3.1″ before the effects were added; '
-        '−13.4″ beside them, which take up the same curve), and weight bends no tube upward.')
+        'TF, tube flexure, is negative (−60.2 ± 3.1″ before the effects were added; '
+        '−13.4″ beside them, which take up the same curve). Weight cannot lift a tube.')
 
 
 def test_a_tube_that_bends_up():
     row = {'name': 'TF', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3}
     text, = map(wording, implausible_values([row]))
-    assert text.startswith('TF, the bending of the tube, is negative (−78.1 ± 6.3″)')
+    assert text.startswith('TF, tube flexure, is negative (−78.1 ± 6.3″)')
     assert 'refraction is in the star places twice' in text and 'Check first, at the desk' in text
     assert not implausible_values([{**row, 'value_arcsec': -12.0}, {**row, 'name': 'AW'},
                                    {**row, 'value_arcsec': 78.1}])
@@ -123,7 +123,7 @@ def test_a_tube_that_bends_up():
 
 @pytest.mark.parametrize('gain, said', [
     (9.0, 'Most likely the refraction is in the star places twice'), (0.0, 'explains it as well'),
-    (-30.0, 'is not the whole of it')])
+    (-30.0, 'explains a part')])
 def test_what_refraction_has_to_do_with_it(gain, said):
     fitted = {'value_arcsec': -41.0, 'delta_bic': gain, 'beside_arcsec': -20.0}
     row = {'name': 'TF', 'what': 'sign', 'value_arcsec': -78.1, 'sigma_arcsec': 6.3,
@@ -134,7 +134,7 @@ def test_what_refraction_has_to_do_with_it(gain, said):
     assert 'disc' not in implausible_term({**row, 'altaz': False})
     other = {'cause': 'disc oval', 'value_arcsec': 24.3, 'sigma_arcsec': 5.5}
     text_of_both = implausible_term({**row, 'sound_with': [other]})
-    assert 'not with others that fit as well (+24.3 ± 5.5″ with disc oval)' in text_of_both
+    assert 'With others that fit as well it is not (+24.3 ± 5.5″ with disc oval)' in text_of_both
     # among the first things, also where nothing is missing
     told = document([], unphysical=[row])
     assert verdict_summary(told, [Statement('A.')]).first[0].more in text

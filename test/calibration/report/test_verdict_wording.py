@@ -51,7 +51,7 @@ def test_the_headline_says_what_is_wrong_and_what_remains():
     told = document(CAUSES, noise_floor_arcsec=3.9)
     headline, sentences = verdict_sentences(told, [WAVE])
     assert headline == (
-        'The error has a wave (3.50″ RMS on the sky), the only error found beyond the terms of the '
+        'The error has a wave (3.50″ RMS on the sky). The only error found beyond the terms of the '
         'model. RMS 4.30″ with it, cross-validated (5.67″ without, −24 %)')
     assert sentences[0] == 'One effect beyond the seven declared terms; the cause is open.'
     assert way(told) in sentences and way(told).startswith(
@@ -77,8 +77,8 @@ def test_what_moves_slowly_leads_where_it_is_the_largest():
     told['after'] = {**told['after'], 'cv_rms_arcsec': 5.3}
     headline, sentences = verdict_sentences(told, [WAVE])
     assert headline == (
-        'The largest error moves slowly, with time or over the sky, and its cause is not known '
-        '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Beside it the error '
+        'The largest error is a drift with time or over the sky, cause unknown '
+        '(62.6″ RMS on the sky): the declination error falls by 226″ an hour. Second: the error '
         'has a wave (3.50″ RMS on the sky). RMS 5.30″ with it, cross-validated (5.67″ without, '
         '−7 %): most of the error is unexplained')
     assert sentences[0] == 'Neighbouring rows err alike.'
@@ -243,5 +243,5 @@ def test_signs_in_words():
     text, = signs_sentences([mirror], ALTAZ.names, 'mmt')
     assert 'RAA, with the refraction in it, was taken for the catalogue and TAA for the' in text
     text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
-    assert 'first the catalogue' in text and 'the file names' not in text
+    assert 'First come the catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]

@@ -51,7 +51,7 @@ def test_it_is_told_as_owners_of_mounts_measure_it():
     assert strain_wave(100.0) == [(50, 2), (100, 1)] and not strain_wave(180.0)
     clock = effect('periodic', axis='az', turns=100.0, of='time', origin=5.0, mount='german')
     assert 'each 861.6 s' in clock.clause(Amount(np.array([3.0, 4.0])))
-    assert 'goes with the clock' in ' '.join(period_sentences(clock))
+    assert 'periodic in time' in ' '.join(period_sentences(clock))
     assert period_sentences(effect('latency')) == []
 
 

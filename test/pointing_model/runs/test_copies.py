@@ -61,7 +61,7 @@ def test_a_part_that_another_file_has_is_left_out_by_line():
     both.meta = {'source': 'more.csv', 'lines': np.arange(2, 34)}
     kept, notes = without_copies([one, both])
     assert [len(run) for run in kept] == [60, 20]
-    assert notes == ['more.csv: 12 of 32 rows left out, they are in one.csv too']
+    assert notes == ['more.csv: 12 of 32 rows excluded, they are in one.csv too']
     assert [e['row'] for e in kept[1].meta['excluded']] == list(range(2, 14))
     assert kept[1].lines.tolist() == list(range(14, 34))
     np.testing.assert_array_equal(kept[1]['az'], other['az'])

@@ -264,7 +264,7 @@ def test_rows_that_cannot_tell_the_equinox_say_so():
     found = equinox.comparison({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
     assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
     said = equinox.sentence(found)
-    assert 'the rows do not tell it, taken as J2000, which is a guess' in said
+    assert 'undetermined by the data, taken as J2000, a guess' in said
     assert 'of date would change ME by' in said and '--equinox date' in said
     few = equinox.comparison({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
         v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)

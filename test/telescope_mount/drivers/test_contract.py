@@ -196,14 +196,14 @@ def test_a_topic_of_another_namespace_is_named():
      f'{ENC}: velocity is 57.3 times what the angle does: deg/s?'),
     ({'inc': lambda t, v, r: (v, -r)}, f'{ENC}: velocity has the other sign than the angle'),
     ({'inc': lambda t, v, r: ((3.0, 0.7), r)},
-     f'{ENC}: tells a velocity, and its angle does not change: frozen?'),
+     f'{ENC}: velocity not zero, but the angle does not change: frozen?'),
     ({'inc': lambda t, v, r: (v + 0.5 * (8.0 < t < 8.2), r)}, f'{ENC}: jumped by up to'),
     ({'inc': lambda t, v, r: ((np.nan, v[1]) if 8.0 < t < 9.02 else v, r)},
      f'{ENC}: no number in 20 of 400 readings, after it was homed'),
     ({'where': lambda t: np.array([3.0, 0.7]), 'rate': 50.0,
       'inc': lambda t, v, r: (np.round((v + 40 * (v - (3.0, 0.7))) / 5e-6) * 5e-6,
                               (np.nan, np.nan))},
-     f'{ENC}: tells no velocity, and its noise over 0.02 s looks like motion'),
+     f'{ENC}: no velocity, and its noise over 0.02 s looks like motion'),
     ({'miss': lambda number, m: m / ARCSEC}, 'rad beside the boresight: arcsec or pixels'),
     ({'miss': lambda number, m: (1e-4, 2e-4)},
      f'{CAM}: the same miss distance in 20 exposures in a row'),
@@ -309,7 +309,7 @@ def test_without_a_star_a_nudge_says_nothing_of_the_camera():
 
 def test_a_star_that_was_slewed_to_must_be_seen():
     text = only(nudged(star=False, wanted=True))
-    assert 'not the star that must be in the field: is the site right' in text
+    assert 'the star is not in the field: check the site' in text
     assert wrong(nudged(wanted=True)) == []
 
 

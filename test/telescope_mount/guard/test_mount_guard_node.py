@@ -149,7 +149,7 @@ def test_who_aborts_hears_that_the_axes_move_by_themselves(graph):
 
 
 def test_nobody_leads_a_real_mount_past_a_sun_that_may_be_anywhere(graph):
-    with pytest.raises(BadInput, match='no site, so nobody knows where the Sun is'):
+    with pytest.raises(BadInput, match='no site, so the place of the Sun is unknown'):
         graph.add(MountGuard, renew_s=0.1)
     graph.add(MountGuard, renew_s=0.1, sun_distance_deg=0.0)
 

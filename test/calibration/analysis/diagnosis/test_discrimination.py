@@ -76,7 +76,7 @@ def test_asked_stars_leave_the_cause_and_say_why_they_are_taken(effect, cause, r
         assert asked.request['approach_az'] == 0 and asked.request['after_hours'] is None
         # where the two differ: beside the elevations of the first run
         assert not 35.0 < asked.request['el_deg'] < 60.0
-        assert 'and here they differ by' in wording(asked.request['why'])
+        assert 'here they differ by' in wording(asked.request['why'])
         json.dumps(worded(asked.to_dict()))
         judged, taken = mount.told(apart)
         (question,) = judged.questions
@@ -122,7 +122,7 @@ def test_what_no_star_can_tell_is_said_with_what_could():
     assert {question.best, *question.stays} >= {
         'elevation_zero_with_temperature', 'elevation_zero_with_time'}
     assert ' K ' in wording(question.needed[next(iter(question.needed))])
-    assert 'cannot be told from here' in wording(judged.finding())
+    assert 'cannot be distinguished here' in wording(judged.finding())
 
 
 def test_what_makes_no_difference_is_not_asked_for():
@@ -151,5 +151,5 @@ def test_what_makes_no_difference_is_not_asked_for():
 
 
 def test_a_diagnosis_that_leaves_nothing_open_asks_nothing():
-    with pytest.raises(ValueError, match='nothing to tell apart'):
+    with pytest.raises(ValueError, match='nothing to distinguish'):
         Discrimination(diagnose(night(1), **FAST))

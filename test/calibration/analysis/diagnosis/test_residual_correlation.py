@@ -169,9 +169,9 @@ def test_a_zero_that_wanders_is_no_effect_and_is_told():
         assert axis['sigma_arcsec'] > 0.3 and 0.0 < axis['moves_arcsec'] < 5.0
         assert axis['unit'] == 'hours' and 0.05 < axis['memory'] < 10.0
     assert 0.5 < told.noise_memory['removes_rms_arcsec'] < 2.0
-    assert 'the zero wanders' in correlation_sentence(told.noise_memory, ALTAZ.names.axes)
+    assert 'the zero drifts' in correlation_sentence(told.noise_memory, ALTAZ.names.axes)
     headline, sentences = verdict_sentences(told.to_dict())
-    assert headline.startswith('The zero drifts') and 'What moves it is not known' in sentences[0]
+    assert headline.startswith('The zero drifts') and 'Its cause is unknown' in sentences[0]
     document = json.loads(json.dumps(told.to_dict()))
     assert document['wander']['p'] <= 0.01
 

@@ -53,7 +53,7 @@ def test_a_fit_tells_a_step_between_two_passes_and_fits_zeros_to_each(mount):
     assert apart.terms.coefficients[-2] / ARCSEC == pytest.approx(-38.0, abs=2.0)
     assert apart.halves.radial < 0.2 * found.halves.radial
     assert {'step between visits', 'places visited again'} <= set(kinds(apart.findings))
-    assert any('a session with zeros of its own begins there' in note
+    assert any('a session with new zeros begins there' in note
                for note in fit_document(apart)['notes'])
 
 

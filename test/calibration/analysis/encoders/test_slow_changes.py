@@ -33,7 +33,7 @@ def test_a_jump_stays_one_and_is_said_to_be_likelier_than_what_goes_slowly():
     report = cross_check(bent(3, ('az_enc',), lambda az, part: 4.0 * (part > 0.6)))
     event, = report.events
     assert event.kind == 'step' and event.lead > LEAD
-    assert 'more than 1000 times likelier than a slow change' in report.alarms[0]
+    assert 'likelihood ratio to a slow change above 1000' in report.alarms[0]
     assert 'by chance' not in report.alarms[0]
 
 

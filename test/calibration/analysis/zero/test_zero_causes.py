@@ -74,7 +74,7 @@ def test_a_walk_beside_a_seasonal_trend_is_undecided():
     given.zeros[:, 0] += ARCSEC * np.linspace(0.0, -60.0, n)
     found = zero_causes(given)
     assert found['verdict'] == 'undecided' and found['axes']['azimuth']['alike'] == ['temperature']
-    assert 'walks or drifts' in found['text'] and not names(found, 'azimuth')
+    assert 'random walk or drift' in found['text'] and not names(found, 'azimuth')
 
 
 def test_covariates_that_changed_together_are_not_distinguished():

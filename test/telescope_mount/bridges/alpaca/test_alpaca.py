@@ -127,7 +127,7 @@ def test_a_german_mount_is_read_by_its_side_of_the_pier():
         assert bench.last[1][1] / DEG == pytest.approx(120.0)
         assert bench.driver.details()[2] == ('side of the pier', 'pierWest')
     with Server(AlignmentMode=2, SideOfPier=-1) as server, Bench(server.port, GERMAN) as bench:
-        bench.until(lambda: 'does not tell its side of the pier' in bench.driver.state()[0])
+        bench.until(lambda: 'does not report its side of the pier' in bench.driver.state()[0])
 
 
 @pytest.mark.parametrize('state, words', [
