@@ -25,6 +25,7 @@ _SIZES = 4.0 ** np.arange(-2.0, 3.0)
 #: of a noise that no longer counts beside the likeliest
 _UNLIKELY = 1e-4
 _MOST = 12  # noises that are averaged
+_BESIDE = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
 
 
 @dataclass
@@ -135,20 +136,31 @@ def likely_noises(columns, b, precision, root, rows, sequence):
         other half even over the logarithms of memory and size.
     """
     n = len(b) // 2
-    tried, logs = [GroupNoise(root, rows, None)], [0.0]
-    if len(rows) >= LEAST_ROWS:
-        own = root.reshape(2, n)[:, rows].ravel()
-        white = [float(np.median(1.0 / np.square(part[part > 0.0]))) for part in np.split(own, 2)]
-        memories = _memories(sequence)
-        for memory in memories:
-            for size in _SIZES:
-                of_axes = tuple(AxisNoise(size * one, memory) for one in white)
-                tried.append(GroupNoise(root, rows, CorrelatedNoise(own, sequence, of_axes)))
-                logs.append(-np.log(len(memories) * len(_SIZES)))
-    logs = np.array(logs)
-    for i, noise in enumerate(tried):
-        logs[i] += _evidence(columns, b, precision, noise)
-    chance = np.exp(logs - logs.max())
+    found = {(): (GroupNoise(root, rows, None), 0.0)}
+    memories = _memories(sequence) if len(rows) >= LEAST_ROWS else np.empty(0)
+    own = root.reshape(2, n)[:, rows].ravel()
+    white = [float(np.median(1.0 / np.square(part[part > 0.0]))) if np.any(part > 0.0) else 0.0
+             for part in np.split(own, 2)]
+
+    def try_noise(i, j):
+        if (i, j) in found or not (0 <= i < len(memories) and 0 <= j < len(_SIZES)):
+            return
+        of_axes = tuple(AxisNoise(_SIZES[j] * one, memories[i]) for one in white)
+        noise = GroupNoise(root, rows, CorrelatedNoise(own, sequence, of_axes))
+        found[i, j] = noise, (_evidence(columns, b, precision, noise)
+                              - np.log(len(memories) * len(_SIZES)))
+
+    found[()] = found[()][0], _evidence(columns, b, precision, found[()][0])
+    # every second one, then what is beside those that count
+    for i in range(0, len(memories), 2):
+        for j in range(0, len(_SIZES), 2):
+            try_noise(i, j)
+    most = max(log for _, log in found.values())
+    for i, j in [at for at, (_, log) in found.items() if at and log > most + np.log(_UNLIKELY)]:
+        for di, dj in _BESIDE:
+            try_noise(i + di, j + dj)
+    tried, logs = zip(*found.values())
+    chance = np.exp(np.array(logs) - max(logs))
     chance[chance < _UNLIKELY] = 0.0
     best = np.argsort(-chance)[:_MOST]
     best = best[chance[best] > 0.0]

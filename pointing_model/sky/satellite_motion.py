@@ -76,9 +76,9 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         first, second = mount.axes_of(*other)
         return np.stack((wrap(first - here[0]) * np.cos(here[1]), wrap(second - here[1])))
 
-    def rate(**by):
-        late, early = (satellite_place(orbit, time, site, weather, **{
-            name: sign * _STEP for name in by}) for sign in (1.0, -1.0))
+    def rate(by):
+        late, early = (satellite_place(orbit, time, site, weather, **{by: sign * _STEP})
+                       for sign in (1.0, -1.0))
         return (moved(late[:2]) - moved(early[:2])) / (2.0 * _STEP)
 
     late = distance / erfa.CMPS
@@ -95,8 +95,8 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
         return moved((az + metre * x / np.cos(el), el + metre * y)) / metre
 
     return SatelliteMotion(
-        *here, distance, np.linalg.norm(velocity, axis=1), rate(rest=True),
-        rate(time_bias=True), by_metre(pole), by_metre(place))
+        *here, distance, np.linalg.norm(velocity, axis=1), rate('rest'),
+        rate('time_bias'), by_metre(pole), by_metre(place))
 
 
 def _horizon(site):

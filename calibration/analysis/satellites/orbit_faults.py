@@ -51,15 +51,16 @@ def fault_chances(tracks, **options):
     plain = np.ones(len(columns.names), bool)
     for part, _ in columns.wandering.values():
         plain[part] = False
-    prior = full.precision
-    logs = {'': _evidence(gram, noise.count, prior, plain, None, 0.0) + np.log(0.5)}
+    prior, mean = full.precision, full.prior_mean - full.values
+    mean[columns.terms:] = 0.0
+    logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
     for name in names:
         part, covariance = columns.wandering[name]
         kept = plain.copy()
         kept[part] = True
         inverse, log_det = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
         m = len(covariance)
-        tried = [_evidence(gram, noise.count, prior, kept, (part, inverse / size**2),
+        tried = [_evidence(gram, noise.count, prior, mean, kept, (part, inverse / size**2),
                            log_det + 2.0 * m * np.log(size)) for size in _SIZES]
         logs[name] = float(np.logaddexp.reduce(tried)) + np.log(
             0.5 / len(names) / len(_SIZES))
@@ -69,14 +70,14 @@ def fault_chances(tracks, **options):
     return {name: value / total for name, value in chance.items()}
 
 
-def _evidence(gram, count, prior, kept, wandering, log_prior):
+def _evidence(gram, count, prior, mean, kept, wandering, log_prior):
     precision = prior.copy()
     if wandering is not None:
         part, inverse = wandering
         precision[part, part] = inverse
     rows = np.append(np.flatnonzero(kept), len(kept))
     own = precision[np.ix_(rows[:-1], rows[:-1])]
-    fit = PriorFit(gram[np.ix_(rows, rows)], count, own)
+    fit = PriorFit(gram[np.ix_(rows, rows)], count, own, mean[rows[:-1]])
     return -0.5 * (fit.square + fit.log_det + log_prior)
 
 

@@ -1,4 +1,4 @@
-"""The fit of tracks: terms as exact rotations, noise that remembers, what is known of the orbits."""
+"""The fit of tracks: exact rotations, noise that remembers, what is known of the orbits."""
 
 from dataclasses import dataclass, field
 
@@ -15,7 +15,7 @@ from ...estimation.noise_by_group import (
     white_sigmas,
 )
 from ...estimation.prior_fit import MixedFit, PriorFit, gram_of
-from .track_columns import CLOCK, TrackColumns, track_columns
+from .track_columns import TrackColumns, track_columns
 
 #: steps of the exact rotations; each leaves about the square of the terms
 _STEPS = 3
@@ -46,7 +46,8 @@ class TrackFit:
     noises : list of (GroupNoise, float)
         That the rows may have, and how likely.
     precision : ndarray, shape (k, k)
-        Of what was known of the coefficients beforehand.
+    prior_mean : ndarray, shape (k,)
+        What was known of the coefficients beforehand: inverse covariance, and mean.
     weights : ndarray, shape (n,)
     before, after : ndarray, shape (2, n)
         Encoder - orbit on the sky, raw, and without all that was fitted, radians.
@@ -67,6 +68,7 @@ class TrackFit:
     fit: MixedFit
     noises: list
     precision: np.ndarray
+    prior_mean: np.ndarray
     weights: np.ndarray
     before: np.ndarray
     after: np.ndarray
@@ -191,7 +193,8 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     rest = values.copy()
     rest[:k] = 0.0
     after = by_model - (rest @ columns.columns).reshape(2, n)
-    return TrackFit(tracks, columns, model, values, fit, noises, precision, weights, raw, after, by_model)
+    return TrackFit(tracks, columns, model, values, fit, noises, precision, mean, weights, raw,
+                    after, by_model)
 
 
 def _known(columns, held, free):
@@ -217,8 +220,3 @@ def _model(columns, values, covariance, held, mount):
     more = {} if held is None else {'harmonics': held.harmonics, 'effects': held.effects,
                                     'geometry': held.geometry}
     return PointingModel(terms, covariance, mount=mount, **more)
-
-
-def clock_of(fit):
-    """Value and sigma of the station's clock, s; None where it was not fitted."""
-    return fit[CLOCK] if CLOCK in fit.columns.names else None
