@@ -10,7 +10,6 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
-from passes import passes
 from satellite_candidates import Assumptions, track_effects
 from satellite_search import candidate_report, report_rows
 
@@ -18,6 +17,7 @@ from calibration.analysis.external_check import PAPER
 from calibration.report.terminal_tables import new_table
 from msg_tools.units import DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.passes import passes
 from pointing_model.sky.satellite import satellite_place
 
 NOISE = 1.0  # arcsec on each axis, of the curves drawn

@@ -9,7 +9,6 @@ each arc, in closed form; with two, the two means of "after" fix them up to thei
 from dataclasses import dataclass
 
 import numpy as np
-from passes import passes
 from satellite_candidates import (
     CANDIDATES,
     Assumptions,
@@ -20,6 +19,7 @@ from satellite_candidates import (
 
 from calibration.analysis.external_check import PAPER
 from msg_tools.units import DEG
+from pointing_model.sky.passes import passes
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER
 from pointing_model.sky.satellite import satellite_place
 

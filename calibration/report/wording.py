@@ -10,6 +10,7 @@ from . import (
     period_wording,
     prediction_wording,
     row_wording,
+    satellite_wording,
     season_wording,
     track_wording,
     zero_wording,
@@ -21,7 +22,7 @@ KINDS = {
     **track_wording.KINDS, **encoder_wording.KINDS,
     **zero_wording.KINDS, **season_wording.KINDS,
     **discrimination_wording.KINDS, **prediction_wording.KINDS,
-    **period_wording.KINDS,
+    **period_wording.KINDS, **satellite_wording.KINDS,
 }
 
 

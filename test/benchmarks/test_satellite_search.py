@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from passes import passes
 from satellite_candidates import (
     CANDIDATES,
     Assumptions,
@@ -20,6 +19,7 @@ from calibration.analysis.external_check import PAPER
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.geometry import sky_to_encoder
 from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.passes import passes
 from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, Site, icrs_to_observed
 from pointing_model.sky.satellite import satellite_place
 

@@ -14,7 +14,7 @@ from .time_scales import utc_text
 FITTED = 0.1
 PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
 #: m, of a coordinate between epochs: more is told
-COARSE = 1.0
+COARSE = 0.3
 
 
 @dataclass

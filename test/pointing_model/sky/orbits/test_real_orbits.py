@@ -8,7 +8,7 @@ import pytest
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import Site, Weather
-from pointing_model.sky.satellite import Corrections, satellite_place
+from pointing_model.sky.satellite import Corrections, in_sunlight, satellite_place
 
 DATA = Path(__file__).resolve().parents[5] / 'shared' / 'data' / 'orbits'
 GPS, LAGEOS = 'esa11802.eph', 'ilrsa.orb.lageos2.160319.v35.sp3.gz'
@@ -60,6 +60,17 @@ def test_place_of_lageos_agrees_with_skyfield():
     el, az, _ = peers.apparent()
     assert _apart(*satellite_place(orbit, time, SITE, vacuum)[:2], az.radians, el.radians) < 1e-3
     peers.planets.close()
+
+
+def test_passes_of_paper_000_on_a_precise_orbit():
+    """PRN 18, its satellite, is below the horizon all that night; 28 passes overhead in the Sun."""
+    found, night = orbits(GPS), 1029801600.0 + np.arange(12.4, 21.1, 0.05) * 3600.0
+    assert satellite_place(found.orbit('18'), night, SITE)[1].max() < 0.0
+    orbit = found.orbit('28')
+    el = satellite_place(orbit, night, SITE)[1]
+    up = el > 20.0 * DEG
+    assert 88.0 < el.max() / DEG < 89.0 and in_sunlight(orbit, night[up]).all()
+    assert 15.0 < (night[up][0] - 1029801600.0) / 3600.0 < 15.2
 
 
 def test_eighteen_seconds_and_two_parts_of_a_time():

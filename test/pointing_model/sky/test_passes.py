@@ -3,10 +3,10 @@
 
 import numpy as np
 import pytest
-from passes import passes
 
 from msg_tools.units import ARCSEC, DEG
 from pointing_model.sky.elements import GPS_26690, parse_elements
+from pointing_model.sky.passes import passes
 from pointing_model.sky.places import sun_place
 from pointing_model.sky.satellite import in_sunlight, satellite_place
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from msg_tools.units import DEG
-from pointing_model.sky.places import DEFAULT_SITE, sun_place
-from pointing_model.sky.satellite import in_sunlight, satellite_place
+
+from .places import DEFAULT_SITE, sun_place
+from .satellite import in_sunlight, satellite_place
 
 
 @dataclass(frozen=True)
@@ -33,10 +34,11 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
 
     Parameters
     ----------
-    satellite : Satellite
+    satellite : elements.Satellite, or orbits.ephemeris.Orbit
     start : float
         UTC, seconds since 1970-01-01.
     hours : float
+        As far as the orbit goes.
     site : Site
     min_el : float
         Observed elevation (ordinary air), radians.
@@ -68,7 +70,11 @@ def passes(satellite, start, hours, site=DEFAULT_SITE, min_el=20.0 * DEG, *, dar
             up[up] = (sun_place(late, site)[1] < -12.0 * DEG) & in_sunlight(satellite, late)
         return up
 
-    time = np.append(np.arange(start, start + 3600.0 * hours, step), start + 3600.0 * hours)
+    end = min(start + 3600.0 * hours, satellite.end)
+    start = max(start, satellite.begin + 1.0)  # light that is seen then left within the second
+    if start >= end:
+        return []
+    time = np.append(np.arange(start, end, step), end)
     up = seen(time)
     turns = np.flatnonzero(up[1:] != up[:-1])
     low, high, there = time[turns], time[turns + 1], up[turns]

@@ -1,0 +1,64 @@
+"""Means of rows that belong together: a run that is diagnosed as one of stars is."""
+
+import numpy as np
+
+from pointing_model.runs.run import PointingRun
+from pointing_model.runs.satellite_tracks import STARS
+
+#: s of a track in one point, and points that are enough
+SECONDS, _MOST = 120.0, 400
+
+
+def normal_points(fit, seconds=SECONDS):
+    """What a fit of tracks leaves to the mount, as a pointing run.
+
+    Clock and orbits are taken off; rows of a track within so many seconds are one.
+
+    Parameters
+    ----------
+    fit : TrackFit
+    seconds : float
+        More where there would be too many points.
+
+    Returns
+    -------
+    PointingRun
+        ``run`` numbers the nights; star names are those of the satellites.
+    """
+    tracks = fit.tracks
+    run, time = tracks.run, np.asarray(tracks.run['time'], float)
+    rest = fit.values.copy()
+    rest[:fit.columns.terms] = 0.0
+    orbit = (rest @ fit.columns.columns).reshape(2, -1)
+    used = fit.weights > 0.0
+    seconds = max(seconds, float(np.count_nonzero(~tracks.is_star) and _length(tracks) / _MOST))
+    cell = np.where(tracks.is_star, np.arange(len(time)), np.floor(time / seconds))
+    _, which = np.unique(np.stack((tracks.arc, cell)), axis=1, return_inverse=True)
+    which = which.reshape(-1)
+    weight = np.bincount(which, used)
+    good = weight > 0.0
+    mean = lambda v: np.bincount(which, v * used)[good] / weight[good]  # noqa: E731
+    # the row nearest to the middle, with the mean of what was left
+    middle = np.bincount(which, time * used) / np.maximum(weight, 1.0)
+    nearest = np.lexsort((np.abs(time - middle[which]), ~used, which))
+    first = nearest[np.searchsorted(which[nearest], np.arange(len(weight)))][good]
+    left = np.array(run.offsets()) - orbit
+    x, y = (mean(one) for one in left)
+    columns = {name: run[name][first] for name in ('time', 'az', 'el', 'star', 'az_rate',
+                                                   'el_rate')}
+    for name in ('temperature', 'pressure'):
+        if name in run and np.isfinite(run[name][first].astype(float)).any():
+            columns[name] = run[name][first]
+    columns['az_enc'] = columns['az'] + x / np.cos(columns['el'])
+    columns['el_enc'] = columns['el'] + y
+    columns['star'] = np.where(columns['star'] == STARS, 'star', columns['star'])
+    order = np.argsort(columns['time'], kind='stable')
+    return PointingRun({name: value[order] for name, value in columns.items()},
+                       {**run.meta, 'source': 'tracks', 'notes': [], 'excluded': []})
+
+
+def _length(tracks):
+    """Seconds of all arcs of satellites."""
+    time = np.asarray(tracks.run['time'], float)
+    return sum(float(np.ptp(time[tracks.arc == arc]))
+               for arc in np.unique(tracks.arc[~tracks.is_star]))

@@ -1,0 +1,61 @@
+"""Stamps of a track that are off by whole seconds: another time scale in place of UTC."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import stacked_design
+from pointing_model.sky.orbits.time_scales import leap_seconds
+
+from ..finding import Finding
+
+#: rad of radial RMS below which stamps are right, and part of it that other stamps leave
+_RIGHT, _BETTER = 30.0 * ARCSEC, 0.3
+#: rows that are looked at
+_MOST = 300
+
+
+def wrong_stamps(measured):
+    """Whether stamps fit far better as another scale's, or with an hour or seconds more.
+
+    Parameters
+    ----------
+    measured : object
+        With ``tracks(shift, rows)`` -> `SatelliteTracks`, ``names`` and ``columns['time']``.
+
+    Returns
+    -------
+    Finding or None
+        Its size is by how many seconds stamps are later than UTC.
+    """
+    rows = np.flatnonzero(measured.names != '')
+    if len(rows) > _MOST:
+        rows = rows[np.linspace(0, len(rows) - 1, _MOST).round().astype(int)]
+    now = _left(measured.tracks(0.0, rows))
+    if now < _RIGHT:
+        return None
+    tai = float(leap_seconds(float(np.median(measured.columns['time'][rows]))))
+    best = None
+    for late in sorted({tai - 19.0, tai, 1.0, 2.0, 3.0, 3600.0}):
+        for shift in (late, -late):
+            try:
+                left = _left(measured.tracks(-shift, rows))
+            except ValueError:  # no orbit there
+                continue
+            if best is None or left < best[0]:
+                best = left, shift
+    if best is None or best[0] > _BETTER * now:
+        return None
+    scale = {tai - 19.0: 'GPS', tai: 'TAI'}.get(best[1], '')
+    return Finding('stamps off', best[1], unit='s', causes=(scale,), before=now / ARCSEC,
+                   after=best[0] / ARCSEC)
+
+
+def _left(tracks):
+    """Radial RMS that zeros and collimation leave of the median sort, rad."""
+    run = tracks.run
+    x, y = run.offsets()
+    b = np.concatenate((x, y))
+    columns = stacked_design(run.mount.names.physical[:3], run['az'], run['el'], run.mount)
+    p = np.linalg.lstsq(columns.T, b, rcond=1e-8)[0]
+    off = (b - p @ columns).reshape(2, -1)
+    return float(np.sqrt(np.median(np.sum(off**2, axis=0))))

@@ -1,0 +1,133 @@
+"""What tracks of satellites and stars are fitted with: terms, clock, errors of each orbit."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.pointing_terms import stacked_design
+
+#: name of the coefficient of the station's clock, seconds that its stamps are late
+CLOCK = 'clock'
+#: m: an orbit is not known better, whatever a file says (of a fitted orbit of centimetres)
+_LEAST = 0.01
+#: s between the knots of an orbit that wanders along its track, and how long that remembers
+_KNOTS, _WANDERS = 900.0, 7200.0
+
+
+@dataclass
+class TrackColumns:
+    """Coefficients in the order of their columns.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+        Terms, `CLOCK`, ``ahead L52`` (a satellite's seconds on its orbit), and of each arc
+        ``along``, ``across``, ``out`` with its number (m).
+    columns : ndarray, shape (k, 2n)
+        On the sky, rad a unit.
+    variance : ndarray, shape (k,)
+        Of what is known of them beforehand; infinite: nothing.
+    terms : int
+        How many of them are terms.
+    wandering : dict of str to (slice, ndarray)
+        Of satellites: coefficients of an orbit that wanders along the track (s at each knot), and
+        their covariance if it is off by one radian RMS.
+    """
+
+    names: tuple
+    columns: np.ndarray
+    variance: np.ndarray
+    terms: int
+    wandering: dict = field(default_factory=dict)
+
+    def precision(self, size=20.0 * ARCSEC):
+        """Inverse covariance, shape (k, k), of orbits that wander by so much, rad."""
+        out = np.diag(np.where(np.isinf(self.variance), 0.0, 1.0 / self.variance))
+        for part, covariance in self.wandering.values():
+            out[part, part] = np.linalg.inv(covariance) / size**2
+        return out
+
+    def place(self, name):
+        """Number of a coefficient."""
+        return self.names.index(name)
+
+
+def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wandering=()):
+    """Columns of tracks.
+
+    Parameters
+    ----------
+    tracks : SatelliteTracks
+    terms : sequence of str
+    clock_sigma : float
+        What is known of the station's clock, s; infinite: nothing, 0: it is right.
+    bias_free : collection of str
+        Satellites of which the time along the orbit is not known, whatever the sigma of the orbit.
+    wandering : collection of str
+        Satellites whose orbit may be off along the track, by more than its sigma.
+
+    Returns
+    -------
+    TrackColumns
+    """
+    run, n = tracks.run, len(tracks)
+    names = list(terms)
+    columns = list(stacked_design(terms, run['az'], run['el'], run.mount))
+    variance = [np.inf] * len(names)
+
+    def add(name, move, rows, sigma):
+        column = np.zeros((2, n))
+        column[:, rows] = move[:, rows]
+        names.append(name)
+        columns.append(column.ravel())
+        variance.append(float(sigma) ** 2)
+
+    # a stamp that is late by c belongs to the place c before: what the encoders read is behind
+    if clock_sigma > 0.0 and tracks.satellites:
+        add(CLOCK, -tracks.clock, np.arange(n), clock_sigma)
+    for i, name in enumerate(tracks.objects):
+        rows = np.flatnonzero(tracks.object == i)
+        if name not in tracks.satellites or not len(rows):
+            continue
+        sigma = max(float(np.sqrt(np.mean(tracks.orbit_sigma[rows] ** 2))), _LEAST)
+        speed = float(np.mean(tracks.speed[rows]))
+        arcs = np.unique(tracks.arc[rows])
+        add(f'ahead {name}', tracks.ahead, rows,
+            np.inf if name in bias_free else sigma / speed)
+        for arc in arcs:
+            mine = rows[tracks.arc[rows] == arc]
+            if len(arcs) > 1:
+                add(f'along {arc}', tracks.ahead / speed, mine, sigma)
+            add(f'across {arc}', tracks.across, mine, sigma)
+            add(f'out {arc}', tracks.out, mine, sigma)
+    parts = {}
+    for name in wandering:
+        knots, covariance = _knots(tracks, tracks.objects.index(name))
+        parts[name] = slice(len(names), len(names) + len(knots)), covariance
+        names += [f'wandering {name} {i}' for i in range(len(knots))]
+        columns += list(knots)
+        variance += [1.0] * len(knots)
+    return TrackColumns(tuple(names), np.array(columns), np.array(variance), len(terms), parts)
+
+
+def _knots(tracks, number):
+    """Columns of a satellite that is off along its track, linear between knots, and a covariance.
+
+    Half of the variance is the same at all times, the other half remembers for `_WANDERS`.
+    """
+    time, columns, moments = np.asarray(tracks.run['time'], float), [], []
+    mine = tracks.object == number
+    for arc in np.unique(tracks.arc[mine]):
+        rows = np.flatnonzero(mine & (tracks.arc == arc))
+        begin, end = time[rows].min(), time[rows].max()
+        knots = np.linspace(begin, end, max(2, int(np.ceil((end - begin) / _KNOTS)) + 1))
+        for i, knot in enumerate(knots):
+            hat = np.interp(time[rows], knots, np.eye(len(knots))[i])
+            column = np.zeros((2, len(time)))
+            column[:, rows] = tracks.ahead[:, rows] * hat
+            columns.append(column.ravel())
+            moments.append(knot)
+    rate = np.sqrt(np.mean(np.sum(tracks.ahead[:, mine] ** 2, axis=0)))
+    apart = np.abs(np.subtract.outer(moments, moments)) / _WANDERS
+    return columns, (0.5 + 0.5 * np.exp(-apart)) / rate**2

@@ -1,0 +1,222 @@
+"""The fit of tracks: exact rotations, noise that remembers, what is known of the orbits."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pointing_model.model import PointingModel
+from pointing_model.pointing_terms import stacked_design
+from pointing_model.runs.satellite_tracks import STARS
+
+from ...estimation.noise_by_group import (
+    group_roots,
+    likely_noises,
+    sequence_of,
+    white_sigmas,
+)
+from ...estimation.prior_fit import MixedFit, PriorFit, gram_of
+from .track_columns import TrackColumns, track_columns
+
+#: steps of the exact rotations; each leaves about the square of the terms
+_STEPS = 3
+#: parts of its information that others leave a coefficient: from the first on it is told from
+#: them, from the second on where it is more than `SIGNIFICANT` sigmas
+_TOLD, _LEAST_TOLD, SIGNIFICANT = 0.5, 0.1, 2.0
+#: what a model of a dozen stars is off all over the sky, over the noise of one: worse, and tracks
+#: do not determine it
+_DOZEN = 0.54
+#: of the sky over which a model is judged, rad
+_LOW, _HIGH = 0.35, 1.4
+
+
+@dataclass
+class TrackFit:
+    """What tracks tell.
+
+    Attributes
+    ----------
+    tracks : SatelliteTracks
+    columns : TrackColumns
+    model : PointingModel
+        With the terms and their covariance.
+    values : ndarray, shape (k,)
+        Of all coefficients; the terms are whole, not what was added.
+    fit : MixedFit
+        Of the last step.
+    noises : list of (GroupNoise, float)
+        That the rows may have, and how likely.
+    precision : ndarray, shape (k, k)
+    prior_mean : ndarray, shape (k,)
+        What was known of the coefficients beforehand: inverse covariance, and mean.
+    weights : ndarray, shape (n,)
+    before, after : ndarray, shape (2, n)
+        Encoder - orbit on the sky, raw, and without all that was fitted, radians.
+    by_model : ndarray, shape (2, n)
+        Without the terms alone.
+    left_out : tuple of str
+        Satellites whose orbit was found wrong.
+    suspects : dict of str to float
+        Of all objects that may be wrong, the chances.
+    notes : list
+        `Finding`.
+    """
+
+    tracks: object
+    columns: TrackColumns
+    model: PointingModel
+    values: np.ndarray
+    fit: MixedFit
+    noises: list
+    precision: np.ndarray
+    prior_mean: np.ndarray
+    weights: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    by_model: np.ndarray
+    left_out: tuple = ()
+    suspects: dict = field(default_factory=dict)
+    notes: list = field(default_factory=list)
+
+    def __getitem__(self, name):
+        """Value and sigma of a coefficient."""
+        at = self.columns.place(name)
+        return float(self.values[at]), float(self.fit.sigma[at])
+
+    def told_apart(self, name):
+        """Whether a coefficient is told from the others: it is one, or they do not take its place.
+        """
+        at = self.columns.place(name)
+        if not self.fit.determined:
+            return False
+        value, sigma = self[name]
+        left = (self.fit.alone[at] / sigma) ** 2
+        return bool(left > _TOLD or left > _LEAST_TOLD and abs(value) > SIGNIFICANT * sigma)
+
+    def sky_sigma(self):
+        """What the covariance of the terms makes of places all over the sky, radial RMS, rad."""
+        mount = self.tracks.run.mount
+        az, sine = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False),
+                               np.linspace(np.sin(_LOW), np.sin(_HIGH), 8))
+        first, second = mount.axes_of(az.ravel(), np.arcsin(sine.ravel()))
+        rows = stacked_design(tuple(self.model.terms), first, second, mount)
+        variance = np.einsum('kn,kj,jn->n', rows, self.model.covariance, rows)
+        return float(np.sqrt(2.0 * np.mean(variance)))
+
+    @property
+    def determines(self):
+        """Whether the tracks determine the terms, all over the sky as well as a dozen stars."""
+        white, process, _ = self.noise_of_rows()
+        one = np.sqrt(2.0) * float(np.hypot(white, process).max())
+        return self.fit.determined and self.sky_sigma() < _DOZEN * one
+
+    def noise_of_rows(self):
+        """The likeliest noise: white (of each object), the process, both rad, and its memory, s.
+
+        Returns
+        -------
+        white, process : ndarray, shape (objects,)
+            Of an axis, the mean of both.
+        memory : float
+            0 where nothing remembers.
+        """
+        noise, n = self.noises[0][0], len(self.tracks)
+        white = np.array([np.sqrt(np.mean(white_sigmas(noise.root.reshape(2, n)[
+            :, self.tracks.object == i].ravel()) ** 2)) for i in range(len(self.tracks.objects))])
+        process, memory = np.zeros(len(white)), 0.0
+        if noise.process is not None:
+            remembers = ~np.array([name == STARS for name in self.tracks.objects])
+            size = np.mean([one.variance for one in noise.process.memory])
+            process[remembers], memory = np.sqrt(size), noise.process.memory[0].memory
+        return white, process, memory
+
+
+def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(), free=None,
+               memory=True, wandering=()):
+    """Fit terms, clock and orbits to tracks.
+
+    Parameters
+    ----------
+    tracks : SatelliteTracks
+    terms : sequence of str, optional
+        By default the physical ones of the mount.
+    held : PointingModel, optional
+        What is known of the terms, with its covariance; `free` of them are as if not known.
+    clock_sigma, bias_free
+        As of `track_columns`.
+    free : sequence of str, optional
+        By default the zeros of the axes.
+    memory : bool
+        Whether the noise of satellites may remember.
+    wandering : collection of str
+        As of `track_columns`.
+
+    Returns
+    -------
+    TrackFit
+
+    Raises
+    ------
+    ValueError
+        Fewer values than coefficients without a prior.
+    """
+    run, mount = tracks.run, tracks.run.mount
+    if terms is None:
+        terms = tuple(held.terms) if held is not None else mount.names.physical
+    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, wandering)
+    precision, mean = _known(columns, held, mount.names.index if free is None else free)
+    open_ones = int(np.count_nonzero(np.diag(precision) == 0.0))
+    if 2 * len(tracks) <= open_ones:
+        raise ValueError(f'{len(tracks)} rows are too few for {open_ones} coefficients; observe '
+                         'more, or give a model (--model)')
+    values, n = mean.copy(), len(tracks)
+    raw = np.array(run.offsets())
+    time, cos_el = np.asarray(run['time'], float), np.cos(run['el'])
+    remembers = [memory and name != STARS for name in tracks.objects]
+    rows = np.flatnonzero(np.array(remembers)[tracks.object])
+    for step in range(_STEPS):
+        model = _model(columns, values, None, held, mount)
+        rest = values.copy()
+        rest[:columns.terms] = 0.0
+        left = (np.array(model.residuals(run)) - (rest @ columns.columns).reshape(2, n)).ravel()
+        if step < 2:  # the noise, once more where the mount is about right
+            root, weights = group_roots(columns.columns, left, tracks.object, time, tracks.arc,
+                                        cos_el, remembers)
+            noises = likely_noises(columns.columns, left, precision, root, rows,
+                                   sequence_of(time, tracks.arc, cos_el, rows))
+        fit = MixedFit([PriorFit(gram_of(noise.whiten(columns.columns), noise.whiten(left)),
+                                 noise.count, precision, mean - values) for noise, _ in noises],
+                       [chance for _, chance in noises])
+        values = values + fit.coefficients
+    k = columns.terms
+    model = _model(columns, values, fit.covariance[:k, :k], held, mount)
+    by_model = np.array(model.residuals(run))
+    rest = values.copy()
+    rest[:k] = 0.0
+    after = by_model - (rest @ columns.columns).reshape(2, n)
+    return TrackFit(tracks, columns, model, values, fit, noises, precision, mean, weights, raw,
+                    after, by_model)
+
+
+def _known(columns, held, free):
+    """Precision and mean of the coefficients before the tracks."""
+    precision, mean = columns.precision(), np.zeros(len(columns.names))
+    if held is None:
+        return precision, mean
+    names = columns.names[:columns.terms]
+    known = [name for name in names if name in held.terms]
+    mean[[columns.place(name) for name in known]] = [held.terms[name] for name in known]
+    sure = [name for name in known if name not in free]
+    if sure:
+        of = [list(held.terms).index(name) for name in sure]
+        at = [columns.place(name) for name in sure]
+        covariance = held.covariance[np.ix_(of, of)]
+        least = 1e-12 * max(float(np.diag(covariance).max()), 1e-24)
+        precision[np.ix_(at, at)] = np.linalg.inv(covariance + least * np.eye(len(of)))
+    return precision, mean
+
+
+def _model(columns, values, covariance, held, mount):
+    terms = dict(zip(columns.names[:columns.terms], values[:columns.terms].tolist()))
+    more = {} if held is None else {'harmonics': held.harmonics, 'effects': held.effects,
+                                    'geometry': held.geometry}
+    return PointingModel(terms, covariance, mount=mount, **more)

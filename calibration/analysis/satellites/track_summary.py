@@ -1,0 +1,107 @@
+"""What a fit of tracks says, as a document: terms, clock, each satellite and each arc."""
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+
+from ..finding import Finding
+from .track_columns import CLOCK
+
+#: s: of a satellite's time along its orbit, from which on it is a finding
+_LATE = 1e-4
+
+
+def track_document(fit):
+    """The document, JSON-ready but for its findings.
+
+    Parameters
+    ----------
+    fit : TrackFit
+
+    Returns
+    -------
+    dict
+    """
+    tracks = fit.tracks
+    white, process, memory = fit.noise_of_rows()
+    sky = fit.sky_sigma()
+    out = {
+        'rows': len(tracks), 'rows_set_aside': int(np.count_nonzero(fit.weights == 0.0)),
+        'mount': tracks.run.mount.kind,
+        'terms': [{'name': name, 'value_arcsec': value / ARCSEC, 'sigma_arcsec': float(sigma)}
+                  for (name, value), sigma in zip(fit.model.terms.items(),
+                                                  fit.model.sigmas / ARCSEC)],
+        'determined': fit.determines, 'sky_sigma_arcsec': sky / ARCSEC,
+        'noise': {'memory_s': float(memory), **{
+            name or 'stars': {'white_arcsec': float(a / ARCSEC), 'memory_arcsec': float(b / ARCSEC)}
+            for name, a, b in zip(tracks.objects, white, process)}},
+        'before': _rms(fit.before, fit.weights), 'after': _rms(fit.after, fit.weights),
+        'satellites': [_satellite(fit, name) for name in tracks.satellites],
+        'arcs': [_arc(fit, arc) for arc in np.unique(tracks.arc)],
+        'left_out': list(fit.left_out), 'suspects': dict(fit.suspects)}
+    if CLOCK in fit.columns.names:
+        value, sigma = fit[CLOCK]
+        out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.told_apart(CLOCK)}
+    out['notes'] = [*fit.notes, *_findings(fit, out)]
+    return out
+
+
+def _findings(fit, document):
+    out, sky = [], document['sky_sigma_arcsec']
+    if not document['determined']:
+        out.append(Finding('tracks determine no terms', sky))
+    clock = document.get('clock')
+    if clock and not clock['separated']:
+        out.append(Finding('clock not separated', clock['late_s'], clock['sigma_s'], 's'))
+    elif clock and abs(clock['late_s']) > 3.0 * clock['sigma_s']:
+        out.append(Finding('clock late', clock['late_s'], clock['sigma_s'], 's'))
+    for one in document['satellites']:
+        if abs(one['ahead_s']) < _LATE and one['ahead_sigma_s'] < _LATE:
+            continue
+        if not one['separated']:
+            out.append(Finding('time along the orbit not separated', one['ahead_s'],
+                               one['ahead_sigma_s'], 's', (one['name'],)))
+        elif abs(one['ahead_s']) > 3.0 * one['ahead_sigma_s']:
+            out.append(Finding('satellite ahead', one['ahead_s'], one['ahead_sigma_s'], 's',
+                               (one['name'],)))
+    return out
+
+
+def _rms(left, weights):
+    used = weights > 0.0
+    x, y = (float(np.sqrt(np.mean(one[used] ** 2)) / ARCSEC) for one in left)
+    return {'x_arcsec': x, 'y_arcsec': y, 'radial_arcsec': float(np.hypot(x, y))}
+
+
+def _satellite(fit, name):
+    tracks = fit.tracks
+    rows = tracks.object == tracks.objects.index(name)
+    value, sigma = fit[f'ahead {name}']
+    return {'name': name, 'rows': int(rows.sum()), 'arcs': len(np.unique(tracks.arc[rows])),
+            'orbit_sigma_m': float(np.mean(tracks.orbit_sigma[rows])), 'ahead_s': value,
+            'ahead_sigma_s': sigma, 'separated': fit.told_apart(f'ahead {name}')}
+
+
+def _arc(fit, arc):
+    """Mean and scatter of one arc, before and after, by axes and along and across the track."""
+    tracks = fit.tracks
+    rows = np.flatnonzero((tracks.arc == arc) & (fit.weights > 0.0))
+    everywhere = np.flatnonzero(tracks.arc == arc)
+    time, run = np.asarray(tracks.run['time'], float), tracks.run
+    out = {'object': tracks.objects[tracks.object[everywhere[0]]] or 'stars',
+           'begin': float(time[everywhere].min()), 'end': float(time[everywhere].max()),
+           'rows': len(everywhere),
+           'el_min_deg': float(_elevation(run, everywhere).min() / DEG),
+           'el_max_deg': float(_elevation(run, everywhere).max() / DEG)}
+    for when, left in (('before', fit.before), ('after', fit.after)):
+        axes = {'x': left[0], 'y': left[1]}
+        if not tracks.is_star[everywhere[0]]:
+            axes['along'], axes['across'] = tracks.along(*left)
+        out[when] = {f'{axis}_{what}_arcsec': float(of(value[rows]) / ARCSEC) if len(rows) else
+                     float('nan') for axis, value in axes.items()
+                     for what, of in (('mean', np.mean), ('std', np.std))}
+    return out
+
+
+def _elevation(run, rows):
+    return run.mount.horizon_of(run['az'][rows], run['el'][rows])[1]

@@ -1,0 +1,193 @@
+"""Rows of several instruments or objects in one fit: each group has its own noise.
+
+How large the white noise of a group is its own rows tell. How the noise remembers, one arc of a
+satellite hardly tells: a short memory with the noise that is seen and a long one with far more are
+alike in it. So groups that remember share the memory and the size of the process over the white
+noise, the same on both axes; all rows, all that is fitted and all that is known beforehand say
+together how likely each is, and the fit is the mean over them, as likely as they are.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .correlated_noise import AxisNoise, CorrelatedNoise, Sequence
+from .group_columns import GroupColumns
+from .linear_model import memory_of, weighted_fit
+from .prior_fit import PriorFit, gram_of
+
+#: rows from which on groups tell of a memory
+LEAST_ROWS = 20
+#: between memories that are tried
+_MEMORY_STEP = 2.0
+#: variances of the process that are tried, over that of the white noise
+_SIZES = 4.0 ** np.arange(-2.0, 3.0)
+#: of a noise that no longer counts beside the likeliest
+_UNLIKELY = 1e-4
+_MOST = 12  # noises that are averaged
+_BESIDE = tuple((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)
+
+
+@dataclass
+class GroupNoise:
+    """Whitening of all rows: some remember, the others do not.
+
+    Attributes
+    ----------
+    root : ndarray, shape (2n,)
+        1 / sigma of the white part, 0 for rows set aside.
+    rows : ndarray of int
+        That remember.
+    process : CorrelatedNoise or None
+        Of these rows.
+    """
+
+    root: np.ndarray
+    rows: np.ndarray
+    process: CorrelatedNoise | None
+
+    def whiten(self, values):
+        """Whitened values, shape (..., 2n)."""
+        out = values * self.root
+        if self.process is not None:
+            both = np.concatenate((self.rows, self.rows + len(self.root) // 2))
+            out[..., both] = self.process.whiten(values[..., both])
+        return out
+
+    @property
+    def count(self):
+        """Values with a weight."""
+        return int(np.count_nonzero(self.root))
+
+    @property
+    def log_det(self):
+        """Of the covariance of the rows that remember."""
+        if self.process is not None:
+            return self.process.log_det
+        n = len(self.root) // 2
+        root = self.root[np.concatenate((self.rows, self.rows + n))]
+        return -2.0 * float(np.log(root[root > 0.0]).sum())
+
+
+def group_roots(columns, b, groups, time, run, cos_el, memory):
+    """White noise of each group, by its own rows alone.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (k, 2n)
+        All that is fitted.
+    b : ndarray, shape (2n,)
+        Radians.
+    groups : ndarray of int, shape (n,)
+        0, 1, ...
+    time : ndarray, shape (n,)
+        s.
+    run : ndarray of int, shape (n,)
+        Arcs: one remembers nothing of the one before.
+    cos_el : ndarray, shape (n,)
+        Of the second axis.
+    memory : sequence of bool
+        Whether the noise of each group may remember.
+
+    Returns
+    -------
+    root : ndarray, shape (2n,)
+        1 / sigma, with robust weights.
+    weights : ndarray, shape (n,)
+    """
+    n = len(b) // 2
+    root, weights = np.zeros(2 * n), np.ones(n)
+    for group, remembers in enumerate(memory):
+        rows = np.flatnonzero(groups == group)
+        if not len(rows):
+            continue
+        both = np.concatenate((rows, rows + n))
+        own = columns[:, both]
+        own = GroupColumns.alone(own[np.any(own != 0.0, axis=1)])
+        fit = weighted_fit(own, b[both], final=True)
+        white = np.ones(2)
+        if remembers and len(rows) >= LEAST_ROWS:
+            found = memory_of(fit, own, b[both], Sequence(time[rows], run[rows], cos_el[rows]))
+            white = [one.scale / s for one, s in zip(found, fit.scale)]
+        root[both] = fit.noise.root / np.repeat(white, len(rows))
+        weights[rows] = fit.weights
+    return root, weights
+
+
+def likely_noises(columns, b, precision, root, rows, sequence):
+    """Noises of all rows, and how likely each is.
+
+    Parameters
+    ----------
+    columns, b
+        As of `group_roots`.
+    precision : ndarray, shape (k, k)
+        Of what is known of the coefficients beforehand.
+    root : ndarray, shape (2n,)
+    rows : ndarray of int
+        That may remember.
+    sequence : Sequence
+        Of these rows.
+
+    Returns
+    -------
+    list of (GroupNoise, float)
+        The likeliest first; chances sum to 1. Half of the prior is that nothing remembers, the
+        other half even over the logarithms of memory and size.
+    """
+    n = len(b) // 2
+    found = {(): (GroupNoise(root, rows, None), 0.0)}
+    memories = _memories(sequence) if len(rows) >= LEAST_ROWS else np.empty(0)
+    own = root.reshape(2, n)[:, rows].ravel()
+    white = [float(np.median(1.0 / np.square(part[part > 0.0]))) if np.any(part > 0.0) else 0.0
+             for part in np.split(own, 2)]
+
+    def try_noise(i, j):
+        if (i, j) in found or not (0 <= i < len(memories) and 0 <= j < len(_SIZES)):
+            return
+        of_axes = tuple(AxisNoise(_SIZES[j] * one, memories[i]) for one in white)
+        noise = GroupNoise(root, rows, CorrelatedNoise(own, sequence, of_axes))
+        found[i, j] = noise, (_evidence(columns, b, precision, noise)
+                              - np.log(len(memories) * len(_SIZES)))
+
+    found[()] = found[()][0], _evidence(columns, b, precision, found[()][0])
+    # every second one, then what is beside those that count
+    for i in range(0, len(memories), 2):
+        for j in range(0, len(_SIZES), 2):
+            try_noise(i, j)
+    most = max(log for _, log in found.values())
+    for i, j in [at for at, (_, log) in found.items() if at and log > most + np.log(_UNLIKELY)]:
+        for di, dj in _BESIDE:
+            try_noise(i + di, j + dj)
+    tried, logs = zip(*found.values())
+    chance = np.exp(np.array(logs) - max(logs))
+    chance[chance < _UNLIKELY] = 0.0
+    best = np.argsort(-chance)[:_MOST]
+    best = best[chance[best] > 0.0]
+    return [(tried[i], float(chance[i] / chance[best].sum())) for i in best]
+
+
+def _memories(sequence):
+    gap = sequence.gap[np.isfinite(sequence.gap) & (sequence.gap > 0.0)]
+    if not len(gap):
+        return gap
+    first = 2.0 * np.quantile(gap, 0.1)
+    count = int(np.floor(np.log(max(sequence.span / first, 1.0)) / np.log(_MEMORY_STEP))) + 1
+    return first * _MEMORY_STEP ** np.arange(count)
+
+
+def _evidence(columns, b, precision, noise):
+    fit = PriorFit(gram_of(noise.whiten(columns), noise.whiten(b)), noise.count, precision)
+    return -0.5 * (fit.square + fit.log_det + noise.log_det)
+
+
+def sequence_of(time, run, cos_el, rows):
+    """`Sequence` of some rows (indices)."""
+    return Sequence(time[rows], run[rows], cos_el[rows])
+
+
+def white_sigmas(root):
+    """Median sigma of x and y of the rows with weight, shape (2,)."""
+    return np.array([1.0 / np.median(part[part > 0.0]) if np.any(part > 0.0) else 0.0
+                     for part in np.split(root, 2)])
+

@@ -1,0 +1,159 @@
+"""Tracks of satellites for people: the table of arcs, and the page with a curve of each."""
+
+from datetime import datetime, timezone
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+
+from .drawing import Panel, limit_of, svg
+from .page_parts import (
+    Markup,
+    body_of,
+    cards,
+    figure,
+    folded_section,
+    legend,
+    listed,
+    number,
+    pair,
+    section,
+    table,
+    verdict,
+    whole,
+)
+from .provenance import provenance_section
+from .terminal_tables import new_table
+
+#: arcs whose curves are on the page
+_MOST = 24
+_BOX, _SIZE = (52, 26, 378, 130), (446, 204)
+_AXES = (('x', 0), ('y', 1))
+
+
+def tracks_table(document):
+    """Arcs as a table for the terminal."""
+    out = new_table('Encoder − orbit by arc, mean ± scatter on the sky, arcsec', 'object',
+                    'UTC', 'min', 'elevation', 'raw, first axis', 'raw, second axis',
+                    'left along', 'left across')
+    for arc in document['arcs']:
+        out.add_row(*_cells(arc))
+    return out
+
+
+def _cells(arc):
+    begin = datetime.fromtimestamp(arc['begin'], timezone.utc)
+    star = 'along_std_arcsec' not in arc['after']
+
+    def both(when, axis):
+        of = arc[when]
+        return (f'{of[f"{axis}_mean_arcsec"]:+.1f} ± {of[f"{axis}_std_arcsec"]:.1f}'
+                if f'{axis}_std_arcsec' in of else '–')
+    return (arc['object'], f'{begin:%Y-%m-%d %H:%M}', f'{(arc["end"] - arc["begin"]) / 60.0:.0f}',
+            f'{arc["el_min_deg"]:.0f}–{arc["el_max_deg"]:.0f}°', both('before', 'x'),
+            both('before', 'y'), both('after', 'x' if star else 'along'),
+            both('after', 'y' if star else 'across'))
+
+
+def headline_of(document):
+    """The first line of the page: how good the model is, or that there is none."""
+    names = ', '.join(one['name'] for one in document['satellites'])
+    if not document['determined']:
+        return f'Tracks of {names} do not determine the terms'
+    return (f'Model from {names}: {document["sky_sigma_arcsec"]:.2f}″ over the sky, '
+            f'{document["after"]["radial_arcsec"]:.2f}″ left')
+
+
+def render_tracks(fit, document, diagnosis, files):
+    """The page as text.
+
+    Parameters
+    ----------
+    fit : satellites.track_fit.TrackFit
+    document : dict
+        `track_document` of it, with sentences in the place of findings.
+    diagnosis : view of a diagnosis, or None
+        Of what is left.
+    files : iterable of Path
+        From which it is made.
+
+    Returns
+    -------
+    str
+    """
+    headline, clock = headline_of(document), document.get('clock')
+    mount = fit.tracks.run.mount.names
+    body = [
+        '<h1>Tracks of satellites</h1>',
+        f'<p class="meta">{document["rows"]} rows, {len(document["arcs"])} arcs</p>',
+        verdict('', headline, document['notes'], cards((
+            (f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
+            (f'{document["after"]["radial_arcsec"]:.2f}″', 'left by terms, clock and orbits'),
+            (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
+             f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)')))),
+        section('Terms', table(('term', 'value ″', '± ″'), [
+            (term['name'], number(term['value_arcsec'], 2, True), number(term['sigma_arcsec']))
+            for term in document['terms']], 'numbers'),
+            note='Encoder − orbit, with the covariance of noise that remembers.'),
+        section('Satellites', table(
+            ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
+            [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', number(one['orbit_sigma_m']),
+              number(1e3 * one['ahead_s'], 2, True), number(1e3 * one['ahead_sigma_s']),
+              'yes' if one['separated'] else 'no') for one in document['satellites']], 'numbers'),
+            note='Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
+            'the clock and the other satellites.'),
+        section('Errors along each arc', legend(
+            ('before', 'as the encoders read'), ('fit', 'the zeros of the axes taken off'),
+            ('after', 'terms, clock and orbits taken off')), *_curves(fit, document, mount),
+            note=f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
+            f'{mount.axes[1]}, raw and with the zeros taken off; then along and across the track, '
+            'with all taken off.'),
+        folded_section('Arcs', table(
+            ('object', 'UTC', 'min', 'elevation', f'raw {mount.axes[0]} ″',
+             f'raw {mount.axes[1]} ″', 'left along ″', 'left across ″'),
+            [tuple(Markup(cell) if cell == '–' else cell for cell in _cells(arc))
+             for arc in document['arcs']])),
+        body_of(_diagnosis_page(diagnosis, files)),
+        provenance_section([], files)]
+    return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
+
+
+def _diagnosis_page(view, files):
+    from .diagnosis_page import render
+    return '' if view is None else render(view, files)
+
+
+def _curves(fit, document, mount):
+    """Drawings of each arc of a satellite, the first of them."""
+    tracks, out = fit.tracks, []
+    time = np.asarray(tracks.run['time'], float)
+    zeros = {name: fit.model.terms.get(name, 0.0) for name in mount.index}
+    second = tracks.run['el']
+    without = fit.before - np.stack((zeros[mount.index[0]] * np.cos(second),
+                                     np.full(len(time), zeros[mount.index[1]])))
+    along = np.stack(tracks.along(*fit.after))
+    arcs = [arc for arc in np.unique(tracks.arc)
+            if not tracks.is_star[np.flatnonzero(tracks.arc == arc)[0]]]
+    for arc in arcs[:_MOST]:
+        rows = np.flatnonzero(tracks.arc == arc)
+        minutes = (time[rows] - time[rows[0]]) / 60.0
+        name = tracks.objects[tracks.object[rows[0]]]
+        begin = datetime.fromtimestamp(time[rows[0]], timezone.utc)
+        title = f'{name}, {begin:%Y-%m-%d %H:%M}'
+        raw = [_panel(minutes, [(fit.before[i, rows], 'before'), (without[i, rows], 'fit')],
+                      f'{title}: {mount.axes[i]}') for _, i in _AXES]
+        left = [_panel(minutes, [(along[i, rows], 'after')], f'{title}: {word}')
+                for i, word in enumerate(('along the track', 'across'))]
+        out += [pair(raw), pair(left)]
+    if len(arcs) > _MOST:
+        out.append(listed([f'{len(arcs) - _MOST} more arcs are in the table alone']))
+    return out
+
+
+def _panel(minutes, series, title):
+    limit = limit_of(*(values / ARCSEC for values, _ in series))
+    panel = Panel(_BOX, (minutes.min() - 0.2, minutes.max() + 0.2), (-limit, limit))
+    panel.axes('minutes', 'arcsec', title)
+    for values, style in series:
+        panel.points(minutes, values / ARCSEC, style)
+    return figure(svg(*_SIZE, panel.parts, title), '')

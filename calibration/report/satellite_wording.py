@@ -1,0 +1,50 @@
+"""Sentences on tracks of satellites, their orbits and the station's clock."""
+
+
+def _seconds(value, sigma):
+    if abs(value) < 1.0:
+        return f'{1e3 * abs(value):.1f} ± {1e3 * sigma:.1f} ms'
+    return f'{abs(value):.2f} ± {sigma:.2f} s'
+
+
+def _signed(found):
+    return f'{1e3 * found.size:+.1f} ± {1e3 * found.sigma:.1f} ms'
+
+
+def _orbit_wrong(found):
+    return (f'the orbit of {found.causes[0]} is wrong along the track '
+            f'({100.0 * found.size:.0f} %): its rows are left out')
+
+
+def _one_of_these(found):
+    return (f'one of these orbits is wrong along the track: {", ".join(found.causes)} '
+            f'({100.0 * found.size:.0f} %); the data cannot say which, observe another arc of each')
+
+
+def _stamps(found):
+    word = 'late' if found.size > 0.0 else 'early'
+    scale = f', as if in {found.causes[0]} time' if found.causes[0] and found.size > 0.0 else ''
+    return (f'the time stamps are {abs(found.size):g} s {word}{scale}: {found.before:.0f}" becomes '
+            f'{found.after:.0f}" without that; give UTC')
+
+
+KINDS = {
+    'orbit wrong': _orbit_wrong,
+    'one orbit of these wrong': _one_of_these,
+    'stamps off': _stamps,
+    'tracks determine no terms': lambda found: (
+        f'these tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '
+        'than by a dozen stars; add arcs in other parts of the sky, or give a model (--model)'),
+    'clock late': lambda found: (
+        f"the station's clock is {_seconds(found.size, found.sigma)} "
+        f'{"late" if found.size > 0.0 else "early"}'),
+    'clock not separated': lambda found: (
+        f"the station's clock cannot be separated from the zeros and the orbits: "
+        f'{_signed(found)}; track another satellite, in another direction'),
+    'satellite ahead': lambda found: (
+        f'{found.causes[0]} is {_seconds(found.size, found.sigma)} '
+        f'{"ahead of" if found.size > 0.0 else "behind"} its orbit'),
+    'time along the orbit not separated': lambda found: (
+        f'{found.causes[0]}: its time along the orbit cannot be separated from the zeros and the '
+        f'clock: {_signed(found)}'),
+}

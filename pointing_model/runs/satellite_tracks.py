@@ -1,0 +1,154 @@
+"""Tracks of satellites as rows of a run: where each was by its orbit, and what would move it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..mounts import ALTAZ
+from ..sky.earth import TURN_RATE
+from ..sky.satellite_motion import satellite_motion
+from .run import PointingRun
+
+#: s without a row of a satellite: another arc
+_GAP = 1200.0
+#: name of rows that are stars
+STARS = ''
+
+
+@dataclass
+class SatelliteTracks:
+    """Rows of satellites and of stars, n of them, in order of time within each arc.
+
+    Attributes
+    ----------
+    run : PointingRun
+        Its ``az``, ``el`` are the places by the orbits.
+    objects : tuple of str
+        Satellites, and `STARS` first if there are stars.
+    object : ndarray of int, shape (n,)
+        Of each row, in `objects`.
+    arc : ndarray of int, shape (n,)
+        One pass of one object; stars are one for each night.
+    clock, ahead, across, out : ndarray, shape (2, n)
+        As of `satellite_motion.SatelliteMotion`; the last three zero for stars.
+    speed, orbit_sigma : ndarray, shape (n,)
+        m/s along the orbit, and of a coordinate of it, m; zero for stars.
+    """
+
+    run: PointingRun
+    objects: tuple
+    object: np.ndarray
+    arc: np.ndarray
+    clock: np.ndarray
+    ahead: np.ndarray
+    across: np.ndarray
+    out: np.ndarray
+    speed: np.ndarray
+    orbit_sigma: np.ndarray
+
+    def __len__(self):
+        return len(self.run)
+
+    @property
+    def satellites(self):
+        """Names, without the stars."""
+        return tuple(name for name in self.objects if name != STARS)
+
+    @property
+    def is_star(self):
+        """Rows of stars, ndarray of bool, shape (n,)."""
+        return np.array([name == STARS for name in self.objects])[self.object]
+
+    def along(self, x, y):
+        """Residuals on the sky along and across the track, radians; NaN for stars.
+
+        Parameters
+        ----------
+        x, y : ndarray, shape (n,)
+        """
+        length = np.hypot(*self.ahead)
+        a, b = np.where(length > 0.0, self.ahead / np.where(length > 0.0, length, 1.0), np.nan)
+        return x * a + y * b, y * a - x * b
+
+    def select(self, rows):
+        """The tracks with only some rows (a mask or indices); names keep their numbers."""
+        return replace(self, run=self.run.select(rows), object=self.object[rows],
+                       arc=self.arc[rows], clock=self.clock[:, rows], ahead=self.ahead[:, rows],
+                       across=self.across[:, rows], out=self.out[:, rows], speed=self.speed[rows],
+                       orbit_sigma=self.orbit_sigma[rows])
+
+
+def star_rates(az, el, latitude, mount=ALTAZ):
+    """How stars move on the sky, along the axes of a mount, rad/s, shape (2, n).
+
+    Parameters
+    ----------
+    az, el : ndarray, shape (n,)
+        Places by the axes of the mount, radians.
+    latitude : float
+        Radians.
+    mount : Mount
+    """
+    pole = TURN_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    motion = -np.cross(pole, mount.direction(az, el).T).T
+    return np.stack([np.sum(one * motion, axis=0) for one in mount.tangents(az, el)])
+
+
+def satellite_tracks(columns, names, orbits, site, weather, mount=ALTAZ, meta=None):
+    """Tracks of measured rows.
+
+    Parameters
+    ----------
+    columns : dict of str to ndarray, shape (n,)
+        ``time``, ``az_enc``, ``el_enc`` (with the object centred), radians; of rows that are
+        stars ``az`` and ``el``; more is kept.
+    names : sequence of str, length n
+        Of the objects; `STARS` of stars.
+    orbits : dict of str to orbit
+        By the names.
+    site : pointing_model.sky.places.Site
+    weather : Weather or callable
+        Or what gives it for some rows (indices).
+    mount : Mount
+    meta : dict, optional
+        Of the run.
+
+    Returns
+    -------
+    SatelliteTracks
+
+    Raises
+    ------
+    ValueError
+        A time that an orbit does not have.
+    """
+    time, label = np.asarray(columns['time'], float), np.asarray(names, dtype=object)
+    order = np.lexsort((time, label.astype(str)))
+    time, label = time[order], label[order]
+    columns = {name: np.asarray(value)[order] for name, value in columns.items()}
+    objects = tuple(sorted(set(label.tolist())))
+    number = np.array([objects.index(name) for name in label])
+    new = (np.diff(number, prepend=-1) != 0) | (np.diff(time, prepend=-np.inf) > np.where(
+        label == STARS, 6.0 * 3600.0, _GAP))
+    n = len(time)
+    az, el = (np.array(columns.get(axis, np.full(n, np.nan)), float) for axis in ('az', 'el'))
+    moves = {name: np.zeros((2, n)) for name in ('clock', 'ahead', 'across', 'out')}
+    speed, sigma = np.zeros(n), np.zeros(n)
+    for i, name in enumerate(objects):
+        rows = np.flatnonzero(number == i)
+        if name == STARS:
+            moves['clock'][:, rows] = star_rates(az[rows], el[rows], site.latitude, mount)
+            continue
+        air = weather(order[rows]) if callable(weather) else weather
+        motion = satellite_motion(orbits[name], time[rows], site, air, mount)
+        az[rows], el[rows] = motion.az, motion.el
+        for what, of in moves.items():
+            of[:, rows] = getattr(motion, what)
+        speed[rows], sigma[rows] = motion.speed, orbits[name].sigma(time[rows])
+    rates = moves['clock'] / np.stack((np.cos(el), np.ones(n)))
+    run = PointingRun({**columns, 'az': az, 'el': el, 'star': label.astype(str),
+                       'az_rate': rates[0], 'el_rate': rates[1]},
+                      {**(meta or {}), 'site': site, **({} if mount.vertical else {
+                          'mount': mount})})
+    return SatelliteTracks(run, objects, number, np.cumsum(new) - 1, **moves, speed=speed,
+                           orbit_sigma=sigma)

@@ -1,0 +1,114 @@
+"""How a satellite's observed place changes: with the clock, and with errors of its orbit."""
+
+from typing import NamedTuple
+
+import erfa
+import numpy as np
+
+from msg_tools.units import wrap
+from pointing_model.mounts import ALTAZ
+
+from .earth import TURN_RATE
+from .elements import turned
+from .places import DEFAULT_SITE, DEFAULT_WEATHER
+from .satellite import satellite_place
+
+#: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
+_STEP = 0.25
+
+
+class SatelliteMotion(NamedTuple):
+    """Observed places by the axes of a mount, and what moves them there; n times.
+
+    Attributes
+    ----------
+    az, el : ndarray, shape (n,)
+        Observed place, rad: angles of the first and the second axis.
+    distance : ndarray, shape (n,)
+        m.
+    speed : ndarray, shape (n,)
+        Along the orbit, not turning with the Earth, m/s.
+    clock : ndarray, shape (2, n)
+        On the sky, rad for a second that the time stamps are later: x and y.
+    ahead : ndarray, shape (2, n)
+        The same for a second that the satellite is ahead on its orbit.
+    across, out : ndarray, shape (2, n)
+        The same for a metre to the left of the orbit's plane, and away from the Earth.
+    """
+
+    az: np.ndarray
+    el: np.ndarray
+    distance: np.ndarray
+    speed: np.ndarray
+    clock: np.ndarray
+    ahead: np.ndarray
+    across: np.ndarray
+    out: np.ndarray
+
+
+def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mount=ALTAZ):
+    """Places of a satellite and their derivatives.
+
+    Parameters
+    ----------
+    orbit : elements.Satellite, or orbits.ephemeris.Orbit
+    time : ndarray, shape (n,)
+        UTC, seconds since 1970-01-01.
+    site : Site
+    weather : Weather
+    mount : Mount
+
+    Returns
+    -------
+    SatelliteMotion
+
+    Raises
+    ------
+    ValueError
+        A time that the orbit does not have.
+    """
+    time = np.atleast_1d(np.asarray(time, float))
+    az, el, distance = satellite_place(orbit, time, site, weather)
+    here = mount.axes_of(az, el)
+
+    def moved(other):
+        """On the sky, from the place to another of the horizon."""
+        first, second = mount.axes_of(*other)
+        return np.stack((wrap(first - here[0]) * np.cos(here[1]), wrap(second - here[1])))
+
+    def rate(by):
+        late, early = (satellite_place(orbit, time, site, weather, **{by: sign * _STEP})
+                       for sign in (1.0, -1.0))
+        return (moved(late[:2]) - moved(early[:2])) / (2.0 * _STEP)
+
+    late = distance / erfa.CMPS
+    place = orbit.itrf(time, -late)
+    velocity = (turned(orbit.itrf(time, _STEP - late), -TURN_RATE * _STEP)
+                - turned(orbit.itrf(time, -_STEP - late), TURN_RATE * _STEP)) / (2.0 * _STEP)
+    pole = np.cross(place, velocity)
+    east_up = _tangents(az, el)
+
+    def by_metre(direction):
+        enu = _horizon(site) @ (direction / np.linalg.norm(direction, axis=1)[:, None]).T
+        x, y = (np.sum(one * enu, axis=0) / distance for one in east_up)
+        metre = 100.0  # a difference that is no rounding
+        return moved((az + metre * x / np.cos(el), el + metre * y)) / metre
+
+    return SatelliteMotion(
+        *here, distance, np.linalg.norm(velocity, axis=1), rate('rest'),
+        rate('time_bias'), by_metre(pole), by_metre(place))
+
+
+def _horizon(site):
+    """East, north and up in ITRF, as rows."""
+    sin_lon, cos_lon = np.sin(site.longitude), np.cos(site.longitude)
+    sin_lat, cos_lat = np.sin(site.latitude), np.cos(site.latitude)
+    return np.array([[-sin_lon, cos_lon, 0.0],
+                     [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+                     [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]])
+
+
+def _tangents(az, el):
+    """Along azimuth and elevation, each (east, north, up), shape (3, n)."""
+    return (np.array([np.cos(az), -np.sin(az), 0.0 * az]),
+            np.array([-np.sin(el) * np.sin(az), -np.sin(el) * np.cos(az), np.cos(el)]))

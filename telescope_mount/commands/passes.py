@@ -1,0 +1,83 @@
+"""The command ``passes``: when satellites can be tracked."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'passes', help='when satellites can be tracked, and what a keyhole costs',
+        description='List the passes of satellites over a site: time, height, phase, the Sun, and '
+        'the seconds that are lost where an axis is too slow.')
+    parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
+                        required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
+                        '.Z; may be given again: files of one satellite are joined')
+    parser.add_argument('--object', metavar='ID', help='one satellite (default: all of the files)')
+    options.add(parser, 'latitude', 'longitude', 'height', 'mount')
+    options.add(parser, 'date', help='from when on, ISO 8601 (default: the begin of the orbit; of '
+                'elements their epoch)')
+    parser.add_argument('--hours', type=options.real(0.01, 1000.0, 'hours'), default=24.0,
+                        metavar='H', help='how long (default: 24)')
+    parser.add_argument('--lowest', type=options.real(0.0, 89.0, 'degrees'), default=20.0,
+                        metavar='DEG', help='least elevation (default: 20)')
+    parser.add_argument('--rate', type=options.real(0.01, 100.0, 'deg/s'), default=4.0,
+                        metavar='DEG_S', help='of either axis, deg/s (default: 4)')
+    parser.add_argument('--acceleration', type=options.real(0.01, 100.0, 'deg/s^2'), default=2.0,
+                        metavar='DEG_S2', help='of either axis, deg/s^2 (default: 2)')
+    parser.add_argument('--day-too', action='store_true', help='also by day and in the shadow of '
+                        'the Earth (lasers, radio)')
+    options.add_json(parser)
+
+
+def run(args):
+    """Read, search, print."""
+    from msg_tools.iso_time import iso_seconds
+    from msg_tools.units import DEG
+    from pointing_model.mounts import parse_mount
+    from pointing_model.sky.orbits.orbit_files import Orbits
+    from pointing_model.sky.places import Site
+
+    from ..guard.limits import Axis
+    from ..observing.pass_forecast import pass_forecasts
+    from .console import new_console, print_lines, write_outputs
+    if args.latitude is None or args.longitude is None:
+        raise ValueError('passes are over a site: give --latitude and --longitude')
+    site = Site(args.latitude * DEG, args.longitude * DEG, args.height or 0.0)
+    mount = parse_mount(args.mount or 'altaz', site.latitude)
+    axes = [Axis(-9.0, 9.0, args.rate * DEG, args.acceleration * DEG)] * 2
+    orbits, found = Orbits(args.orbit), []
+    for name in [args.object] if args.object else orbits.names:
+        orbit = orbits.orbit(name)
+        start = iso_seconds(args.date) if args.date else max(
+            orbit.begin, getattr(orbit, 'epoch', orbit.begin))
+        found += pass_forecasts(orbit, start, args.hours, site, mount=mount, axes=axes,
+                                low=args.lowest * DEG, dark=not args.day_too)
+    found.sort(key=lambda one: one.start)
+    console = new_console()
+    console.print(_table(found, mount))
+    if not found:
+        console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
+                                                  'at night: --day-too has all'))
+    print_lines(console, 'note', orbits.notes)
+    write_outputs(console, args, [one.document() for one in found], 'passes')
+
+
+def _table(found, mount):
+    from datetime import datetime, timezone
+
+    from calibration.report.terminal_tables import new_table
+    from msg_tools.units import ARCSEC, DEG
+    out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', 'phase',
+                    'in the Sun', 'from the Sun', 'arcsec/s', 'keyhole')
+    for one in found:
+        begin = datetime.fromtimestamp(one.start, timezone.utc)
+        hole = '–' if not one.keyholes else ', '.join(
+            f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]} '
+            f'({hole.wanted / DEG:.0f} deg/s)' for hole in one.keyholes)
+        out.add_row(one.name, f'{begin:%Y-%m-%d %H:%M:%S}', f'{(one.end - one.start) / 60.0:.1f}',
+                    f'{one.top_el / DEG:.0f}°', f'{one.phase / DEG:.0f}°',
+                    f'{100.0 * one.sunlit:.0f} %', f'{one.sun_distance / DEG:.0f}°',
+                    f'{one.fastest / ARCSEC:.0f}', hole)
+    return out

@@ -1,0 +1,128 @@
+"""The command ``satellite``: a model, a clock and orbits from tracks of satellites."""
+
+from pathlib import Path
+
+from . import options
+
+
+def add(commands):
+    """Add the parser."""
+    parser = commands.add_parser(
+        'satellite', help='terms, clock and orbit errors from tracks of satellites',
+        description='Read tracks of satellites (CSV: time, encoder angles, miss distance, or where '
+        'each was seen) with precise orbits or elements beside them, fit the terms of the mount, '
+        "the station's clock and what is known of each orbit, name an orbit that is wrong, and "
+        'diagnose what is left as of a run of stars.')
+    parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK')
+    parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
+                        required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
+                        '.Z; may be given again: files of one satellite are joined')
+    parser.add_argument('--object', metavar='ID', help='the satellite of rows that name none (no '
+                        'column satellite): L52, G18, a catalogue number')
+    parser.add_argument('--star-run', dest='stars', action='append', default=[],
+                        type=options.log_path, metavar='RUN', help='a pointing run of stars that '
+                        'goes into the same fit; may be given again')
+    parser.add_argument('--model', type=options.model_path, metavar='MODEL', help='what is known '
+                        'of the terms, with its covariance; the zeros of the axes are fitted anew')
+    parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
+                        'physical terms of the mount, or those of the model)')
+    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help="what is "
+                        "known of the station's clock, 1 sigma; 0: it is right (default: nothing)")
+    parser.add_argument('--time-bias', action='append', default=[], metavar='ID', help='a '
+                        'satellite whose time along its orbit is not known, whatever its orbit '
+                        'says; may be given again')
+    parser.add_argument('--verbose', action='store_true', help='print all details of the '
+                        'diagnosis too')
+    parser.add_argument('--no-diagnosis', action='store_true', help='do not look for what is left')
+    options.add(parser, 'mount', 'latitude', 'longitude', 'height')
+    options.add(parser, 'pressure', 'temperature', help='of the air, where the rows do not have it')
+    options.add_outputs(parser)
+
+
+def run(args):
+    """Read, fit, diagnose, print, write."""
+    from calibration.analysis.satellites.orbit_faults import fit_without_faults
+    from calibration.analysis.satellites.stamp_check import wrong_stamps
+    from calibration.analysis.satellites.track_summary import track_document
+    from calibration.report.satellite_page import render_tracks, tracks_table
+    from calibration.report.terminal_tables import terms_table
+    from calibration.report.wording import worded, wording
+    from pointing_model.model import PointingModel
+
+    from ..track_loader import load_tracks
+    from .console import ProgressLine, new_console, print_all, print_lines, write_outputs
+    args.azimuth_origin, args.equinox = None, 'auto'
+    place = options.place_of(args)
+    measured = load_tracks(args.tracks, args.orbit, args.object, args.stars, site=place.get('site'),
+                           weather=place.get('weather'), mount=args.mount)
+    found = wrong_stamps(measured)
+    if found is not None:
+        raise ValueError(f'{args.tracks[0]}: {wording(found)}')
+    held = args.model and PointingModel.load(args.model)
+    bias_free = tuple(orbit.name for orbit in map(_named(measured), args.time_bias))
+    console = new_console()
+    with ProgressLine(first='fitting the tracks'):
+        fit = fit_without_faults(
+            measured.tracks(), terms=args.terms, held=held,
+            clock_sigma=float('inf') if args.clock is None else args.clock, bias_free=bias_free)
+    document = track_document(fit)
+    document['notes'] = [*document['notes'], *measured.notes]
+    view = None
+    if not args.no_diagnosis and document['determined']:
+        view = _diagnosed(fit, document)
+    document = worded(document)
+    print_all(console, [tracks_table(document), terms_table(document['terms']),
+                        *_lines(document)])
+    if view is not None:
+        from calibration.report.diagnosis_terminal import diagnosis_tables, summary_lines
+        print_all(console, ['', 'What is left, as a run of stars (means of 2 minutes):',
+                            *summary_lines(view),
+                            *(diagnosis_tables(view) if args.verbose else ())])
+    print_lines(console, 'note', document['notes'])
+    files = [*args.tracks, *args.stars, *args.orbit]
+    write_outputs(console, args, document, model=fit.model.save,
+                  page=args.report and render_tracks(fit, document, view, files))
+
+
+def _named(measured):
+    def named(text):
+        plain = text.strip().upper()
+        orbit = next((one for name, one in measured.orbits.items()
+                      if plain in (name.upper(), str(getattr(one, 'number', '')))), None)
+        if orbit is None:
+            raise ValueError(f'--time-bias {text}: no track of it; there are '
+                             f'{", ".join(measured.orbits)}')
+        return orbit
+    return named
+
+
+def _diagnosed(fit, document):
+    """View of the diagnosis of what is left; None where the points are too few."""
+    from calibration.analysis.diagnosis import diagnose
+    from calibration.analysis.satellites.normal_points import normal_points
+    from calibration.report.diagnosis_view import view_of
+    from calibration.report.documents import run_diagnosis_document
+    from msg_tools.forks import cores
+
+    from .console import ProgressLine
+    try:
+        with ProgressLine(unit='folds', first='looking for effects', lines=True) as progress:
+            found = diagnose([normal_points(fit)], '+'.join(fit.model.terms), sessions=0.0,
+                             progress=progress, jobs=cores())
+    except ValueError as error:
+        document['notes'].append(f'not diagnosed: {error}')
+        return None
+    of = run_diagnosis_document(found)
+    document['diagnosis'] = of
+    return view_of(found, of)
+
+
+def _lines(document):
+    before, after = document['before'], document['after']
+    yield (f'{document["rows"]} rows, RMS on the sky {before["radial_arcsec"]:.2f}" -> '
+           f'{after["radial_arcsec"]:.2f}"; the model is good to '
+           f'{document["sky_sigma_arcsec"]:.2f}" over the sky (1 sigma)')
+    if 'clock' in document:
+        clock = document['clock']
+        yield (f'clock: {1e3 * clock["late_s"]:+.1f} ± {1e3 * clock["sigma_s"]:.1f} ms '
+               '(positive: stamps are late)')

@@ -1,0 +1,128 @@
+"""Where an axis is too slow for a pass, and the way across with the fewest seconds lost.
+
+Near the pole of the first axis what passes at any speed asks it for half a turn at once: of an
+alt-azimuth mount in the zenith, of an X/Y mount low in the north and south. The axis leaves the
+track a little before and goes at its full rate, so that it is there when the track has become slow
+enough: the shortest time in which that can be.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+#: s between the moments that are looked at
+STEP = 0.25
+#: of the full rate, at which the way across goes: the guard wants room for the cubic
+_PART = 0.98
+
+
+class Keyhole(NamedTuple):
+    """A stretch of a pass that an axis cannot follow.
+
+    Attributes
+    ----------
+    axis : int
+        0 or 1.
+    begin, end : float
+        When it leaves the track and is on it again, UTC seconds since 1970-01-01.
+    wanted : float
+        Largest rate that the pass asks for, rad/s.
+    """
+
+    axis: int
+    begin: float
+    end: float
+    wanted: float
+
+    @property
+    def lost(self):
+        """Seconds off the track."""
+        return self.end - self.begin
+
+
+def keyholes(time, angles, axes):
+    """The stretches of a pass that cannot be followed.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In steps of `STEP`, UTC seconds since 1970-01-01.
+    angles : ndarray, shape (n, 2)
+        Of the axes on the track, without jumps by a turn, rad.
+    axes : sequence of guard.limits.Axis
+        Rates (rad/s) and accelerations (rad/s^2).
+
+    Returns
+    -------
+    list of Keyhole
+        In the order of time.
+    """
+    out = []
+    rates = np.gradient(angles, time, axis=0)
+    for k, axis in enumerate(axes):
+        rate = _PART * axis.rate
+        fast = np.flatnonzero(np.abs(rates[:, k]) > rate)
+        for rows in np.split(fast, np.flatnonzero(np.diff(fast) > 1) + 1) if len(fast) else ():
+            begin, end = _shortest(angles[:, k], rates[:, k], time, rows, rate, axis.acceleration)
+            out.append(Keyhole(k, float(time[begin]), float(time[end]),
+                               float(np.abs(rates[rows, k]).max())))
+    return sorted(out, key=lambda one: one.begin)
+
+
+def _shortest(angle, rates, time, rows, rate, acceleration):
+    """First and last row of the shortest way across rows that are too fast."""
+    sign = np.sign(rates[rows[len(rows) // 2]])
+    # what starting and ending slower than the full rate costs, in angle
+    cost = np.square(np.clip(rate - sign * rates, 0.0, None)) / (2.0 * acceleration)
+    # needed: (angle + cost) at the end - (angle - cost) at the begin <= rate (t_end - t_begin)
+    late = sign * angle - rate * time
+    ends = late + cost
+    best = 0, len(time) - 1
+    j = min(rows[-1] + 1, len(time) - 1)
+    for i in range(max(rows[0] - 1, 0), -1, -1):
+        if time[j] - time[i] >= time[best[1]] - time[best[0]]:
+            break
+        reach = late[i] - cost[i]
+        stop = np.flatnonzero(ends[j:] <= reach)
+        if len(stop) and time[j + stop[0]] - time[i] < time[best[1]] - time[best[0]]:
+            best = i, j + int(stop[0])
+    return best
+
+
+def across(time, angles, rates, keyhole, axis):
+    """Angles and rates of an axis with the way across a keyhole in the place of the track.
+
+    It changes its rate at full acceleration, goes evenly, and changes it again.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+    angles, rates : ndarray, shape (n,)
+        Of that axis on the track, rad, rad/s.
+    keyhole : Keyhole
+    axis : guard.limits.Axis
+
+    Returns
+    -------
+    angles, rates : ndarray, shape (n,)
+    """
+    angles, rates = angles.copy(), rates.copy()
+    begin, end = np.searchsorted(time, [keyhole.begin, keyhole.end])
+    span, way = time[end] - time[begin], angles[end] - angles[begin]
+    sign = np.sign(way)
+    first, last, way = sign * rates[begin], sign * rates[end], abs(way)
+    # v: v span - ((v - first)^2 + (v - last)^2) / 2a = way
+    a = axis.acceleration
+    b = span + (first + last) / a
+    c = way + (first**2 + last**2) / (2.0 * a)
+    even = 0.5 * a * (b - np.sqrt(max(b * b - 4.0 * c / a, 0.0)))
+    rows = np.arange(begin, end + 1)
+    at = time[rows] - time[begin]
+    up, down = max((even - first) / a, 0.0), max((even - last) / a, 0.0)
+    late = np.clip(at - (span - down), 0.0, None)
+    early = np.minimum(at, up)
+    moved = first * early + 0.5 * a * early**2 + even * np.clip(at - up, 0.0, None) \
+        - 0.5 * a * late**2
+    angles[rows] = angles[begin] + sign * moved
+    rates[rows] = sign * (np.where(at < up, first + a * at, even) - a * late)
+    return angles, rates

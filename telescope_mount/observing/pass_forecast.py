@@ -1,0 +1,158 @@
+"""What a pass will be like: how high, how fast, in the Sun or not, what a keyhole costs."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pointing_model.mounts import ALTAZ
+from pointing_model.sky.passes import passes
+from pointing_model.sky.places import DEFAULT_SITE, DEFAULT_WEATHER, sun_place
+from pointing_model.sky.satellite import in_sunlight, satellite_place
+
+from .keyhole import STEP, keyholes
+
+#: s between the moments at which a pass is looked at first, and part of an axis' rate from which
+#: on it is looked at in steps of `STEP`
+_COARSE, _FAST = 5.0, 0.3
+
+
+class PassForecast(NamedTuple):
+    """A pass over a site, for one mount.
+
+    Attributes
+    ----------
+    name : str
+        Of the satellite.
+    start, end, top : float
+        UTC, seconds since 1970-01-01.
+    top_az, top_el : float
+        rad.
+    sunlit : float
+        Part of the pass, 0 to 1.
+    sun_el : float
+        Of the Sun at the top, rad.
+    sun_distance : float
+        Least, rad.
+    phase : float
+        Angle at the satellite between Sun and observer at the top, rad: 0 is full.
+    fastest : float
+        Largest rate on the sky, rad/s.
+    keyholes : list of Keyhole
+    orbit_sigma : float
+        Of a coordinate of the orbit at the top, m.
+    """
+
+    name: str
+    start: float
+    end: float
+    top: float
+    top_az: float
+    top_el: float
+    sunlit: float
+    sun_el: float
+    sun_distance: float
+    phase: float
+    fastest: float
+    keyholes: list
+    orbit_sigma: float
+
+    @property
+    def lost(self):
+        """Seconds that keyholes cost."""
+        return sum(one.lost for one in self.keyholes)
+
+    def document(self):
+        """JSON-ready."""
+        from msg_tools.units import ARCSEC, DEG
+        return {
+            'satellite': self.name, 'start': self.start, 'end': self.end, 'top': self.top,
+            'top_az_deg': self.top_az / DEG, 'top_el_deg': self.top_el / DEG,
+            'sunlit': self.sunlit, 'sun_el_deg': self.sun_el / DEG,
+            'sun_distance_deg': self.sun_distance / DEG, 'phase_deg': self.phase / DEG,
+            'fastest_arcsec_s': self.fastest / ARCSEC, 'lost_s': self.lost,
+            'orbit_sigma_m': self.orbit_sigma, 'keyholes': [
+                {'axis': one.axis, 'begin': one.begin, 'end': one.end, 'lost_s': one.lost,
+                 'wanted_deg_s': one.wanted / DEG} for one in self.keyholes]}
+
+
+def pass_track(orbit, one, site, weather=DEFAULT_WEATHER, mount=ALTAZ, step=STEP, margin=60.0):
+    """Times and angles of the axes through a pass.
+
+    Parameters
+    ----------
+    orbit
+        As of `passes`.
+    one : passes.Pass
+    site : Site
+    weather : Weather
+    mount : Mount
+    step, margin : float
+        s between the times, and s before and after it.
+
+    Returns
+    -------
+    time : ndarray, shape (n,)
+    angles : ndarray, shape (n, 2)
+        Without jumps by a turn, rad.
+    """
+    begin, end = max(one.start - margin, orbit.begin + 1.0), min(one.end + margin, orbit.end)
+    time = np.arange(begin, end, step)
+    first, second = mount.axes_of(*satellite_place(orbit, time, site, weather)[:2])
+    first, second = mount.on_travel(first, second)
+    return time, np.stack((np.unwrap(first), np.unwrap(second)), axis=1)
+
+
+def pass_forecasts(orbit, start, hours, site=DEFAULT_SITE, *, mount=ALTAZ, axes=None, low=0.35,
+                   dark=True):
+    """The passes of a satellite.
+
+    Parameters
+    ----------
+    orbit
+        As of `passes`.
+    start, hours, site
+        As of `passes`.
+    mount : Mount
+    axes : sequence of guard.limits.Axis, optional
+        Rates and accelerations; without them no keyhole is looked for.
+    low : float
+        Least elevation, rad.
+    dark : bool
+        Only where it can be seen: in the Sun, with the Sun 12 degrees below the horizon.
+
+    Returns
+    -------
+    list of PassForecast
+        In the order of time.
+    """
+    out = []
+    for one in passes(orbit, start, hours, site, low, dark=dark, step=30.0):
+        time, angles = pass_track(orbit, one, site, mount=mount, step=_COARSE)
+        inside = (time >= one.start) & (time <= one.end)
+        az, el, distance = satellite_place(orbit, time[inside], site)
+        sun_az, sun_el = sun_place(time[inside], site)
+        apart = _angle(az, el, sun_az, sun_el)
+        top = int(np.argmax(el))
+        found = _keyholes(orbit, one, site, mount, axes, time, angles) if axes else []
+        sky = np.hypot(np.gradient(np.unwrap(az), time[inside]) * np.cos(el),
+                       np.gradient(el, time[inside]))
+        # the Sun is as far as from the Earth: its direction at the satellite is the observer's
+        out.append(PassForecast(
+            orbit.name, one.start, one.end, one.top, float(az[top]), float(one.top_el),
+            float(np.mean(in_sunlight(orbit, time[inside]))), float(sun_el[top]),
+            float(apart.min()), float(np.pi - apart[top]), float(sky.max()),
+            [hole for hole in found if hole.end > one.start and hole.begin < one.end],
+            float(orbit.sigma(one.top))))
+    return out
+
+
+def _keyholes(orbit, one, site, mount, axes, time, angles):
+    rates = np.abs(np.gradient(angles, time, axis=0)).max(axis=0)
+    if all(rate < _FAST * axis.rate for rate, axis in zip(rates, axes)):
+        return []
+    return keyholes(*pass_track(orbit, one, site, mount=mount), axes)
+
+
+def _angle(az, el, az2, el2):
+    cosine = np.sin(el) * np.sin(el2) + np.cos(el) * np.cos(el2) * np.cos(az - az2)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -1,0 +1,246 @@
+"""Tracks of satellites from files, the orbits beside them, and runs of stars to go with them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import ALTAZ, parse_mount
+from pointing_model.runs.formats.cells import Cells
+from pointing_model.runs.formats.column_names import CSV_NAMES, OTHER_NAMES
+from pointing_model.runs.formats.declarations import declarations, standard_pressure
+from pointing_model.runs.formats.run_table import content, read_lines
+from pointing_model.runs.run import column_name
+from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
+from pointing_model.sky.orbits.orbit_files import Orbits
+from pointing_model.sky.places import DEFAULT_WEATHER, Site, Weather, icrs_to_observed
+
+from .observing.pairing import centred
+from .run_loader import load_run
+
+#: columns that name the satellite of a row
+_NAMES = ('satellite', 'object')
+#: of a row without readings of an encoder: where the satellite was seen
+_SEEN = (('az_deg', 'el_deg'), ('ra_deg', 'dec_deg'))
+
+
+@dataclass
+class MeasuredTracks:
+    """Rows of track files, n of them, and what they need to become `SatelliteTracks`.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray, shape (n,)
+        ``time``, ``az_enc``, ``el_enc``; of stars ``az``, ``el``.
+    names : ndarray of str, shape (n,)
+        Satellites; `STARS` of stars.
+    orbits : dict of str to orbit
+    site : Site
+    weather : Weather
+        Each number one for all or one for each row.
+    mount : Mount
+    notes : list of str
+    """
+
+    columns: dict
+    names: np.ndarray
+    orbits: dict
+    site: Site
+    weather: Weather
+    mount: object
+    notes: list
+
+    def tracks(self, shift=0.0, rows=slice(None)):
+        """`SatelliteTracks` with stamps `shift` seconds later, of some rows."""
+        columns = {name: value[rows] for name, value in self.columns.items()}
+        columns['time'] = columns['time'] + shift
+        chosen = np.arange(len(self.names))[rows]
+
+        def air(of):
+            return _air_of(self.weather, chosen[of])
+        return satellite_tracks(columns, self.names[rows], self.orbits, self.site, air, self.mount,
+                                {'notes': list(self.notes)})
+
+
+def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=None, mount=None):
+    """Read track files, orbits, and runs of stars.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        CSV with ``time``, the readings (``az_enc_deg``, ``el_enc_deg``, or as the mount has them)
+        and the camera's miss distance (``miss_x_arcsec``, ``miss_y_arcsec``) if there is one; or
+        without readings where the satellite was seen, ``az_deg``, ``el_deg`` or ``ra_deg``,
+        ``dec_deg`` (J2000) from stars in the field. A column ``satellite`` names it.
+    orbit_paths : sequence of Path
+    name : str, optional
+        The satellite of rows that do not name theirs.
+    stars : sequence of Path
+        Pointing runs of stars.
+    site, weather, mount
+        As of `run_loader.load_run`.
+
+    Returns
+    -------
+    MeasuredTracks
+
+    Raises
+    ------
+    ValueError
+        One line: what is wrong with a file.
+    """
+    orbits, parts, notes = Orbits(orbit_paths), [], []
+    for path in paths:
+        part = _read(path, site, mount)
+        notes += part.notes
+        parts.append(part)
+    site = _site_of(parts, site)
+    frame = next((part.mount for part in parts if part.mount is not None), None)
+    frame = parse_mount(mount or frame or 'altaz', site.latitude)
+    found, columns, names = {}, [], []
+    for part in parts:
+        label = np.array([str(_orbit(orbits, found, one or name)) for one in part.names.tolist()],
+                         dtype=object)
+        columns.append(_measured(part, site, weather, frame))
+        names.append(label)
+    for path in stars:
+        run = load_run(path, site={'latitude': site.latitude, 'longitude': site.longitude,
+                                   'height': site.height}, mount=mount,
+                       **({'weather': weather} if weather else {}))
+        columns.append(_star_columns(run, frame))
+        names.append(np.full(len(run), STARS, dtype=object))
+    joined = _joined(columns)
+    air = _air(joined, site, weather)
+    notes += orbits.notes + [_age(orbit, joined['time'][np.concatenate(names) == one])
+                             for one, orbit in found.items() if not orbit.precise]
+    return MeasuredTracks(joined, np.concatenate(names), found, site, air, frame, notes)
+
+
+@dataclass
+class _Part:
+    """One track file: cells as numbers."""
+
+    path: object
+    cells: dict
+    names: np.ndarray
+    site: dict
+    mount: str | None
+    keys: tuple
+    notes: list
+
+
+def _read(path, site, mount):
+    lines = read_lines(path)
+    if not content(lines):
+        raise ValueError(f'{path} is empty; give a CSV file with a header row')
+    table, declared = Cells(path, lines), declarations(path, lines)
+    header = set(table.header)
+    kind = next((names for names, _ in OTHER_NAMES
+                 if f'{names.columns[0]}_enc_deg' in header), ALTAZ.names)
+    keys = tuple(column_name(axis, kind) for axis in ('az_enc', 'el_enc'))
+    seen = next((pair for pair in _SEEN if set(pair) <= header), None)
+    if 'time' not in header or not (set(keys) <= header or seen):
+        raise ValueError(
+            f'{path}: a track needs time and {", ".join(keys)} (or where the satellite was seen: '
+            f'az_deg, el_deg, or ra_deg, dec_deg); there are {", ".join(table.header[:20])}')
+    read = {'time': table.times('time', table['time'])}
+    wanted = [*(keys if set(keys) <= header else seen), 'miss_x_arcsec', 'miss_y_arcsec',
+              'temperature_c', 'pressure_hpa']
+    for column in wanted:
+        if column in header:
+            read[column] = table.floats(column, table[column])
+    column = next((one for one in _NAMES if one in header), None)
+    names = np.array(table[column] if column else [''] * len(table), dtype=object)
+    good = (table.reasons == 0) & np.all(
+        [np.isfinite(read[one]) for one in ('time', *wanted[:2])], axis=0)
+    notes = list(declared['notes'])
+    if not good.any():
+        raise ValueError(f'{path}: no row has {", ".join(("time", *wanted[:2]))}')
+    if not good.all():
+        first = table.lines[np.flatnonzero(~good)[0]]
+        notes.append(f'{path}: {int((~good).sum())} rows left out, the first in line {first}')
+    return _Part(path, {one: value[good] for one, value in read.items()}, names[good],
+                 declared.get('site') or {}, mount or declared.get('mount_declared'),
+                 keys, notes)
+
+
+def _site_of(parts, given):
+    known = {}
+    for part in parts:
+        known |= part.site
+    known |= given or {}
+    missing = [f'--{one}' for one in ('latitude', 'longitude') if one not in known]
+    if missing:
+        raise ValueError(f'{parts[0].path}: the site is not known; give {" and ".join(missing)}, '
+                         'or lines "# latitude_deg: 34.3" before the header')
+    return Site(known['latitude'], known['longitude'], known.get('height', 0.0))
+
+
+def _orbit(orbits, found, name):
+    orbit = orbits.orbit(name)
+    found[orbit.name] = orbit
+    return orbit.name
+
+
+def _measured(part, site, weather, mount):
+    """Readings with the satellite centred, or where it was seen by the axes of the mount."""
+    cells, out = part.cells, {'time': part.cells['time']}
+    for name in ('temperature_c', 'pressure_hpa'):
+        if name in cells:
+            out[CSV_NAMES[name]] = cells[name]
+    if set(part.keys) <= set(cells):
+        if part.keys != tuple(column_name(axis, mount.names) for axis in ('az_enc', 'el_enc')):
+            raise ValueError(f'{part.path}: the columns {", ".join(part.keys)} are not of a mount '
+                             f'that is {mount.kind}; give --mount')
+        az, el = (cells[key] * DEG for key in part.keys)
+        miss = [np.nan_to_num(cells[one]) * ARCSEC if one in cells else np.zeros(len(az))
+                for one in ('miss_x_arcsec', 'miss_y_arcsec')]
+        out['az_enc'], out['el_enc'] = centred(az, el, *miss, np.cos(el) < 0.0)
+    elif 'az_deg' in cells:
+        out['az_enc'], out['el_enc'] = mount.axes_of(cells['az_deg'] * DEG, cells['el_deg'] * DEG)
+    else:
+        air = _air({**out, 'time': cells['time']}, site, weather)
+        out['az_enc'], out['el_enc'] = mount.axes_of(*icrs_to_observed(
+            cells['ra_deg'] * DEG, cells['dec_deg'] * DEG, cells['time'], site, air))
+    return out
+
+
+def _star_columns(run, mount):
+    if not run.mount.agrees(mount):
+        raise ValueError(f'{run.meta.get("source")}: a run of a mount that is {run.mount.kind}; '
+                         f'the tracks are of one that is {mount.kind}')
+    time = np.asarray(run.get('time'), float)
+    if not np.isfinite(time).all():
+        raise ValueError(f'{run.meta.get("source")}: stars beside tracks need the time of every '
+                         'row (column time)')
+    return {name: np.asarray(run[name], float) for name in (
+        'az', 'el', 'az_enc', 'el_enc', 'temperature', 'pressure') if name in run} | {'time': time}
+
+
+def _joined(parts):
+    every = sorted({name for part in parts for name in part})
+    return {name: np.concatenate([part.get(name, np.full(len(part['time']), np.nan))
+                                  for part in parts]) for name in every}
+
+
+def _air(columns, site, weather):
+    """Weather of each row: its own, else what is given, else a standard atmosphere at the site."""
+    base = weather or replace(DEFAULT_WEATHER, pressure_hpa=standard_pressure(site.height))
+    n, out = len(columns['time']), {}
+    for name, key in (('pressure', 'pressure_hpa'), ('temperature', 'temperature_c')):
+        own = columns.get(name, np.full(n, np.nan))
+        out[key] = np.where(np.isfinite(own), own, getattr(base, key))
+    return replace(base, **out)
+
+
+def _air_of(weather, rows):
+    return replace(weather, pressure_hpa=weather.pressure_hpa[rows],
+                   temperature_c=weather.temperature_c[rows])
+
+
+def _age(orbit, time):
+    days = (time.mean() - orbit.epoch) / 86400.0
+    return (f'elements of {orbit.name} are {abs(days):.1f} days '
+            f'{"old" if days >= 0.0 else "younger than the track"}: errors of '
+            f'{float(np.max(orbit.sigma(time))) / 1e3:.1f} km are to be expected; take a precise '
+            'orbit if there is one')

@@ -1,0 +1,132 @@
+"""Terms, clock and orbits from tracks: values within their sigmas, and what cannot be separated."""
+
+import numpy as np
+import pytest
+from made_tracks import SITE, TRUTH, made_orbit, made_tracks, passes
+
+from calibration.analysis.satellites.normal_points import normal_points
+from calibration.analysis.satellites.orbit_faults import fault_chances, fit_without_faults
+from calibration.analysis.satellites.track_fit import fit_tracks
+from calibration.analysis.satellites.track_summary import track_document
+from calibration.analysis.term_fit import fit_terms
+from calibration.report.wording import worded
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.mounts import parse_mount
+from pointing_model.runs.satellite_tracks import satellite_tracks, star_rates
+from pointing_model.sky.places import DEFAULT_WEATHER, observed_place
+from pointing_model.sky.star_catalogue import load_catalogue
+
+FOUR = {'A01': 2, 'B02': 2, 'C03': 2, 'D04': 2}
+
+
+@pytest.fixture(scope='module')
+def tracks():
+    return made_tracks(np.random.default_rng(1), FOUR, clock=0.03)
+
+
+def test_satellites_alone_give_terms_and_clock(tracks):
+    fit = fit_tracks(tracks)
+    for name, value in TRUTH.items():
+        found, sigma = fit[name]
+        assert abs(found - value * ARCSEC) < 4.0 * sigma and sigma < 5.0 * ARCSEC, name
+    late, sigma = fit['clock']
+    assert abs(late - 0.03) < 4.0 * sigma and sigma < 0.01
+    assert fit.determines and np.std(fit.after) == pytest.approx(ARCSEC, rel=0.1)
+    document = worded(track_document(fit))
+    assert any("the station's clock is" in note for note in document['notes'])
+    assert document['after']['radial_arcsec'] < 1.6 < document['before']['radial_arcsec']
+
+
+def test_one_pass_leaves_terms_and_time_open():
+    one = made_tracks(np.random.default_rng(2), {'A01': 1})
+    fit = fit_tracks(one, clock_sigma=0.0, bias_free=('A01',))
+    assert not fit.told_apart('ahead A01') and not fit.determines
+    notes = worded(track_document(fit))['notes']
+    assert any('cannot be separated from the zeros' in note for note in notes)
+    assert any('these tracks do not determine the terms' in note for note in notes)
+
+
+def test_a_model_of_stars_lets_one_pass_tell_the_time_bias():
+    rng = np.random.default_rng(3)
+    stars = made_tracks(rng, {}, stars=60)
+    held = fit_terms(stars.run).model
+    one = made_tracks(rng, {'A01': 1}, ahead={'A01': 0.05}, truth={**TRUTH, 'IA': 130.0})
+    fit = fit_tracks(one, held=held, clock_sigma=0.0, bias_free=('A01',))
+    value, sigma = fit['ahead A01']
+    assert fit.told_apart('ahead A01') and abs(value - 0.05) < 4.0 * sigma < 0.05
+    zero, sigma = fit['IA']
+    assert abs(zero - 130.0 * ARCSEC) < 4.0 * sigma
+
+
+def test_stars_and_satellites_are_one_fit_with_a_noise_each():
+    rng = np.random.default_rng(4)
+    both = made_tracks(rng, {'A01': 1}, stars=40, clock=0.02)
+    both.run['az_enc'][both.is_star] += 4.0 * ARCSEC * rng.normal(size=40)
+    both.run['el_enc'][both.is_star] += 4.0 * ARCSEC * rng.normal(size=40)
+    fit = fit_tracks(both)
+    white = dict(zip(both.objects, fit.noise_of_rows()[0] / ARCSEC))
+    assert white[''] > 2.0 * white['A01']
+    assert abs(fit['clock'][0] - 0.02) < 4.0 * fit['clock'][1]
+
+
+def test_a_clock_that_stars_alone_see_is_the_zeros():
+    """Late stamps move stars as IA and AW do: no column of a clock without satellites."""
+    stars = made_tracks(np.random.default_rng(5), {}, stars=40)
+    assert 'clock' not in fit_tracks(stars).columns.names
+
+
+@pytest.mark.parametrize('mount', ['altaz', 'equatorial', 'xy'])
+def test_rates_of_stars_and_satellites_are_those_of_their_places(mount):
+    mount = parse_mount(mount, SITE.latitude)
+    star = load_catalogue(mag_limit=2.0).select([5])
+    time = 1.5e9 + np.array([0.0, 1.0])
+    first, second = mount.axes_of(*observed_place(star, time, SITE))
+    rate = star_rates(first[:1], second[:1], SITE.latitude, mount)[:, 0]
+    moved = (first[1] - first[0]) * np.cos(second[0]), second[1] - second[0]
+    np.testing.assert_allclose(rate, moved, rtol=2e-3, atol=1e-8)
+    orbit = made_orbit('A01', 10.0)
+    when = passes(orbit, 1)[0][:2]
+    zero = np.zeros(2)
+    rows = satellite_tracks({'time': when, 'az_enc': zero, 'el_enc': zero}, ['A01'] * 2,
+                            {'A01': orbit}, SITE, DEFAULT_WEATHER, mount)
+    later = satellite_tracks({'time': when + 0.01, 'az_enc': zero, 'el_enc': zero}, ['A01'] * 2,
+                             {'A01': orbit}, SITE, DEFAULT_WEATHER, mount)
+    moved = np.stack(((later.run['az'] - rows.run['az']) * np.cos(rows.run['el']),
+                      later.run['el'] - rows.run['el'])) / 0.01
+    np.testing.assert_allclose(rows.clock, moved, rtol=1e-3, atol=1e-7)
+    # along the orbit the Earth stands still: another direction, nearly the same rate
+    assert np.all(np.hypot(*(rows.ahead - rows.clock)) < 80.0 * ARCSEC)
+    assert np.all(np.abs(np.sum(rows.across * rows.ahead, axis=0)) < 0.2 * np.hypot(
+        *rows.across) * np.hypot(*rows.ahead))
+
+
+def test_a_wrong_orbit_is_named_and_left_out():
+    tracks = made_tracks(np.random.default_rng(6), FOUR, ahead={'B02': 0.25})
+    fit = fit_without_faults(tracks)
+    assert fit.left_out == ('B02',) and 'B02' not in fit.tracks.objects
+    assert abs(fit['AN'][0] - TRUTH['AN'] * ARCSEC) < 4.0 * fit['AN'][1]
+    notes = worded(track_document(fit))['notes']
+    assert notes[0].startswith('the orbit of B02 is wrong along the track (')
+
+
+def test_no_orbit_is_named_where_none_is_wrong(tracks):
+    chances = fault_chances(tracks)
+    assert chances[''] > 0.5 and sum(chances.values()) == pytest.approx(1.0)
+
+
+def test_two_satellites_cannot_say_whose_orbit_is_wrong():
+    tracks = made_tracks(np.random.default_rng(7), {'A01': 1, 'C03': 1}, ahead={'A01': 0.3},
+                         stars=40)
+    fit = fit_without_faults(tracks.select(~tracks.is_star))
+    assert fit.left_out in ((), ('A01',))
+    # stars know the mount: now it is plain
+    assert fit_without_faults(tracks).left_out == ('A01',)
+
+
+def test_what_is_left_is_a_run_of_means(tracks):
+    points = normal_points(fit_tracks(tracks))
+    assert 60 < len(points) < len(tracks) / 2.5
+    fit = fit_terms(points)
+    for name, value, sigma in zip(fit.names, fit.coefficients, fit.sigma):
+        assert abs(value - TRUTH[name] * ARCSEC) < 5.0 * sigma
+    assert fit.rms_arcsec().radial < 1.2 and points['el'].min() > 24.0 * DEG

@@ -1,0 +1,25 @@
+"""The command `passes`."""
+
+import json
+
+import numpy as np
+from kepler_orbit import sp3
+
+PLACE = ('--latitude', '34.3', '--longitude', '109')
+
+
+def test_passes_of_a_file_are_listed(ended, tmp_path):
+    (tmp_path / 'a.sp3').write_text(sp3(120.0 * np.arange(720), velocities=False))
+    code, out, err = ended('passes', '--orbit', tmp_path / 'a.sp3', *PLACE, '--day-too', '--json',
+                           tmp_path / 'p.json')
+    assert (code, err) == (0, '') and 'L52' in out and 'keyhole' in out
+    found = json.loads((tmp_path / 'p.json').read_text())
+    assert len(found) >= 3 and found == sorted(found, key=lambda one: one['start'])
+    assert all(one['top_el_deg'] > 20.0 and one['lost_s'] == 0.0 for one in found)
+    seen = ended('passes', '--orbit', tmp_path / 'a.sp3', *PLACE, '--hours', '1')[1]
+    assert 'no pass in these hours that is in the Sun, at night' in seen or 'L52' in seen
+
+
+def test_passes_ask_for_the_site(refused, tmp_path):
+    (tmp_path / 'a.sp3').write_text(sp3(120.0 * np.arange(20)))
+    assert 'give --latitude and --longitude' in refused('passes', '--orbit', tmp_path / 'a.sp3')

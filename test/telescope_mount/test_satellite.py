@@ -1,0 +1,106 @@
+"""The command `satellite` on files."""
+
+import json
+
+import numpy as np
+import pytest
+from kepler_orbit import sp3
+from made_tracks import ORBITS, TRUTH, made_tracks, write_track
+
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.model import PointingModel
+from pointing_model.runs.formats import write_csv
+from pointing_model.runs.run import PointingRun
+
+EPOCHS = 120.0 * np.arange(900)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Tracks of three satellites, their orbits, and stars."""
+    out = tmp_path_factory.mktemp('satellite')
+    tracks = made_tracks(np.random.default_rng(1), {'A01': 1, 'B02': 1, 'C03': 1}, 40, 0.02)
+    for name in ('A01', 'B02', 'C03'):
+        (out / f'{name}.sp3').write_text(sp3(EPOCHS, name=name, velocities=False, code=5,
+                                             **ORBITS[name]))
+    write_track(out / 'tracks.csv', tracks)
+    write_track(out / 'late.csv', tracks, shift=18.0)
+    write_track(out / 'seen.csv', tracks.select(tracks.object == 1), names=False, angles='seen')
+    run = tracks.run
+    stars = {name: run[name][tracks.is_star] for name in ('time', 'az', 'el', 'az_enc', 'el_enc')}
+    write_csv(PointingRun(stars), out / 'stars.csv')
+    return out
+
+
+def orbits(folder):
+    return [part for name in ('A01', 'B02', 'C03')
+            for part in ('--orbit', folder / f'{name}.sp3')]
+
+
+def test_tracks_become_a_model_a_page_and_a_result(ended, folder):
+    page, result, model = (folder / name for name in ('s.html', 's.json', 'm.json'))
+    code, out, err = ended('satellite', folder / 'tracks.csv', *orbits(folder), '--star-run',
+                           folder / 'stars.csv', '--no-diagnosis', '--report', page, '--json',
+                           result, '--save', model)
+    assert (code, err) == (0, '')
+    assert 'left along' in out and "the station's clock is" in ' '.join(out.split())
+    document = json.loads(result.read_text())
+    assert document['determined'] and document['clock']['late_s'] == pytest.approx(0.02, abs=0.01)
+    assert {one['name'] for one in document['satellites']} == {'A01', 'B02', 'C03'}
+    terms = PointingModel.load(model).terms
+    assert terms['AN'] / ARCSEC == pytest.approx(TRUTH['AN'], abs=2.0)
+    assert 'along the track' in page.read_text()
+
+
+def test_where_a_satellite_was_seen_needs_no_encoder(ended, folder):
+    code, out, _ = ended('satellite', folder / 'seen.csv', '--object', 'A01', *orbits(folder))
+    assert code == 0 and 'do not determine the terms' in ' '.join(out.split())
+
+
+def test_stamps_of_another_scale_are_named(refused, folder):
+    line = refused('satellite', folder / 'late.csv', *orbits(folder))
+    assert 'the time stamps are 18 s late, as if in GPS time' in line
+
+
+@pytest.mark.parametrize(('text', 'more', 'message'), [
+    ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', (),
+     '3 satellites; name one with --object: A01, B02, C03'),
+    ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', ('--object', 'Z9'),
+     'no satellite Z9; there are A01, B02, C03'),
+    ('time,satellite,az_enc_deg,el_enc_deg\n2017-12-30T01:00:00Z,A01,1,45\n', (),
+     'A01: 2017-12-30 01:00:00 UTC is in no file; they have 2017-12-03 00:00:00 to'),
+    ('time,satellite\n2017-12-03T01:00:00Z,A01\n', (),
+     'a track needs time and az_enc_deg, el_enc_deg'),
+    ('time,satellite,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,A01,,45\n', (),
+     'no row has time, az_enc_deg, el_enc_deg'),
+])
+def test_bad_input_is_one_line(refused, folder, tmp_path, text, more, message):
+    path = tmp_path / 'track.csv'
+    path.write_text(text)
+    place = ('--latitude', '34.3', '--longitude', '109')
+    assert message in refused('satellite', path, *orbits(folder), *place, *more)
+
+
+def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
+    path = tmp_path / 'track.csv'
+    path.write_text('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n')
+    assert 'the site is not known; give --latitude and --longitude' in refused(
+        'satellite', path, '--object', 'A01', *orbits(folder))
+
+
+def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
+    from telescope_mount.track_loader import load_tracks
+    lines = (folder / 'tracks.csv').read_text().splitlines()
+    head, rows = lines[:4], lines[4:24]
+    az = [float(row.split(',')[2]) for row in rows]
+    el = [float(row.split(',')[3]) for row in rows]
+    (tmp_path / 'plain.csv').write_text('\n'.join(head + rows))
+    moved = [f'{row.rsplit(",", 2)[0]},{a - 30.0 / 3600.0 / np.cos(e * DEG):.9f},'
+             f'{e + 20.0 / 3600.0:.9f},30,-20' for row, a, e in zip(rows, az, el)]
+    (tmp_path / 'missed.csv').write_text('\n'.join(
+        [*head[:3], f'{head[3]},miss_x_arcsec,miss_y_arcsec', *moved]))
+    paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]
+    plain, missed = (load_tracks([tmp_path / name], paths).columns
+                     for name in ('plain.csv', 'missed.csv'))
+    np.testing.assert_allclose(missed['az_enc'], plain['az_enc'], atol=0.05 * ARCSEC)
+    np.testing.assert_allclose(missed['el_enc'], plain['el_enc'], atol=0.05 * ARCSEC)
