@@ -195,8 +195,8 @@ class ModelChoice:
         Of each that was chosen.
     gains : list of float
         What each takes off the RMS of rows left out, arcsec: the least of all partitions.
-    replaced : bool
-        Whether it is the model of an alternative that was better.
+    replaced : tuple of CandidateGroup
+        Of an alternative whose model was better: the effect that was found, and the alternative.
     """
 
     chosen: list
@@ -209,7 +209,7 @@ class ModelChoice:
     against_memory: set = field(default_factory=set)
     significances: list = field(default_factory=list)
     gains: list = field(default_factory=list)
-    replaced: bool = False
+    replaced: tuple = ()
 
     def without(self, i):
         """The choice but for one, and but for the changes of that one."""

@@ -18,7 +18,7 @@ from calibration.estimation.candidates import CandidateGroup
 from calibration.estimation.correlated_noise import WhiteNoise
 from calibration.estimation.linear_model import LIVE
 from calibration.estimation.select import affordable, choose, search, settled
-from calibration.estimation.significance import SET_WIDTH, significance
+from calibration.estimation.significance import SET_WIDTH
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word
 
@@ -60,10 +60,31 @@ class AlternativeModel:
     behind: float
 
 
-def choose_model(problem, alpha, chance, partitions=()):
-    """`choose`, and `compare_alternatives` of it."""
-    return compare_alternatives(problem, choose(problem, alpha, chance, partitions), alpha, chance,
-                                partitions)
+def repeated_choice(choice):
+    """What repeats a choice with a part of the rows left out, called as `choose`.
+
+    Alternatives are searched once: of a part only the one that took the place of a found effect is
+    compared with that effect, each with all others chosen anew.
+
+    Parameters
+    ----------
+    choice : ModelChoice
+        Of all rows.
+    """
+    if not choice.replaced:
+        return choose
+    own, other = choice.replaced
+
+    def either(problem, alpha, chance, partitions=()):
+        found = choose(problem, alpha, chance, partitions)
+        if own not in found.chosen or other in found.chosen:
+            return found
+        model = _tried(problem, found, found.chosen.index(own), other.group, (), alpha, chance,
+                       partitions)
+        better = model is not None and model.behind < -SET_WIDTH and len(
+            model.choice.chosen) <= len(found.chosen)
+        return model.choice if better else found
+    return either
 
 
 def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacing=True):
@@ -85,9 +106,6 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
     ModelChoice
     """
     left = MOST_TRIED
-    if chance.of_part:  # as yet it is not known what could stand in the place of each
-        choice.significances = [significance(problem, choice, i, chance, alpha)
-                                for i in range(len(choice.chosen))]
     for i in sorted(range(len(choice.chosen)), key=lambda i: -choice.significances[i].delta_bic):
         near = near_alternatives(problem, choice, i)[:left] if left else []
         left -= len(near)
@@ -104,8 +122,8 @@ def compare_alternatives(problem, choice, alpha, chance, partitions=(), replacin
             continue
         rest = [replace(model, behind=model.behind - best.behind)
                 for model in tried if model is not best]
-        dropped, choice = choice.dropped_by_cv, best.choice
-        choice.replaced = True
+        own, dropped, choice = choice.chosen[i], choice.dropped_by_cv, best.choice
+        choice.replaced = own, best.one
         choice.dropped_by_cv = list(dict.fromkeys(dropped + choice.dropped_by_cv))
         _take_in(choice, choice.chosen.index(best.one), rest)
         break

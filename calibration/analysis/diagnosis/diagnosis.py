@@ -14,9 +14,9 @@ from ..finding import Finding
 from .alternatives import (
     alternatives,
     cause_counts,
-    choose_model,
     compare_alternatives,
     fit_causes,
+    repeated_choice,
     run_counts,
 )
 from .detection_limits import detectable
@@ -203,8 +203,7 @@ def _diagnosis(obs, base, alpha, rng, flips, folds, ways, progress, first_answer
     # its memory
     mixed = along_the_sky(obs.context, problem.sequence) is None
     errors = cross_validated(run, choice.chosen, left is not None and mixed, folds, alpha, chance,
-                             rng, ways, progress, choose_model if choice.replaced else choose,
-                             jobs) if folds else None
+                             rng, ways, progress, repeated_choice(choice), jobs) if folds else None
     if errors and errors.cut is not None:
         choice.not_repeated = choice.chosen[errors.cut:]
         del choice.chosen[errors.cut:]
