@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import String
 
 from msg_tools import convert, topics
+from msg_tools.cloud_tables import table_to_cloud
 from msg_tools.homing import cloud_to_homing
 from msg_tools.long_work import LongWork
 from msg_tools.node import MountNode
@@ -23,6 +24,7 @@ from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 from pointing_model.sky.skyline import parse_horizon
 
 from .analysis.encoders.cross_check import axis_homings
+from .calibration_figures import calibration_figures, residual_table
 from .calibration_params import PARAMS, site_of
 from .calibration_state import Contradiction
 from .night_series import state_of
@@ -51,7 +53,8 @@ class Calibration(MountNode):
         self._pubs = {topic.name: self.publisher(topic) for topic in (
             topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
             topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
-            topics.TRACKING, topics.DISCRIMINATION)}
+            topics.TRACKING, topics.DISCRIMINATION, topics.CALIBRATION_FIGURES,
+            topics.CALIBRATION_RESIDUALS)}
         self._long = LongWork(self)
         # OBSERVATIONS is latched: after a restart it brings back the night so far
         waiting = self._long.waiting
@@ -215,9 +218,12 @@ class Calibration(MountNode):
 
     def _send_zero(self, zero, stamp=None):
         self._has_published = True
-        self._publish(topics.ZERO, zero_to_joints(
-            zero, self._state.last_stamp if stamp is None else stamp,
-            self._state.mount.names.keys))
+        stamp = self._state.last_stamp if stamp is None else stamp
+        self._publish(topics.ZERO, zero_to_joints(zero, stamp, self._state.mount.names.keys))
+        tracked = self._state.tracked
+        self._publish(topics.CALIBRATION_FIGURES, convert.figures(
+            stamp, calibration_figures(self._state.model, zero, self._state.report,
+                                       tracked and tracked.document())))
 
     def _work_fit(self):
         self._publish_status('fitting')
@@ -235,6 +241,10 @@ class Calibration(MountNode):
         """The model, and the zero that belongs to it; its exposures gave it a little otherwise."""
         self._send_model(model)
         self._publish_zero(self._state.zero_of_model())
+        if self._state.active is not None:
+            self._publish(topics.CALIBRATION_RESIDUALS, table_to_cloud(
+                residual_table(self._state.active, self._state.rows.all(),
+                               site_of(self.value('site'))), self._state.last_stamp))
 
     def _refuse_beside_another(self):
         if self._long.name:

@@ -49,6 +49,11 @@ class ModelWithZeros(NamedTuple):
         """The zeros as a document has them."""
         return Zeros(self.zeros[number] for number in sorted(self.zeros)).to_list()
 
+    def residuals(self, rows, site=None):
+        """What it leaves of all rows of a night with nothing refitted, shape (2, n), rad."""
+        seen = without_zeros(self.follows.corrected(rows), self.zeros, site)
+        return np.array(self.model.residuals(seen))
+
     def predicts_as(self, other):
         """Whether both predict the same."""
         def predicted(one):
@@ -100,9 +105,7 @@ class BlindStars:
     def residuals(self, candidate):
         """What a `ModelWithZeros` leaves of them with nothing refitted, shape (2, n), rad."""
         # what a row inherits from the one before it needs all rows
-        rows = candidate.follows.corrected(self._rows)
-        rows = without_zeros(rows, candidate.zeros, self._site)
-        return np.array(candidate.model.residuals(rows))[:, self._mask]
+        return candidate.residuals(self._rows, self._site)[:, self._mask]
 
     def compare(self, before, after, axes=()):
         """Two `ModelWithZeros`, a PairedComparison; None where the stars are too few."""

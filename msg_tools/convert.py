@@ -189,6 +189,15 @@ def read_temperature(message):
     return from_stamp(message.header.stamp), celsius
 
 
+def figures(ns, groups):
+    """A DiagnosticArray of groups of numbers, dict of str to dict of str to float."""
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+    return DiagnosticArray(header=header(ns, ''), status=[
+        DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=[
+            KeyValue(key=key, value=f'{value:.12g}') for key, value in rows.items()])
+        for name, rows in groups.items()])
+
+
 def status(level, name, message, **values):
     """A DiagnosticStatus with `values` as its key-value rows."""
     from diagnostic_msgs.msg import DiagnosticStatus, KeyValue

@@ -114,6 +114,11 @@ ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATC
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSIS = Topic('diagnosis', 'std_msgs/msg/String', LATCHED, computed=True)
 CALIBRATION_REPORT = Topic('calibration/report', 'std_msgs/msg/String', LATCHED, computed=True)
+# terms, zero, RMS and expected error as numbers, and what the model leaves of each star: for plots
+CALIBRATION_FIGURES = Topic(
+    'calibration/figures', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
+CALIBRATION_RESIDUALS = Topic(
+    'calibration/residuals', 'sensor_msgs/msg/PointCloud2', LATCHED, computed=True)
 CALIBRATION_STATUS = Topic(
     'calibration/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 # the rows of the night, for an observer that was started anew and has none

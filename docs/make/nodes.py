@@ -47,6 +47,8 @@ TOPICS = {
     'diagnosis': 'what the model lacks, JSON',
     'calibration/report': 'zeros, fits and checks of the night, JSON',
     'calibration/status': 'what the calibration knows and does',
+    'calibration/figures': 'terms, zero, RMS, expected error as numbers, arcsec',
+    'calibration/residuals': 'encoder − model of each star, rad',
     'calibration/table': 'the rows of the night, for an observer that was started anew',
     'tracking': 'what the last star said to a model that follows the mount, JSON',
     'apart': 'how causes that a diagnosis leaves open stand, and the star that tells most, JSON',

@@ -14,6 +14,7 @@ from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
 from calibration.report.encoder_wording import MARKS_UNKNOWN
 from msg_tools import convert, topics
+from msg_tools.cloud_tables import cloud_to_table
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status_rows import Progress, handover
 from msg_tools.units import ARCSEC
@@ -92,6 +93,42 @@ def test_a_zero_by_polaris_alone_goes_with_no_model(graph):
     graph.wait_for(lambda: zeros)
     zero = joints_to_zero(zeros[0])[1]
     assert (zero.started, zero.model) == (None, 'none')
+
+
+def series_of(message):
+    """As PlotJuggler reads a DiagnosticArray: each key whose value is a number is a series."""
+    return {f'{status.name}/{row.key}': float(row.value)
+            for status in message.status for row in status.values}
+
+
+def test_terms_zero_and_errors_are_numbers_to_plot(graph):
+    desk = Desk(graph)
+    desk.observe(rows(30, seed=2))
+    desk.observe(rows(8, star=POLARIS_HIP, seed=3))
+    assert graph.call('calibrate_zero').success and graph.call('fit').success
+    topic = (topics.CALIBRATION_FIGURES, topics.CALIBRATION_RESIDUALS, topics.MODEL, topics.ZERO,
+             topics.CALIBRATION_REPORT)
+    came = [graph.listen(one) for one in topic]
+    graph.wait_for(lambda: all(came))
+    figures, residuals, model, zero, report = (some[-1] for some in came)
+    series, model, report = series_of(figures), PointingModel.from_json(model.data), json.loads(
+        report.data)
+    assert all(len(status.values) <= 15 for status in figures.status)
+    for (name, value), sigma in zip(model.terms.items(), model.sigmas):
+        assert series[f'term/{name}/value_arcsec'] == pytest.approx(value / ARCSEC, rel=1e-9)
+        assert series[f'term/{name}/sigma_arcsec'] == pytest.approx(sigma / ARCSEC, rel=1e-9)
+    zero = joints_to_zero(zero)[1]
+    assert series['zero/first_axis_arcsec'] == pytest.approx(zero.az / ARCSEC, rel=1e-9)
+    assert series['zero/second_axis_sigma_arcsec'] == pytest.approx(zero.sigma_el / ARCSEC)
+    assert series['fit/stars'] == 30.0
+    assert series['rms/raw/used/radial_arcsec'] == pytest.approx(
+        report['steps'][0]['used']['radial'])
+    left = cloud_to_table(residuals)
+    assert len(left['residual_x']) == 30
+    assert convert.from_stamp(residuals.header.stamp) == desk.stamp
+    rms = np.hypot(*(np.sqrt(np.mean(left[f'residual_{axis}']**2)) for axis in 'xy')) / ARCSEC
+    assert series['rms/7_physical_terms/used/radial_arcsec'] < rms
+    assert rms < series['rms/7_physical_terms/held_out/radial_arcsec']
 
 
 def test_model_and_report_are_there_for_those_who_come_late(graph):

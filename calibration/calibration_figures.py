@@ -1,0 +1,106 @@
+"""What a calibration knows as numbers that can be plotted: terms, zero, errors, residuals."""
+
+import re
+
+import numpy as np
+
+from msg_tools.units import ARCSEC
+from pointing_model.effects.base import readable
+
+from .rows import is_for_zero
+
+_NO_WORD = re.compile(r'\W+')
+
+
+def calibration_figures(model, zero, report=None, tracked=None):
+    """Numbers of what is published, in groups of at most fifteen.
+
+    Parameters
+    ----------
+    model : PointingModel or None
+    zero : PowerOnZero or None
+    report : dict, optional
+        Of the last fit.
+    tracked : dict, optional
+        Document of a model that is tracked.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        ``term/IA`` and ``effect/NAME/COEFFICIENT``: ``value_arcsec``, ``sigma_arcsec``; ``zero``;
+        ``rms/STEP/used`` and ``held_out`` of each step of the report; ``fit``; ``expected_error``;
+        ``tracking``. What is not known is left out.
+    """
+    groups = {}
+    if model is not None:
+        for (name, value), sigma in zip(model.terms.items(), model.sigmas):
+            groups[f'term/{name}'] = _value(value, sigma)
+        for one in model.effects:
+            for name, value, sigma in zip(one.effect.coefficient_names, one.coefficients,
+                                          one.sigma):
+                groups[f'effect/{_NO_WORD.sub("_", readable(one.effect.name))}/{name}'] = _value(
+                    value, sigma)
+    if zero is not None:
+        sigma = zero.sigma if zero.covariance is not None else (np.nan, np.nan)
+        groups['zero'] = {
+            'first_axis_arcsec': zero.az / ARCSEC, 'second_axis_arcsec': zero.el / ARCSEC,
+            'first_axis_sigma_arcsec': sigma[0] / ARCSEC,
+            'second_axis_sigma_arcsec': sigma[1] / ARCSEC, 'power_on': zero.run}
+    if report:
+        groups |= _of_report(report)
+    if tracked:
+        groups['tracking'] = {'stars': tracked['stars'], **{
+            f'expected_error_{when.replace(" ", "_")}_arcsec': value
+            for when, value in tracked['expected_arcsec'].items()}}
+    known = {name: {key: float(value) for key, value in rows.items()
+                    if value is not None and np.isfinite(value)} for name, rows in groups.items()}
+    return {name: rows for name, rows in known.items() if rows}
+
+
+def _value(value, sigma):
+    return {'value_arcsec': value / ARCSEC, 'sigma_arcsec': sigma / ARCSEC}
+
+
+def _of_report(report):
+    groups = {}
+    for step in report.get('steps') or ():
+        for rows in ('used', 'held_out'):
+            if of := step.get(rows):
+                groups[f'rms/{_NO_WORD.sub("_", step["step"])}/{rows}'] = {'rows': of['n'], **{
+                    f'{axis}_arcsec': of[axis] for axis in ('x', 'y', 'radial')}}
+    x, y = report.get('noise_arcsec') or (None, None)
+    groups['fit'] = {'stars': report.get('stars'), 'rejected': report.get('rejected'),
+                     'condition': report.get('condition'), 'noise_x_arcsec': x,
+                     'noise_y_arcsec': y}
+    expected = report.get('expected') or {}
+    groups['expected_error'] = {key: expected.get(key) for key in (
+        'rms_arcsec', 'low_arcsec', 'high_arcsec')}
+    return groups
+
+
+def residual_table(active, rows, site=None):
+    """What the active model leaves of the stars of a night.
+
+    Parameters
+    ----------
+    active : ModelWithZeros
+    rows : PointingRun
+        All of the night.
+    site : dict, optional
+        ``latitude``, ``longitude``, rad.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        ``time`` (UTC s), ``azimuth`` and ``elevation`` of the star (the mount's own angles, rad),
+        ``residual_x`` and ``residual_y`` (encoder - model on the sky, rad: along the first axis
+        times the cosine of the second, and along the second), ``check``, ``power_on``; without
+        the columns that the rows lack.
+    """
+    x, y = active.residuals(rows, site)
+    columns = {'time': rows.get('time'), 'azimuth': rows['az'], 'elevation': rows['el'],
+               'residual_x': x, 'residual_y': y, 'check': rows.get('check'),
+               'power_on': rows['run']}
+    stars = ~is_for_zero(rows)
+    return {name: np.asarray(values, float)[stars] for name, values in columns.items()
+            if values is not None}
