@@ -359,11 +359,13 @@ def one_parser():
 @pytest.fixture
 def short_diagnosis(monkeypatch):
     """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no
-    alternatives in models of their own. A quarter of the time, where a test asks what becomes of
-    the result; how it is found the tests of calibration/analysis/diagnosis ask."""
+    periods, no alternatives in models of their own. A quarter of the time, where a test asks what
+    becomes of the result; how it is found the tests of calibration/analysis/diagnosis ask."""
     from calibration.analysis.diagnosis import alternatives, diagnosis, discrimination, run_problem
+    from calibration.estimation.periodogram import PeriodBank
     monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)
     monkeypatch.setattr(alternatives, 'MOST_TRIED', 0)
+    monkeypatch.setattr(run_problem, 'period_bank', lambda context: PeriodBank([]))
     for module in (discrimination, run_problem):
         monkeypatch.setattr(module, 'smooths', lambda context: [])
 
