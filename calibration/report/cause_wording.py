@@ -40,8 +40,8 @@ def causes_sentence(causes):
         if one.get('more_effects') else '') for one in causes]
     if len(texts) > _MOST_CAUSES:
         texts = [*texts[:_MOST_CAUSES], f'{len(texts) - _MOST_CAUSES} more']
-    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
-            f'{"; ".join(texts[:-1])}; or {texts[-1]}.')
+    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well. '
+            + ' '.join(f'({i}) {text[:1].upper()}{text[1:]}.' for i, text in enumerate(texts, 1)))
 
 
 def short_cause(cause):
@@ -108,7 +108,9 @@ def first_check(document, row):
         if terms else 'Check first: '
     tested = [each for each in causes if each['look_at'] == one['look_at']]
     rest = [each for each in causes if each not in tested]
-    names = ' and '.join(f'"{plain(each["cause"])}"' for each in tested)
+    names = f'"{plain(one["cause"])}"' if len(causes) == 1 else (
+        f'cause{"s" * (len(tested) > 1)} '
+        + ' and '.join(str(causes.index(each) + 1) for each in tested))
     return (f'{head}{one["look_at"]}. It tests {names}: {EFFORTS[least]}{_rest(rest, own, least)}. '
             'The data cannot distinguish the causes.')
 

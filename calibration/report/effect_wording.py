@@ -73,10 +73,10 @@ def effect_summary(diagnosis, found):
         # the same with another memory, or none
         open_ = any(row['in_set'] and row['name'] != e.name and row['driver'] == e.driver
                     and 'hysteresis' in row['name'] for row in found.ranking)
-        more.append('After a reversal the new side is reached little by little, most of it '
+        more.append('After a reversal the new side is reached gradually, most of it '
                     f'within {memory:g}° of motion (its memory)'
                     + ('; the data do not determine the distance.' if open_
-                       else ': a short move shows less of it.'))
+                       else '. A short move shows less of it.'))
     reach = float(np.ptp(values)) if len(values) else 0.0
     return Statement(_lead(seen, rms, reach, own),
                      ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms, reach)
