@@ -70,7 +70,7 @@ def alternatives_sentence(row, found):
                   if one['behind'] > 0.0 else '')
         often = (f'it was chosen instead in {one["instead"]} of {one["folds"]} resamples'
                  if one['instead'] else '')
-        why = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
+        why = '. But '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
         sentences.append(
             f'{text} {"is not excluded" if one["open"] else "fits worse"}: {why}.')
     if still_open(row) and len(row.get('causes') or ()) < 2:
@@ -117,7 +117,7 @@ def first_check(document, row):
 
 def _only_check(row, cause):
     """What to look at for the one cause that fits best, and for what contends with it."""
-    more = ''.join(f'; for "{short_cause(one["cause"])}": {one["look_at"]}'
+    more = ''.join(f'. For "{short_cause(one["cause"])}": {one["look_at"]}'
                    for one in still_open(row) if one.get('look_at'))
     # the shape may be all that speaks for it: what else repeats so often makes it too
     else_ = ', and other parts that repeat as often' * bool(cause.get('only_shape'))

@@ -1,17 +1,15 @@
 """What people see of a diagnosis on the terminal."""
 
-from textwrap import wrap
-
 from rich.padding import Padding
 from rich.text import Text
 
 from pointing_model.effects.base import driver_word
 
 from .diagnosis_summary import MOST_EFFECTS
-from .terminal_tables import decimals, new_table
+from .terminal_tables import decimals, height_of, new_table
 
-#: cautions that are listed; lines and columns of the first layer, without first answer and page
-_MOST_CAUTIONS, _LINES, _COLUMNS = 4, 21, 80
+#: cautions that are listed; lines of the first layer, without first answer and page
+_MOST_CAUTIONS, _LINES = 4, 21
 
 
 def summary_lines(view):
@@ -41,19 +39,14 @@ def summary_lines(view):
             f'   {word}: {text}' for word, text in (
                 ('cause', one.named_causes(1 + (i == 1))), ('check', one.check)) if text)])
     # of smaller effects what is said may be left out
-    room = _LINES - sum(map(_height, [*first, *filter(None, last)]))
-    while effects and sum(_height(text) for each in effects for text in each) > room and any(
+    room = _LINES - sum(map(height_of, [*first, *filter(None, last)]))
+    while effects and sum(height_of(text) for each in effects for text in each) > room and any(
             len(each) > 1 for each in effects):
         next(each for each in reversed(effects) if len(each) > 1).pop()
     out = [Text(first[0], 'bold'), *first[1:]]
     for head, *more in effects:
         out += [head, *(Padding(text.strip(), (0, 0, 0, 3), expand=False) for text in more)]
     return [part for part in [*out, *last] if part]
-
-
-def _height(text):
-    """Lines of a text on a narrow terminal."""
-    return len(wrap(text, _COLUMNS)) or 1
 
 
 def diagnosis_tables(view):

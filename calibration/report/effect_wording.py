@@ -55,7 +55,7 @@ def effect_summary(diagnosis, found):
         where = acting_word(found, context.mount.names.axes, 'pointing')
         named = [short_cause(one['cause']) for one in (*found.causes, *alternatives)]
         shape = shape_of(found).replace(f' of the {where}', '', 1)
-        seen = f'The {where} error has {shape}: {", or ".join(named)}'
+        seen = f'The {where} error has {shape}. Likely: {", or ".join(named)}'
     else:
         raw = context.get(e.driver)
         known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)

@@ -48,12 +48,15 @@ def serves_sentence(document):
 def no_star_sentences(document):
     """Name of each effect of which no observation tells the causes apart -> a sentence, dict."""
     words = causes_of(document)
-    return {one: _no_star(words.get(one, one), _either(others, words))
+    short = {name: short_cause(cause) for name, cause in words.items()}
+    return {one: _no_star(*((short.get(one, one), _either(others, short))
+                            if short.get(one) not in map(short.get, others) else
+                            (words.get(one, one), _either(others, words))))
             for one, *others in document.get('no_star') or []}
 
 
 def _no_star(one, others):
-    return f'No star separates {one} from {others}; inspect the mount.'
+    return f'No star separates {one} from {others}. Inspect the mount.'
 
 
 def _either(names, words):

@@ -324,7 +324,7 @@ def _cluster(found):
 KINDS = {
     'places visited again': _visited_again,
     'moved between visits': lambda found: (
-        f'{_moved(found)}; a step, drift and correlated noise cannot be distinguished here'),
+        f'{_moved(found)}. A step, drift and correlated noise cannot be distinguished here'),
     'step between visits': _step,
     'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),

@@ -103,11 +103,11 @@ def render_tracks(fit, document, diagnosis, files):
             note='Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
             'the clock and the other satellites.'),
         section('Errors along each arc', legend(
-            ('before', 'as the encoders read'), ('fit', 'the zeros of the axes taken off'),
-            ('after', 'terms, clock and orbits taken off')), *_curves(fit, document, mount),
+            ('before', 'raw'), ('fit', 'without the zeros of the axes'),
+            ('after', 'without terms, clock and orbits')), *_curves(fit, document, mount),
             note=f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
-            f'{mount.axes[1]}, raw and with the zeros taken off; then along and across the track, '
-            'with all taken off.'),
+            f'{mount.axes[1]}, raw and without the zeros. Then along and across the track, '
+            'all removed.'),
         folded_section('Arcs', table(
             ('object', 'UTC', 'min', 'elevation', f'raw {mount.axes[0]} ″',
              f'raw {mount.axes[1]} ″', 'left along ″', 'left across ″'),

@@ -120,7 +120,7 @@ def test_the_rows_of_a_check_are_blind_and_marked(german):
 def test_a_log_read_as_a_run_leaves_the_judges_out(german):
     run = load_run(german.folder / 'bag')
     assert len(run) == 32
-    assert any('20 rows left out that are there to judge by' in n for n in run.meta['notes'])
+    assert any('20 rows excluded that are for validation' in n for n in run.meta['notes'])
 
 
 def test_the_diagnosis_is_logged_and_nobody_was_told(german):

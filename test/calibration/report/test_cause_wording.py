@@ -118,10 +118,10 @@ def test_what_contends_with_an_effect_is_named_and_why_it_lost():
     told = document([], mount='equatorial')
     text = alternatives_sentence(row, row['causes'][0]['cause'])
     assert 'Line of sight swings is not excluded: alone it fits as well (ΔBIC 111, against ' \
-        '110) and it was chosen instead in 50 of 150 resamples, ' in text
-    assert text.endswith('but with all effects in the model its ΔBIC is 45 worse.')
+        '110) and it was chosen instead in 50 of 150 resamples. ' in text
+    assert text.endswith('But with all effects in the model its ΔBIC is 45 worse.')
     assert open_causes(row) == 2
-    assert ('for "line of sight swings": flexure of what turns with the polar axis'
+    assert ('For "line of sight swings": flexure of what turns with the polar axis'
             ) in first_check(told, row)
     closed = contended(open=False, instead=0)
     assert open_causes(closed) == 1 and 'swings' not in first_check(told, closed)

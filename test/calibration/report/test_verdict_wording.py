@@ -227,7 +227,7 @@ def test_a_star_for_the_largest_effect_or_none():
         f'No star separates {CAUSES[1]["cause"]} from the other')
     sentence, = no_star_sentences(told).values()
     assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})['a'].startswith(
-        'No star separates a from b or c;')
+        'No star separates a from b or c.')
     assert 'second flexure of the tube' in sentence and '_' not in sentence
     assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''
 
