@@ -1,5 +1,6 @@
 """What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,8 +154,11 @@ def effect_title(found, axes):
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
         return plain_name(e.name, e.parameters.get('mount', USUAL))
-    where = acting_word(found, axes, 'both axes')
-    return f'{where}: {shape_of(found)}'
+    where = acting_word(found, axes, '')
+    # as the axes of a plot are named
+    shape = re.sub(r'^an? ', '', shape_of(found))
+    shape = re.sub(r'^(\w+(?: \w+)?) of the ', r'\1 vs ', shape).replace(' or of the ', ' or ')
+    return f'{where} error: {shape}' if where else f'both axes: {shape}'
 
 
 def acting_word(found, axes, both):

@@ -63,8 +63,8 @@ def test_an_effect_acts_where_its_causes_act():
         found = SimpleNamespace(fitted=SimpleNamespace(effect=effects[0]),
                                 causes=causes_of(list(effects), [9.0] * len(effects)))
         return effect_title(found, KINDS['german'].axes)
-    assert seen(flexure, slope) == 'hour angle: a curve of the elevation or of the hour angle'
-    assert seen(flexure, wobble).startswith('both axes: a curve of the ')
+    assert seen(flexure, slope) == 'hour angle error: curve vs elevation or hour angle'
+    assert seen(flexure, wobble).startswith('both axes: curve vs ')
 
 
 def test_a_cause_that_takes_more_effects_is_the_last_and_is_not_checked_first():
