@@ -40,8 +40,8 @@ def causes_sentence(causes):
         if one.get('more_effects') else '') for one in causes]
     if len(texts) > _MOST_CAUSES:
         texts = [*texts[:_MOST_CAUSES], f'{len(texts) - _MOST_CAUSES} more']
-    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well: '
-            f'{"; ".join(texts[:-1])}; or {texts[-1]}.')
+    return (f'{counted(len(causes), "cause").capitalize()} explain it equally well. '
+            + ' '.join(f'({i}) {text[:1].upper()}{text[1:]}.' for i, text in enumerate(texts, 1)))
 
 
 def short_cause(cause):
@@ -70,7 +70,7 @@ def alternatives_sentence(row, found):
                   if one['behind'] > 0.0 else '')
         often = (f'it was chosen instead in {one["instead"]} of {one["folds"]} resamples'
                  if one['instead'] else '')
-        why = ', but '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
+        why = '. But '.join(filter(None, [' and '.join(filter(None, [gains, often])), behind]))
         sentences.append(
             f'{text} {"is not excluded" if one["open"] else "fits worse"}: {why}.')
     if still_open(row) and len(row.get('causes') or ()) < 2:
@@ -108,14 +108,16 @@ def first_check(document, row):
         if terms else 'Check first: '
     tested = [each for each in causes if each['look_at'] == one['look_at']]
     rest = [each for each in causes if each not in tested]
-    names = ' and '.join(f'"{plain(each["cause"])}"' for each in tested)
+    names = f'"{plain(one["cause"])}"' if len(causes) == 1 else (
+        f'cause{"s" * (len(tested) > 1)} '
+        + ' and '.join(str(causes.index(each) + 1) for each in tested))
     return (f'{head}{one["look_at"]}. It tests {names}: {EFFORTS[least]}{_rest(rest, own, least)}. '
             'The data cannot distinguish the causes.')
 
 
 def _only_check(row, cause):
     """What to look at for the one cause that fits best, and for what contends with it."""
-    more = ''.join(f'; for "{short_cause(one["cause"])}": {one["look_at"]}'
+    more = ''.join(f'. For "{short_cause(one["cause"])}": {one["look_at"]}'
                    for one in still_open(row) if one.get('look_at'))
     # the shape may be all that speaks for it: what else repeats so often makes it too
     else_ = ', and other parts that repeat as often' * bool(cause.get('only_shape'))

@@ -282,7 +282,7 @@ def next_observations(groups, mount=ALTAZ):
 
     Parameters
     ----------
-    groups : list of (str, list of dict, str)
+    groups : list of (list of str, list of dict, str)
         As of `observation_wording.proposal_groups`.
     mount : Mount
         Whose kind says what a motion of its axes is called.
@@ -319,7 +319,7 @@ def _next_group(head, group, note, names):
                       ', '.join(sides) or 'any', *[hours] * timed,
                       html.number(row.get('separation_after'), 1)])
     return html.subsection(
-        f'Separates {head}' if head else 'Proposed', html.paragraph(note, 'note'),
+        'Separates' if head else 'Proposed', html.listed(head), html.paragraph(note, 'note'),
         html.table(['', *(f'{word} [°]' for word in places.values()),
                'side, last motion' if names.two_sided or any(
                    row.get('through_pole') for row in group) else 'last motion',

@@ -57,7 +57,7 @@ class EffectLine:
     def size(self):
         """Both sizes in words."""
         return ', '.join(f'{arcsec(value)} {word}' for value, word in (
-            (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS removed')) if value)
+            (self.reach_arcsec, 'peak to peak'), (self.removes_arcsec, 'RMS')) if value)
 
     @property
     def causes_text(self):
@@ -118,7 +118,7 @@ def summary_of(document, names, reaches, cautions=()):
     label, before, after = best_pair(document)
     numbers = [(document.get('as_read_rms_arcsec'), 'raw'), (before, _terms(document))]
     if not stays:
-        numbers.append((after, f'with {counted(len(effects), "effect")}'))
+        numbers.append((after, f'with {len(effects)} effect{"s" * (len(effects) > 1)}'))
     return DiagnosisSummary(
         _headline(document, effects),
         [(way_size(value), word) for value, word in numbers if value is not None],
@@ -127,7 +127,8 @@ def summary_of(document, names, reaches, cautions=()):
 
 
 def _terms(document):
-    return f'with {counted(len(document.get("base_terms") or ()), "term")}'
+    count = len(document.get('base_terms') or ())
+    return f'with {count} term{"s" * (count != 1)}'
 
 
 def _beyond(document):

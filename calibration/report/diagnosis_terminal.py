@@ -6,14 +6,14 @@ from rich.text import Text
 from pointing_model.effects.base import driver_word
 
 from .diagnosis_summary import MOST_EFFECTS
-from .terminal_tables import decimals, new_table
+from .terminal_tables import decimals, height_of, new_table
 
-#: cautions that are listed
-_MOST_CAUTIONS = 4
+#: cautions that are listed; lines of the first layer, without first answer and page
+_MOST_CAUTIONS, _LINES = 4, 21
 
 
 def summary_lines(view):
-    """What the command says first: within 24 lines of 80 columns, as a rule.
+    """What the command says first: at most 24 lines of 80 columns, with the page that is named.
 
     Parameters
     ----------
@@ -25,19 +25,28 @@ def summary_lines(view):
         As of `diagnosis_tables`.
     """
     summary = view.summary
-    out = [Text(summary.headline, 'bold')]
+    first = [summary.headline]
     if summary.numbers:
-        out.append('RMS on the sky: ' + ', '.join(
-            f'{value} {word}' for value, word in summary.numbers) + f' ({summary.validation})')
-    for i, one in enumerate(summary.effects[:MOST_EFFECTS], 1):
-        out.append(f'{i}. {one.name}, {one.size}')
-        out += [Padding(f'{word}: {text}', (0, 0, 0, 3), expand=False) for word, text in (
-            ('cause', one.causes_text), ('check', one.check)) if text]
+        first.append('RMS: ' + ', '.join(f'{value} {word}' for value, word in summary.numbers)
+                     + f' ({summary.validation})')
     smaller = len(summary.effects) - MOST_EFFECTS
-    out += [f'{MOST_EFFECTS + 1}. and {smaller} smaller'] if smaller > 0 else []
-    out += [f'caution: {text}' for text in summary.cautions[:_MOST_CAUTIONS]]
-    out += [summary.todo, f'{view.used}; all details: --verbose']
-    return [part for part in out if part]
+    last = [f'{smaller} smaller effect{"s" * (smaller > 1)}'] if smaller > 0 else []
+    last += [f'caution: {text}' for text in summary.cautions[:_MOST_CAUTIONS]]
+    last += [summary.todo, f'{view.used.partition(";")[0]}; all details: --verbose']
+    effects = []
+    for i, one in enumerate(summary.effects[:MOST_EFFECTS], 1):
+        effects.append([f'{i}. {one.name}: {one.size}', *(
+            f'   {word}: {text}' for word, text in (
+                ('cause', one.named_causes(1 + (i == 1))), ('check', one.check)) if text)])
+    # of smaller effects what is said may be left out
+    room = _LINES - sum(map(height_of, [*first, *filter(None, last)]))
+    while effects and sum(height_of(text) for each in effects for text in each) > room and any(
+            len(each) > 1 for each in effects):
+        next(each for each in reversed(effects) if len(each) > 1).pop()
+    out = [Text(first[0], 'bold'), *first[1:]]
+    for head, *more in effects:
+        out += [head, *(Padding(text.strip(), (0, 0, 0, 3), expand=False) for text in more)]
+    return [part for part in [*out, *last] if part]
 
 
 def diagnosis_tables(view):

@@ -99,7 +99,7 @@ class DiagnosisView:
         stars.
     notes, page_notes, signs, left_out : list of str
         What is noted, for the page alone too, of the signs of columns, and of rows left out.
-    proposals : list of (str, list of dict, str)
+    proposals : list of (list of str, list of dict, str)
         Of `observation_wording.proposal_groups`.
     proposal_lines : list of str
     serves : str

@@ -1,5 +1,6 @@
 """What is said of one effect: what is seen, what it costs, its causes, what to do about it."""
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,7 @@ def effect_summary(diagnosis, found):
         where = acting_word(found, context.mount.names.axes, 'pointing')
         named = [short_cause(one['cause']) for one in (*found.causes, *alternatives)]
         shape = shape_of(found).replace(f' of the {where}', '', 1)
-        seen = f'The {where} error has {shape}: {", or ".join(named)}'
+        seen = f'The {where} error has {shape}. Likely: {", or ".join(named)}'
     else:
         raw = context.get(e.driver)
         known = raw[np.isfinite(raw)] if raw is not None else np.zeros(0)
@@ -73,10 +74,10 @@ def effect_summary(diagnosis, found):
         # the same with another memory, or none
         open_ = any(row['in_set'] and row['name'] != e.name and row['driver'] == e.driver
                     and 'hysteresis' in row['name'] for row in found.ranking)
-        more.append('After a reversal the new side is reached little by little, most of it '
+        more.append('After a reversal the new side is reached gradually, most of it '
                     f'within {memory:g}° of motion (its memory)'
                     + ('; the data do not determine the distance.' if open_
-                       else ': a short move shows less of it.'))
+                       else '. A short move shows less of it.'))
     reach = float(np.ptp(values)) if len(values) else 0.0
     return Statement(_lead(seen, rms, reach, own),
                      ' '.join(filter(None, [*more, _of_approach(diagnosis, e)])), rms, reach)
@@ -153,8 +154,11 @@ def effect_title(found, axes):
     e = found.fitted.effect
     if not (e.shape and (len(found.causes) > 1 or still_open(vars(found)) or e.kind == 'smooth')):
         return plain_name(e.name, e.parameters.get('mount', USUAL))
-    where = acting_word(found, axes, 'both axes')
-    return f'{where}: {shape_of(found)}'
+    where = acting_word(found, axes, '')
+    # as the axes of a plot are named
+    shape = re.sub(r'^an? ', '', shape_of(found))
+    shape = re.sub(r'^(\w+(?: \w+)?) of the ', r'\1 vs ', shape).replace(' or of the ', ' or ')
+    return f'{where} error: {shape}' if where else f'both axes: {shape}'
 
 
 def acting_word(found, axes, both):

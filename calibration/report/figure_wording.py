@@ -171,31 +171,23 @@ def choice_sentence(document):
     kind = document.get('mount') or USUAL
     # what repeats is an effect by any of its causes: which one a part of the rows prefers is chance
     same, others = spread.get('chosen', {}), spread.get('others_set', spread.get('others', {}))
-    own = [f'{plain_name(name, kind)} {_times(count, folds)}'
-           + (f' ({_times(count - same[name], folds)} by an equal cause)'
-              if same.get(name, count) < count else '')
+    own = [f'{count} {plain_name(name, kind)}'
+           + (f' ({count - same[name]} by an equal cause)' if same.get(name, count) < count else '')
            for name, count in _by_count({**same, **(spread.get('chosen_set') or {})})]
-    others = [f'{plain_name(name, kind)} {_times(count, folds)}'
-              for name, count in _by_count(others)]
-    text = f'In {folds} resamples, found: {"; ".join(own)}'
+    others = [f'{count} {plain_name(name, kind)}' for name, count in _by_count(others)]
+    lines = [f'found in {folds} resamples:', *own]
     if len(own) > 1:
-        whole = spread.get('same_set', spread['same_choice'])
-        text += f'; exactly these {_times(whole, folds)}'
+        lines.append(f'{spread.get("same_set", spread["same_choice"])} exactly these')
     if others:
-        more = f'; and {len(others) - _MOST_OTHERS} more' if len(others) > _MOST_OTHERS else ''
-        text += f'. Other effects: {"; ".join(others[:_MOST_OTHERS])}{more}'
+        lines.append('others: ' + ', '.join(others[:_MOST_OTHERS])
+                     + f', {len(others) - _MOST_OTHERS} more' * (len(others) > _MOST_OTHERS))
     if spread.get('no_choice'):
-        text += f'. No effect at all: {_times(spread["no_choice"], folds)}'
-    return f'{text}.'
+        lines.append(f'{spread["no_choice"]} no effect')
+    return '\n  '.join(lines)
 
 
 def _by_count(counts):
     return sorted(counts.items(), key=lambda one: -one[1])
-
-
-def _times(number, of):
-    return 'each time' if number == of else {0: 'never', 1: 'once', 2: 'twice'}.get(
-        number, f'{number} times')
 
 
 def figures_sentence(document):

@@ -7,6 +7,7 @@ from msg_tools.units import ARCSEC, wrap
 from .drawing import Panel, limit_of, padded, svg
 from .night_document import BOTH, RAW, steps_of
 from .page_parts import (
+    Markup,
     figure,
     folded,
     folded_section,
@@ -150,7 +151,7 @@ def _nodes(nodes):
     return folded('What each node said last', table(
         ('node', 'at the end', 'worst', 'in words', 'what it counts'),
         [(node['name'], node['level'], node['worst'], node['message'],
-          '; '.join(f'{key} {value}' for key, value in node['values'].items())
+          Markup(listed(f'{key} {value}' for key, value in node['values'].items()))
           if any(word in node['name'].rsplit('/', 1)[-1] for word in _INSTRUMENTS) else '')
          for node in nodes], 'nodes', 'What each node said last'))
 
@@ -176,20 +177,24 @@ def headline_of(report):
         return None, [], []
     shown = [step for step in (first, zeroed, last) if step]
     sizes = [f'{step["held_out"]["radial"]:.2f}″' for step in shown]
-    start = 'raw' if first['step'] in (RAW, _OLD_RAW) else 'with the ' + first['step']
+    start = RAW if _name(first) == RAW else 'with the ' + first['step']
     middle = f', {sizes[1]} with the zero set' if zeroed else ''
     headline = f'{sizes[-1]} RMS on held-out stars with the model; {sizes[0]} {start}{middle}'
     words = ['before: ', *[''] * bool(zeroed), 'after: ']
-    numbers = [(size, f'{word}{step["step"]}') for size, word, step in zip(sizes, words, shown)]
-    bars = [(step['step'], [(step['held_out']['radial'], 'after' if step is last else 'before',
+    numbers = [(size, f'{word}{_name(step)}') for size, word, step in zip(sizes, words, shown)]
+    bars = [(_name(step), [(step['held_out']['radial'], 'after' if step is last else 'before',
                              'stars held out')]) for step in shown]
     return headline, bars, numbers
+
+
+def _name(step):
+    return RAW if step['step'] == _OLD_RAW else step['step']
 
 
 def models_section(report):
     """Every kind of model on the stars that it was fitted to, and on others."""
     _, _, last = steps_of(report)
-    rows = [(step['step'] + ' ← published' * (step is last and step['step'] != BOTH),
+    rows = [(_name(step) + ' ← published' * (step is last and step['step'] != BOTH),
              *_rms(step['used']), *_rms(step['held_out']), step['held_out']['n'])
             for step in report.get('steps') or ()]
     out = table(('correction', 'fitted: first axis ″', 'second ″', 'radial ″',

@@ -36,7 +36,7 @@ def _lead(step, explained):
     if not step:
         return f'correlated noise: the zero drifts, or {explained} explains it' \
             if explained else 'the zero drifts'
-    more = f', or {explained}' if explained else ''
+    more = f'. It could be {explained}' if explained else ''
     return (f'correlated noise: the zero drifts, or the model lacks an effect of the direction'
             f'{more}. The data cannot distinguish them: consecutive rows are '
             f'{step["step_deg"]:.0f}\u00b0 apart, any two {step["any_deg"]:.0f}\u00b0')
@@ -91,9 +91,9 @@ def direction_sentence(entry, words):
     if not figures or entry.get('pairs', 0) < FEWEST:
         return ''
     near, far = (_each(figures, key) for key in ('near_next_arcsec', 'near_apart_arcsec'))
-    return (f'Rows within {entry["within_deg"]:.0f}° on the sky differ by {near} if consecutive, '
-            f'by {far} if {_distance(figures[0][1])} or more apart ({entry["pairs"]} pairs). '
-            'Equal figures mean an error of the direction, a larger second one a drift')
+    return (f'Consecutive rows within {entry["within_deg"]:.0f}° on the sky differ by {near}. '
+            f'If {_distance(figures[0][1])} or more apart they differ by {far} ({entry["pairs"]} '
+            'pairs). Equal figures mean an error of the direction, a larger second one a drift')
 
 
 def _figures(entry, words, *keys):

@@ -48,12 +48,15 @@ def serves_sentence(document):
 def no_star_sentences(document):
     """Name of each effect of which no observation tells the causes apart -> a sentence, dict."""
     words = causes_of(document)
-    return {one: _no_star(words.get(one, one), _either(others, words))
+    short = {name: short_cause(cause) for name, cause in words.items()}
+    return {one: _no_star(*((short.get(one, one), _either(others, short))
+                            if short.get(one) not in map(short.get, others) else
+                            (words.get(one, one), _either(others, words))))
             for one, *others in document.get('no_star') or []}
 
 
 def _no_star(one, others):
-    return f'No star separates {one} from {others}; inspect the mount.'
+    return f'No star separates {one} from {others}. Inspect the mount.'
 
 
 def _either(names, words):
@@ -86,9 +89,10 @@ def next_sentence(document, row):
         both = [words[row['name']], words.get(mine[0]['separates'][1], 'the next')]
         if len({short_cause(one) for one in both}) > 1:
             both = [short_cause(one) for one in both]
-        return (f'To separate {" from ".join(both)}, observe first '
-                f'{place_words(mine[0], kind)}{_WHY_LATER * bool(mine[0].get("after_hours"))}; '
-                f'{_enough(mine)}.')
+        both = [one.partition(':')[0] for one in both]
+        return (f'Observe first {place_words(mine[0], kind)}'
+                f'{_WHY_LATER * bool(mine[0].get("after_hours"))}. That separates '
+                f'{" from ".join(both)}. {_enough(mine)}.')
     for one, *others in document.get('no_star') or []:
         if one == row['name']:
             rest = {words.get(name) for name in others} >= set(words.values()) - {words[one]}
@@ -104,9 +108,9 @@ def proposal_lines(document):
     for separates, group in groupby(proposals(document)[:_MOST_PLACES],
                                     key=lambda item: item['separates']):
         group = list(group)
-        names = ' from '.join(causes.get(name) or readable(name) for name in separates)
-        yield (f'next, to separate {names} ({_enough(group)}): observe '
-               + '; '.join(place_words(item, kind) for item in group))
+        names = '\n  from '.join(causes.get(name) or readable(name) for name in separates)
+        yield '\n'.join([f'next, to separate {names}:', f'  {_enough(group)}',
+                         *(f'  {place_words(item, kind)}' for item in group)])
 
 
 def proposal_groups(rows, kind=USUAL, causes=()):
@@ -123,14 +127,14 @@ def proposal_groups(rows, kind=USUAL, causes=()):
 
     Returns
     -------
-    list of (str, list of dict, str)
+    list of (list of str, list of dict, str)
         The pair, its rows with ``number`` and ``counterweight_up``, and what they would bring.
     """
     groups, causes = {}, dict(causes)
     for i, row in enumerate(rows, 1):
         groups.setdefault(tuple(row.get('separates') or ()), []).append(
             {**row, 'number': i, 'counterweight_up': _counterweight_up(row, kind)})
-    return [(' from '.join(causes.get(name) or readable(name) for name in names), group,
+    return [([short_cause(causes.get(name) or readable(name)) for name in names], group,
              _group_note(group)) for names, group in groups.items()]
 
 

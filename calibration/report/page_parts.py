@@ -19,7 +19,8 @@ CSS, *_SCRIPTS = ('\n' + files(__package__).joinpath(f'page{name}').read_text(en
 #: of a page that is XML too
 SCRIPT = '//<![CDATA[' + re.sub('\n +', '\n', ''.join(_SCRIPTS)) + '//]]>'
 _BODY = re.compile('<main>\n(.*)\n</main>', re.DOTALL)
-_CONTROLS = re.compile('<div class="controls">.*?</div>', re.DOTALL)
+#: of a page alone: its bar, and what a refit of its rows needs
+_ALONE = re.compile('<div (?:class="controls"|id="refit").*?</div>', re.DOTALL)
 #: a script in a name could not run even if it came through: only ours has this sum
 _POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-"
            + b64encode(sha256(SCRIPT.encode()).digest()).decode() + "'")
@@ -70,7 +71,7 @@ def body_of(page):
     """
     found = _BODY.search(page)
     # one page has one heading and one bar
-    return _CONTROLS.sub('', found[1]).replace('<h1>', '<h2 class="part">').replace(
+    return _ALONE.sub('', found[1]).replace('<h1>', '<h2 class="part">').replace(
         '</h1>', '</h2>') if found else ''
 
 

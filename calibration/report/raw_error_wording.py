@@ -80,7 +80,7 @@ def _of_which_fit(document, rows):
         beside = ' and correlated noise' * bool(
             correlation and correlation.get('along_the_sky') is None)
         sentences.append(f'With the effect{"s" * (effects > 1)}{beside} the terms change: '
-                         f'{"; ".join(changes)}')
+                         f'{". ".join(changes)}')
     return sentences
 
 

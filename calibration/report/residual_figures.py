@@ -199,8 +199,8 @@ def controls_alone(more=''):
         f'<label><input type="radio" name="when" value="{value}"{checked}/> {value}</label>'
         for value, checked in (('both', ' checked="checked"'), ('before', ''), ('after', '')))
     return (f'<div class="controls"><fieldset><legend>Show</legend>{whens}</fieldset>{more}'
-            '<div class="foot"><output id="told" aria-live="polite"></output>'
-            '<span id="acts"></span></div></div>')
+            '<span class="foot"><output id="told" aria-live="polite"></output>'
+            '<span id="acts"></span></span></div>')
 
 
 def _groups(data):

@@ -132,8 +132,8 @@ def listed(rows, limit=10):
 
 def columns_alike(readings):
     """What is said of readings of the columns that fit as well."""
-    return ('read otherwise the columns fit as well, so make sure that they are not: '
-            + '; '.join(readings))
+    return ('the columns would fit as well if read otherwise. Check: '
+            + '. Or: '.join(readings))
 
 
 def signs_sentences(alike, names, written=None):
@@ -269,27 +269,27 @@ def _together(nights, when):
 
 def _noise(found):
     both = [f'{arcsec(size)} ({axis})' for size, axis in zip(found['noise_arcsec'], found['axes'])]
-    return f'the noise of one star, by its differences alone, is {" and ".join(both)}'
+    return f'Noise of one star, by these differences: {" and ".join(both)}'
 
 
 def _visited_again(found):
     more = ' and '.join(f'{arcsec(left)} ({axis})' for axis, left, noise in zip(
         found['axes'], found['left_arcsec'], found['noise_arcsec']) if left > _MORE * noise)
     return (f'{found["places"]} places were visited again (within {found["radius_deg"]:g}°), and '
-            f'nothing moved between visits; {_noise(found)}'
-            + (f'; the terms leave more, {more}, which is of the directions' if more else ''))
+            f'nothing moved between visits. {_noise(found)}'
+            + (f'. The terms leave more, {more}, an error of the direction' if more else ''))
 
 
 def _moved(found):
     size = f'{found.size:+.2f}'.replace('-', '−')
     return (f'the zero of the {found["axis"]} moved by {size} ± {found.sigma:.2f}″ between '
             f'{found["word"]}s {found["before"]} and {found["after"]}, by {found["both"]} places '
-            f'visited before and after (within {found["radius_deg"]:g}°)')
+            f'visited before and after')
 
 
 def _step(found):
-    text = f'{_moved(found)}: a step, beyond what drift or correlated noise would do; '
-    text += 'a session with new zeros begins there; ' * (found.todo == 'own zeros')
+    text = f'{_moved(found)}: a step, beyond drift or correlated noise. '
+    text += 'A session with new zeros begins there. ' * (found.todo == 'own zeros')
     text += _noise(found)
     if found.after is not None:
         text += (f'. With new zeros after it the RMS falls from {found.before:.2f}″ to '
@@ -313,10 +313,10 @@ def _cluster(found):
         'it is double'}
     rows = ', '.join(map(str, found['rows'][:_NAMED])) + (
         f' and {len(found["rows"]) - _NAMED} more' if len(found['rows']) > _NAMED else '')
-    return (f'{len(found["rows"])} outliers lie together, {where[found["what"]]}: '
-            f'{found["word"]}s {rows} are {arcsec(abs(found.size))} too '
+    return (f'{len(found["rows"])} outliers lie together, {where[found["what"]]}. '
+            f'{found["word"].capitalize()}s {rows} are {arcsec(abs(found.size))} too '
             f'{"high" if found.size > 0 else "low"} in {found["axis"]} (chance '
-            f'{found["chance"]:.1g}). They are left out, but not each an accident: '
+            f'{found["chance"]:.1g}). They are excluded, but are no independent accidents: '
             + look.get(found['what'], 'look at what is there (dome, cable, stop, encoder)'))
 
 
@@ -324,7 +324,7 @@ def _cluster(found):
 KINDS = {
     'places visited again': _visited_again,
     'moved between visits': lambda found: (
-        f'{_moved(found)}; a step, drift and correlated noise cannot be distinguished here'),
+        f'{_moved(found)}. A step, drift and correlated noise cannot be distinguished here'),
     'step between visits': _step,
     'outliers together': _cluster,
     'columns alike': lambda found: columns_alike(found.causes),

@@ -83,18 +83,22 @@ def render_tracks(fit, document, diagnosis, files):
     """
     headline, clock = headline_of(document), document.get('clock')
     mount = fit.tracks.run.mount.names
+    first, *others = _curves(fit, document, mount) or ['']
+    marks = legend(('before', 'raw'), ('fit', 'without the zeros of the axes'),
+                   ('after', 'without terms, clock and orbits'))
     body = [
         '<h1>Tracks of satellites</h1>',
         f'<p class="meta">{document["rows"]} rows, {len(document["arcs"])} arcs</p>',
-        verdict('', headline, document['notes'], cards((
+        verdict('', headline, [], cards((
             (f'{document["before"]["radial_arcsec"]:.2f}″', 'raw, radial RMS'),
             (f'{document["after"]["radial_arcsec"]:.2f}″', 'left by terms, clock and orbits'),
             (None if clock is None else f'{1e3 * clock["late_s"]:+.1f} ± '
-             f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)')))),
+             f'{1e3 * clock["sigma_s"]:.1f} ms', 'clock (positive: stamps are late)'))), '',
+            listed(document['notes']), first and marks + first),
         section('Terms', table(('term', 'value ″', '± ″'), [
             (term['name'], number(term['value_arcsec'], 2, True), number(term['sigma_arcsec']))
             for term in document['terms']], 'numbers'),
-            note='Encoder − orbit, with the covariance of noise that remembers.'),
+            note='Encoder − orbit; σ with correlated noise.'),
         section('Satellites', table(
             ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
             [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', number(one['orbit_sigma_m']),
@@ -102,18 +106,16 @@ def render_tracks(fit, document, diagnosis, files):
               'yes' if one['separated'] else 'no') for one in document['satellites']], 'numbers'),
             note='Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
             'the clock and the other satellites.'),
-        section('Errors along each arc', legend(
-            ('before', 'as the encoders read'), ('fit', 'the zeros of the axes taken off'),
-            ('after', 'terms, clock and orbits taken off')), *_curves(fit, document, mount),
+        folded_section('Errors along each arc', marks * bool(others), *others,
             note=f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
-            f'{mount.axes[1]}, raw and with the zeros taken off; then along and across the track, '
-            'with all taken off.'),
+            f'{mount.axes[1]}, raw and without the zeros. Then along and across the track, '
+            'all removed.'),
         folded_section('Arcs', table(
             ('object', 'UTC', 'min', 'elevation', f'raw {mount.axes[0]} ″',
              f'raw {mount.axes[1]} ″', 'left along ″', 'left across ″'),
             [tuple(Markup(cell) if cell == '–' else cell for cell in _cells(arc))
              for arc in document['arcs']])),
-        body_of(_diagnosis_page(diagnosis, files)),
+        folded_section('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
         provenance_section([], files)]
     return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
 

@@ -18,7 +18,8 @@ def _orbit_wrong(found):
 
 def _one_of_these(found):
     return (f'one of these orbits is wrong along the track: {", ".join(found.causes)} '
-            f'({100.0 * found.size:.0f} %); the data cannot say which, observe another arc of each')
+            f'({100.0 * found.size:.0f} %). The data cannot distinguish them: observe another arc '
+            'of each')
 
 
 def _stamps(found):
@@ -34,13 +35,13 @@ KINDS = {
     'stamps off': _stamps,
     'tracks determine no terms': lambda found: (
         f'these tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '
-        'than by a dozen stars; add arcs in other parts of the sky, or give a model (--model)'),
+        'than by a dozen stars. Add arcs in other parts of the sky, or give a model (--model)'),
     'clock late': lambda found: (
         f"the station's clock is {_seconds(found.size, found.sigma)} "
         f'{"late" if found.size > 0.0 else "early"}'),
     'clock not separated': lambda found: (
         f"the station's clock cannot be separated from the zeros and the orbits: "
-        f'{_signed(found)}; track another satellite, in another direction'),
+        f'{_signed(found)}. Track another satellite, in another direction'),
     'satellite ahead': lambda found: (
         f'{found.causes[0]} is {_seconds(found.size, found.sigma)} '
         f'{"ahead of" if found.size > 0.0 else "behind"} its orbit'),

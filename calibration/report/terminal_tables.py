@@ -1,5 +1,7 @@
 """What people see of a calibration on the terminal: tables."""
 
+from textwrap import wrap
+
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
 from pointing_model.zero import BY_POLARIS
@@ -143,14 +145,16 @@ def terms_table(terms):
     return out
 
 
-def fit_tables(found, document):
-    """All that the command says of a fit to a measured run.
+def fit_tables(found, document, verbose=True):
+    """What the command says of a fit to a measured run.
 
     Parameters
     ----------
     found : calibration.analysis.run_fit.RunFit
     document : dict
         Of `documents.fit_document`.
+    verbose : bool
+        With all notes, and not only those for which 24 lines of 80 columns have room.
 
     Returns
     -------
@@ -180,7 +184,9 @@ def fit_tables(found, document):
         lines.append('more than a third of the rows is left out: see why before you use the terms')
     lines += map(wording, result.open_directions)
     lines += left_out_lines(document['excluded'], word=document['rows_are'])
-    lines += [f'note: {note}' for note in document['notes']]
+    notes = [f'note: {note}' for note in document['notes']]
+    tables = 12 + len(result.names)  # lines of both, with their heads
+    lines += notes if verbose else first_notes(notes, 23 - tables - sum(map(height_of, lines)))
     if found.harmonics:
         lines += harmonic_tables(found.harmonics)
         lines.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
@@ -196,6 +202,20 @@ def fit_tables(found, document):
         lines += [base_table(found.base, found.plain),
                   *(f'note: {wording(note)}' for note in found.base.notes)]
     return [used_sentence(document), terms_table(result.term_rows()), steps, *lines]
+
+
+def height_of(text):
+    """Lines of a text on a terminal of 80 columns."""
+    return len(wrap(text, 80)) or 1
+
+
+def first_notes(notes, room):
+    """Of some lines as many as have room, one at least; the others counted."""
+    shown = 0
+    while shown < len(notes) and (shown < 1 or sum(map(height_of, notes[:shown + 1])) <= room):
+        shown += 1
+    more = len(notes) - shown
+    return notes[:shown] + [f'{more} more note{"s" * (more > 1)}: --verbose'] * (more > 0)
 
 
 def base_table(base, model):

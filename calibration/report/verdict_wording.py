@@ -288,10 +288,9 @@ def _detectable(document):
     for row in (document.get('detectable') or [])[:_MOST_NAMED]:
         unit = {'arcsec/h': ' an hour', 'arcsec/K': ' a degree',
                 'arcsec/run': ' over the run'}.get(row['unit'], '')
-        limits.append(f'{words[row["name"]]} by {arcsec(row["amplitude_arcsec"])}{unit}')
-    if not limits:
-        return []
-    return ['Detection limits (90 %): ' + '; '.join(limits) + '.']
+        what = words[row['name']]
+        limits.append(f'{what[:1].upper()}{what[1:]}: {arcsec(row["amplitude_arcsec"])}{unit}.')
+    return [' '.join(['Detection limits (90 %):', *limits])] if limits else []
 
 
 def _correlation(document):

@@ -30,6 +30,7 @@ def add(commands):
     parser.add_argument('--base', type=options.model_path, metavar='MODEL',
                         help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
+    options.add_verbose(parser, 'notes')
     options.add_outputs(parser)
 
 
@@ -77,6 +78,6 @@ def _run(args):
                     source=args.file, sessions=args.sessions,
                     most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
-    print_all(console, fit_tables(found, document))
+    print_all(console, fit_tables(found, document, args.verbose))
     write_outputs(console, args, document, model=found.model.save,
                   page=args.report and render_fit(found, document))

@@ -405,6 +405,11 @@ def list_scenarios(args, *patterns):
     write_outputs(console, args, scenarios, 'names')
 
 
+def add_verbose(parser, what):
+    """Add --verbose: beyond the first lines."""
+    parser.add_argument('--verbose', action='store_true', help=f'print all {what}')
+
+
 def add_outputs(parser, json='the result', save='the model', report=True):
     """Add --report, --json, --save and --overwrite, as `console.write_outputs` writes them."""
     if report:

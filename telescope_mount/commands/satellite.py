@@ -9,10 +9,10 @@ def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
         'satellite', help='terms, clock and orbit errors from tracks of satellites',
-        description='Read tracks of satellites (CSV: time, encoder angles, miss distance, or where '
-        'each was seen) with precise orbits or elements beside them, fit the terms of the mount, '
-        "the station's clock and what is known of each orbit, name an orbit that is wrong, and "
-        'diagnose what is left as of a run of stars.')
+        description='Read tracks of satellites (CSV: time, encoder angles, miss distance, or '
+        'observed places) and their precise orbits or elements. Fit the terms of the mount, '
+        "the station's clock and what is known of each orbit. Name a wrong orbit, and "
+        'diagnose the residuals like those of stars.')
     parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK')
     parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
                         required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '

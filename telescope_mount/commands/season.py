@@ -3,6 +3,9 @@
 
 from . import options
 
+#: lines of each kind that are printed
+_MOST = {'found': 4, 'note': 1}
+
 
 def add(commands):
     """Add the parser."""
@@ -24,6 +27,7 @@ def add(commands):
                         help='a column that may move the mount though its name does not say so')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
                 'temperature', 'equinox')
+    options.add_verbose(parser, 'causes and notes')
     options.add_outputs(parser, save='the predicted model')
 
 
@@ -68,9 +72,12 @@ def run(args):
         result = analyse_season(season, declared=declared, tonight=tonight, causes=causes)
     document = worded(result.document())
     console.print(_table(document))
-    print_lines(console, 'found', worded(result.findings())
-                or ['the terms drift; no cause found'])
-    print_lines(console, 'note', document['notes'])
+    for word, lines in (('found', worded(result.findings())
+                         or ['the terms drift; no cause found']), ('note', document['notes'])):
+        most = len(lines) if args.verbose else _MOST[word]
+        print_lines(console, word, lines[:most])
+        if lines[most:]:
+            console.print(f'{len(lines) - most} more: --verbose')
     write_outputs(console, args, document, model=result.model().save,
                   page=args.report and render_season(result, args.files))
 

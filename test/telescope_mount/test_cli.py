@@ -246,7 +246,7 @@ def test_too_few_rows_for_the_harmonics_are_one_line(refused, run_csv):
 
 
 def test_fit_reads_the_log_of_a_night(night, ended):
-    code, out, err = ended('fit', night / 'bag')
+    code, out, err = ended('fit', night / 'bag', '--verbose')
     assert code == 0, err
     assert '16 rows' in out
     assert '8 exposures of Polaris left out' in out

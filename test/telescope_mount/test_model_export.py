@@ -175,7 +175,7 @@ def test_a_database_without_a_side_is_of_one_side(ended, refused, tmp_path):
         return tmp_path / name
     large = written('large.json', CH=35.0)
     line = refused('export', large, place, *where)
-    assert 'CH is +35.0 +- 1.0 arcsec: write a file of each side (--side east' in line
+    assert 'CH is +35.0 +- 1.0 arcsec. Write a file of each side (--side east' in line
     code, said, _ = ended('export', large, place, *where, '--side', 'west')
     assert code == 0 and 'west of the pier' in said and 'loss: 0.' in said
     code, said, _ = ended('export', written('small.json'), place, *where)

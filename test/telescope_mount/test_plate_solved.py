@@ -184,7 +184,7 @@ def test_hours_of_right_ascension_are_refused(night, tmp_path):
 def test_a_clock_in_local_time_is_noted(night, tmp_path):
     columns = columns_of(night, time=iso_utc(night.time + 3600.0))
     run = load_run(write(tmp_path / 'run.csv', columns))
-    assert noted(run, 'azimuth axis would lean', 'a clock that is not UTC')
+    assert noted(run, 'azimuth axis would be tilted', 'a clock that is not UTC')
 
 
 # ---------------------------------------------------------------------------------------- sigma

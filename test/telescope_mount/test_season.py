@@ -56,8 +56,8 @@ def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, mo
     def checked(run):
         return ColumnCheck([out], ['the clock of one night'])
     monkeypatch.setattr('calibration.analysis.season.season_nights.check_columns', checked)
-    said = ' '.join(ended('season', folder)[1].split())
-    assert said.count(f'make sure that they are not: {out}') == 1
+    said = ' '.join(ended('season', folder, '--verbose')[1].split())
+    assert said.count(f'if read otherwise. Check: {out}') == 1
     assert said.count('note: the clock of one night') == 12
     monkeypatch.setattr('calibration.analysis.tracking.run_track.check_columns', checked)
     run = read_run(next(folder.iterdir()))
@@ -65,7 +65,7 @@ def test_season_and_track_say_what_columns_may_be_mistaken_for(ended, folder, mo
     write_csv(run, folder / 'timed.csv')
     code, text, _ = ended('track', folder / 'timed.csv')
     said = ' '.join(text.split())
-    assert code == 0 and f'are not: {out}' in said and 'note: the clock of one night' in said
+    assert code == 0 and f'Check: {out}' in said and 'note: the clock of one night' in said
 
 
 def test_a_season_says_what_it_wants(refused, folder):

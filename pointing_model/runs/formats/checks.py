@@ -252,8 +252,7 @@ def derive_approach(table):
         notes.append(
             f'direction of approach in {words}: no column of the file, derived from the order '
             + ('in time, ' if by_time else 'of the rows, ')
-            + (f'as the {table.names.word("az")} reads (its range is more than a turn)'
-               if whole_path else 'shortest way'))
+            + (f'as the {table.names.word("az")} reads' if whole_path else 'shortest way'))
 
 
 def _sequence(columns):

@@ -188,7 +188,7 @@ def test_two_sides_have_a_sign_and_say_where_they_come_from(page, diagnosis):
     assert told.lead.startswith(
         'The azimuth error has a difference by the direction of the last motion, '
         f'{arcsec(size)} more on the sky after moving clockwise than anticlockwise, on average')
-    assert told.more == 'Two causes explain it equally well: backlash; or play.'
+    assert told.more == 'Two causes explain it equally well. (1) Backlash. (2) Play.'
     # a column of the file; or the order of the rows
     run = diagnosis.observations.run
     derived = replace(open_, observations=replace(diagnosis.observations, run=PointingRun(
@@ -410,7 +410,7 @@ def test_tables():
     text = next_observations(proposal_groups([{'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1,
                                'approach_el': 1, 'after_hours': None, 'separates': ['a_b', 'c'],
                                'separation_before': 2.0, 'separation_after': 9.25}]))
-    assert 'anticlockwise, upward' in text and 'Separates a b from c' in text
+    assert 'anticlockwise, upward' in text and '<li>a b</li><li>c</li>' in text
     assert 'hours' not in text
     assert 'ΔBIC between them is 2.0, expected 9.2 with it.' in text
     assert next_observations([]) == ''

@@ -49,10 +49,10 @@ def test_what_contends_is_in_the_head():
              'instead': 50, 'folds': 150, 'open': True}
     one, found, mount = told(64.0, [entry])
     assert one.lead.startswith(
-        'The hour angle error has a wave, twice per turn over the 128° observed: hour angle '
-        'encoder disc, worm wheel or horseshoe ring oval or tilted, or line of sight swings')
+        'The hour angle error has a wave, twice per turn over the 128° observed. Likely: hour '
+        'angle encoder disc, worm wheel or horseshoe ring oval or tilted, or line of sight swings')
     assert effect_title(found, mount.names.axes) == (
-        'hour angle: a wave of the hour angle, twice per turn')
+        'hour angle error: wave vs hour angle, twice per turn')
     closed, *_ = told(64.0, [{**entry, 'open': False}])
     assert 'is read wrong twice per turn' in closed.lead
     assert 'Line of sight swings fits worse: ' in closed.text

@@ -14,6 +14,7 @@ from calibration.report.diagnosis_page import render
 from calibration.report.diagnosis_view import view_of
 from calibration.report.documents import fit_document
 from calibration.report.fit_page import render_fit
+from calibration.report.page_parts import body_of
 from msg_tools.units import ARCSEC
 
 LINEAR = ('IA', 'IE', 'TF')  # columns that stay the same whatever their coefficients
@@ -123,6 +124,8 @@ def test_effects_and_terms_of_a_diagnosis_are_refitted(browser, tmp_path):
     path = tmp_path / 'page.html'
     path.write_text(render(view_of(found)), encoding='utf-8')
     browser.show(path)
+    part = body_of(path.read_text(encoding='utf-8'))
+    assert 'id="refit"' not in part and part.count('<div') == part.count('</div>')
     first = terms(browser)
     name = next(name for name in first if name.startswith('azimuth hysteresis'))
     assert abs(abs(first[name][0]) - 8.0) < 1.0

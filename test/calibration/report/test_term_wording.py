@@ -56,7 +56,7 @@ def test_what_is_read_beyond_the_zeros_and_what_effects_move():
                    correlation=0.2)
     assert raw_error_sentence(told).endswith(
         'With the effect the terms change: CH from +1284″ to +1046″ (correlated with declination '
-        'axis flexure, r = −0.97); ME from +594″ to +620″.')
+        'axis flexure, r = −0.97). ME from +594″ to +620″.')
     rows[2]['rms_arcsec'] = 150.0  # no more than a part of the lean
     assert 'Beyond the zeros' not in raw_error_sentence(told)
     # rows come by their size on the sky: what is larger there is said first

@@ -2,10 +2,13 @@
 
 import io
 import re
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
+from calibration.report.diagnosis_summary import DiagnosisSummary, EffectLine
+from calibration.report.diagnosis_terminal import summary_lines
 from calibration.report.terminal_layout import TerminalTable
 from calibration.report.terminal_tables import night_tables
 
@@ -76,3 +79,23 @@ def test_a_night_at_any_width():
         assert text.count('268.96') == 3 and text.count('324.95') == 3
         assert '+1209.15' in text and '…' not in text
         assert max(map(len, text.splitlines())) <= width
+
+
+def test_the_first_layer_of_a_diagnosis_has_24_lines():
+    long = 'a cause that takes so many words that it has more than one line of eighty columns'
+    effects = [EffectLine(f'Effect {i} with a name of some words', 12.0, 3.0, [long] * 3, long)
+               for i in range(5)]
+    view = SimpleNamespace(used='90 of 98 rows used; 8 more', summary=DiagnosisSummary(
+        'A headline that says what is wrong, how large that is and how sure. ' * 2,
+        [('190.2″', 'raw'), ('6.45″', 'with 7 terms'), ('5.29″', 'with 5 effects')],
+        'cross-validated', effects, ['A caution of more than eighty columns, which is much for '
+                                     'one line of a terminal.'] * 6, 'To do.'))
+    console = Console(file=io.StringIO(), width=80, markup=False)
+    for part in summary_lines(view):
+        console.print(part)
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) <= 21 and sum(line.startswith('caution') for line in lines) == 4
+    assert [line[:9] for line in lines if line[1:3] == '. '] == ['1. Effect', '2. Effect',
+                                                                 '3. Effect']
+    # what is left out first is said of the smaller ones
+    assert any('cause: ' in line for line in lines) and '2 smaller effects' in lines

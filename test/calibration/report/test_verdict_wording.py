@@ -159,17 +159,17 @@ def test_whether_the_choice_repeats_is_told():
     assert choice_sentence(told) == spread_sentence(told) == ''
     told['after'] = {**told['after'], 'cv_spread': spread}
     assert choice_sentence(told) == (
-        'In 160 resamples, found: saddle cross term 90 times. Other effects: a 70 times; b 50 '
-        'times; c twice; and 2 more. No effect at all: once.')
+        'found in 160 resamples:\n  90 saddle cross term\n  others: 70 a, 50 b, 2 c, 2 more\n'
+        '  1 no effect')
     assert spread_sentence(told).endswith('mean of 15 partitions; after: 76.0″ to 102″.')
     two = {'folds': 7, 'same_choice': 0, 'chosen': {'x': 0, 'y': 7}}
     assert choice_sentence({**told, 'after': {'cv_spread': two}}).endswith(
-        'found: y each time; x never; exactly these never.')
+        '\n  7 y\n  0 x\n  0 exactly these')
     assert choice_sentence({**told, 'verdict': 'none'}) == ''
     # what repeats is the set of equal causes: another one of it is no other effect
     spread |= {'chosen_set': {'fork_cross_term': 155}, 'others_set': {'b': 2}}
-    assert ('found: saddle cross term 155 times (65 times by an equal cause). Other effects: b '
-            'twice. No') in choice_sentence(told)
+    assert ('  155 saddle cross term (65 by an equal cause)\n  others: 2 b\n'
+            ) in choice_sentence(told)
 
 
 def test_effects_are_ranked_with_their_size():
@@ -218,16 +218,16 @@ def test_a_star_for_the_largest_effect_or_none():
            'separation_before': 0.7, 'separation_after': 5.9}
     told = document(CAUSES, next_observations=[row])
     text = next_sentence(told, told['effects'][0])
-    assert 'observe first azimuth 60°, elevation 17°; ' in text and 'still below 6' in text
+    assert 'Observe first azimuth 60°, elevation 17°. ' in text and 'still below 6' in text
     later = document(CAUSES, next_observations=[{**row, 'after_hours': 2.0}])
     assert '17°, 2 h after the last row (something in one of the explanations changes with ' \
-        'time); ' in next_sentence(later, later['effects'][0])
+        'time). ' in next_sentence(later, later['effects'][0])
     told = document(CAUSES, no_star=[row['separates']])
     assert next_sentence(told, told['effects'][0]).startswith(
         f'No star separates {CAUSES[1]["cause"]} from the other')
     sentence, = no_star_sentences(told).values()
     assert no_star_sentences({**told, 'no_star': [['a', 'b', 'c', 'b']]})['a'].startswith(
-        'No star separates a from b or c;')
+        'No star separates a from b or c.')
     assert 'second flexure of the tube' in sentence and '_' not in sentence
     assert next_sentence(told, {'name': 'a', 'causes': CAUSES[:1]}) == ''
 

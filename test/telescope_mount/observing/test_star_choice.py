@@ -204,7 +204,7 @@ def test_neighbours_against_all_pairs():
 
 
 @pytest.mark.parametrize('options, words', [
-    ({'n': 500, 'mag_limit': 3.0}, r'500 stars asked for, \d+ available: of \d+ to Hp 3'),
+    ({'n': 500, 'mag_limit': 3.0}, r'500 stars requested, \d+ available of \d+ to Hp 3'),
     ({'min_el': 89.99 * DEG, 'max_el': 90 * DEG}, 'no star visible to Hp 6 between 89.99'),
     ({'min_el': 80 * DEG, 'max_el': 20 * DEG}, 'elevation limits 80 to 20'),
     ({'n': 0}, '0 stars asked for'),

@@ -174,7 +174,7 @@ def test_a_gap_of_hours_and_a_power_on_widen():
     before = float(tracker.expected(1.0, 1.0).radial[0])
     other = copy.deepcopy(tracker)
     heard = sky.tell(tracker, 9 * HOUR)
-    assert heard.taken and 'widened' in wording(heard.why)
+    assert heard.taken and 'uncertainty of a new night' in wording(heard.why)
     assert np.sqrt(np.trace(heard.covariance)) > 15 * ARCSEC > 3 * before
     assert other.power_on(2 * HOUR, axes=[1]).taken
     covariance = other.expected(1.0, 1.0).covariance[0]

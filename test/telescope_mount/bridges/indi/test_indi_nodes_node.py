@@ -51,7 +51,7 @@ def test_the_mount_tells_its_axes_follows_a_command_stops_and_says_what_is_lost(
 
 
 def test_a_kind_of_mount_that_cannot_be_driven_is_refused(graph):
-    with pytest.raises((BadInput, ValueError), match='a mount that is free cannot be told'):
+    with pytest.raises((BadInput, ValueError), match='cannot command the axes of a free mount'):
         graph.add(IndiMount, mount='free:0,0')
 
 
