@@ -8,6 +8,7 @@ epochs on one side, with a larger sigma; beyond them there is no position.
 """
 
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
@@ -22,6 +23,8 @@ LONG, SHORT, LONG_STEP = 14, 10, 600.0
 _WITH_RATES = 7
 #: steps from which on epochs are apart
 _GAP = 2.5
+#: of satellites that have a name alone; catalogues have six digits
+_FIRST_NUMBER = 10_000_000
 #: m, off what its neighbours say: no coordinate of an orbit
 BAD = 200.0
 
@@ -198,6 +201,11 @@ class Orbit:
 
     #: whether its sigma is that of a precise orbit, or expected of elements
     precise = True
+
+    @property
+    def number(self):
+        """Beyond those of catalogues, of its name: the same wherever it is read."""
+        return _FIRST_NUMBER + crc32(self.name.encode()) % _FIRST_NUMBER
 
     @property
     def begin(self):
