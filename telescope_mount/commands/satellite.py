@@ -13,7 +13,8 @@ def add(commands):
         'each was seen) with precise orbits or elements beside them, fit the terms of the mount, '
         "the station's clock and what is known of each orbit, name an orbit that is wrong, and "
         'diagnose what is left as of a run of stars.')
-    parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK')
+    parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK', help='CSV files, or logs '
+                        'of nights with passes')
     parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
                         required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
                         '.Z; may be given again: files of one satellite are joined')

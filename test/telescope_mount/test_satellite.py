@@ -88,6 +88,23 @@ def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
         'satellite', path, '--object', 'A01', *orbits(folder))
 
 
+def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch):
+    from telescope_mount import track_loader
+    paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]
+    number = -track_loader.Orbits(paths).orbit('B02').number
+    rows = track_loader.load_tracks([folder / 'tracks.csv'], paths)
+    first = np.flatnonzero(rows.names == 'B02')[:1].repeat(3)
+    run = PointingRun({'time': rows.columns['time'][first], 'star': np.array([number, 5, number]),
+                       **{name: rows.columns[name][first] for name in ('az_enc', 'el_enc')},
+                       'az': np.zeros(3), 'el': np.ones(3)}, {'source': 'night'})
+    monkeypatch.setattr(track_loader, 'load_run', lambda *_, **__: run)
+    site = {'latitude': 0.6, 'longitude': 1.9}
+    found = track_loader.load_tracks([tmp_path], paths, site=site)
+    assert found.names.tolist() == ['B02', '', 'B02'] and list(found.orbits) == ['B02']
+    with pytest.raises(ValueError, match='night: no orbit of satellite'):
+        track_loader.load_tracks([tmp_path], paths[:1], site=site)
+
+
 def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):
     from telescope_mount.track_loader import load_tracks
     lines = (folder / 'tracks.csv').read_text().splitlines()
