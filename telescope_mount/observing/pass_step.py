@@ -18,6 +18,8 @@ _EARLY = 60.0
 #: of the stretch of sky between two knots of a track that is cubic in between, arcsec
 _STRETCH = 2000.0 * ARCSEC
 _LEAST_KNOT = 0.5
+#: s from a command to the end of an exposure on its track
+_EXPOSED = 3.0
 
 
 class PassPointing(Pointing):
@@ -28,8 +30,8 @@ class PassPointing(Pointing):
     target, active, aim, mount, meridian_limit
         As of `Pointing`.
     forecast : PassForecast
-    way : tuple of ndarray
-        Times (UTC s) and angles, shape (n, 2), of the axes across its keyholes, rad.
+    way : callable
+        Time (UTC s), shape (n,) -> angles of the axes across its keyholes, shape (n, 2), rad.
     """
 
     def __init__(self, target, active, aim, mount, meridian_limit, forecast, way):
@@ -44,8 +46,7 @@ class PassPointing(Pointing):
         for hole in self._forecast.keyholes:
             inside = (time > hole.begin) & (time < hole.end)
             if inside.any():
-                times, ways = self._way
-                way = np.interp(time[inside], times, ways[:, hole.axis])
+                way = self._way(time[inside])[:, hole.axis]
                 turns = np.round((angles[inside, hole.axis] - way) / (2.0 * np.pi))
                 angles[inside, hole.axis] = way + 2.0 * np.pi * turns
         return angles[:, 0], angles[:, 1]
@@ -67,13 +68,14 @@ def next_pass(orbit, now, site, mount, axes, low):
 
 
 def way_through(orbit, forecast, site, weather, mount, axes):
-    """Times and angles of the axes through a pass, across its keyholes; for `PassPointing`."""
+    """Angles of the axes through a pass, across its keyholes, as of `PassPointing`."""
+    from scipy.interpolate import CubicHermiteSpline
     time, angles = pass_track(orbit, forecast, site, weather, mount)
     rates = np.gradient(angles, STEP, axis=0)
     for hole in forecast.keyholes:
         k = hole.axis
         angles[:, k], rates[:, k] = across(time, angles[:, k], rates[:, k], hole, axes[k])
-    return time, angles
+    return CubicHermiteSpline(time, angles, rates)
 
 
 def observe_pass(night, step):
@@ -107,8 +109,17 @@ def observe_pass(night, step):
         if max(exposer.now(), exposer.earliest) * 1e-9 > forecast.end - 3.0 * pointing.knot - 1.0:
             break
         rows += yield from night.observe(target, pointing=pointing)
-        exposer.earliest = exposer.commanded + round(value('satellite_interval_s') * 1e9)
+        exposer.earliest = _beside(forecast.keyholes, max(
+            exposer.commanded + round(value('satellite_interval_s') * 1e9), exposer.now()))
     return f'{target.name}: {rows} rows of its pass{lost}'
+
+
+def _beside(keyholes, stamp):
+    """The stamp, ns, or the end of the keyhole in which nothing would be seen then."""
+    for hole in keyholes:
+        if hole.begin - _EXPOSED < stamp * 1e-9 < hole.end:
+            return round(hole.end * 1e9)
+    return stamp
 
 
 def _axes(night):

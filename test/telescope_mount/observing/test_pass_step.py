@@ -90,7 +90,8 @@ def test_no_command_of_a_pass_overhead_leaves_the_limits(tmp_path):
     orbit = satellite_target(f'X01 {path}').orbit
     (one,) = pass_forecasts(orbit, START, 2.0, site, axes=[
         Axis(-9.0, 9.0, 6.0 * DEG, 3.0 * DEG)] * 2, dark=False)
-    time, angles = way_through(orbit, one, site, bench.sky()[1], bench.kind, axes)
+    way = way_through(orbit, one, site, bench.sky()[1], bench.kind, axes)
+    time, angles = way.x, way(way.x)
     az, el, _ = satellite_place(orbit, time, site)
     off = np.abs(wrap(az - angles[:, 0])) * np.cos(el) > 1e-5
     assert one.lost == pytest.approx(0.25 * off.sum(), abs=2.0) and one.lost > 10.0
