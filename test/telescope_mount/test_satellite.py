@@ -43,7 +43,7 @@ def test_tracks_become_a_model_a_page_and_a_result(ended, folder):
                            folder / 'stars.csv', '--no-diagnosis', '--report', page, '--json',
                            result, '--save', model)
     assert (code, err) == (0, '')
-    assert 'left along' in out and "the station's clock is" in ' '.join(out.split())
+    assert 'left along' in out and "The station's clock is" in ' '.join(out.split())
     document = json.loads(result.read_text())
     assert document['determined'] and document['clock']['late_s'] == pytest.approx(0.02, abs=0.01)
     assert {one['name'] for one in document['satellites']} == {'A01', 'B02', 'C03'}
