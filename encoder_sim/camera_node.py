@@ -20,7 +20,8 @@ PARAMS = (
     Param('exposure_s', 1.0, 'length of an exposure; one follows the other [s]', 0.01, 3600.0),
     Param('smear_limit_arcsec', 60.0, 'a star that moves farther in an exposure is not measured '
           '[arcsec]', 0.1, 36000.0),
-    Param('satellite', '', 'one more light in the sky: a file of two-line elements, or gps-26690',
+    Param('satellite', '', 'one more light in the sky: a file of two-line elements, gps-26690, or '
+          'a name and a file of its orbit',
           check=satellite_target, fixed=True),
 )
 

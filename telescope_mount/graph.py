@@ -71,6 +71,12 @@ def _known(sky, names):
     return {name: sky[name] for name in names if name in sky}
 
 
+def _of_pass(plan):
+    """The satellite of a plan's passes, which the simulated sky must have."""
+    found = [step.what for step in parse_plan(plan) if step.verb == 'pass'] if plan else []
+    return found[0] if found else ''
+
+
 def _mode(plan):
     """Of the calibration: a plan that has the step `track` needs a model after each star."""
     tracks = plan and any(step.verb == 'track' for step in parse_plan(plan))
@@ -138,7 +144,7 @@ def night_graph(*, bag, scenario='default', seed=1, start_time='', plan='', time
         'incremental_encoder': dict(simulator),
         'absolute_encoder': simulator | ({'publishes': 'frames'} if absolute == 'frames' else {}),
         'frame_reader': every_frame(namespace) | {'mount': parse_mount(mount, 0.0).kind},
-        'camera': simulator | sky | {'satellite': satellite},
+        'camera': simulator | sky | {'satellite': satellite or _of_pass(plan)},
         # a simulated mount has no cables, and without time scale its time waits for events
         'mount_guard': {
             'use_sim_time': True, 'mount': mount, 'first_rate_deg_s': 6.0,

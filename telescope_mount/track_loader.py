@@ -10,10 +10,11 @@ from pointing_model.runs.formats.cells import Cells
 from pointing_model.runs.formats.column_names import CSV_NAMES, OTHER_NAMES
 from pointing_model.runs.formats.declarations import declarations, standard_pressure
 from pointing_model.runs.formats.run_table import content, read_lines
-from pointing_model.runs.run import column_name
+from pointing_model.runs.run import column_name, known_site
 from pointing_model.runs.satellite_tracks import STARS, satellite_tracks
 from pointing_model.sky.orbits.orbit_files import Orbits
 from pointing_model.sky.places import DEFAULT_WEATHER, Site, Weather, icrs_to_observed
+from telescope_mount.night_files import log_of
 
 from .observing.pairing import centred
 from .run_loader import load_run
@@ -71,7 +72,8 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         CSV with ``time``, the readings (``az_enc_deg``, ``el_enc_deg``, or as the mount has them)
         and the camera's miss distance (``miss_x_arcsec``, ``miss_y_arcsec``) if there is one; or
         without readings where the satellite was seen, ``az_deg``, ``el_deg`` or ``ra_deg``,
-        ``dec_deg`` (J2000) from stars in the field. A column ``satellite`` names it.
+        ``dec_deg`` (J2000) from stars in the field. A column ``satellite`` names it. Or logs, of
+        which stars count too.
     orbit_paths : sequence of Path
     name : str, optional
         The satellite of rows that do not name theirs.
@@ -90,23 +92,32 @@ def load_tracks(paths, orbit_paths, name=None, stars=(), *, site=None, weather=N
         One line: what is wrong with a file.
     """
     orbits, parts, notes = Orbits(orbit_paths), [], []
-    for path in paths:
+    paths = [log_of(path) for path in paths]
+    logs = [path for path in paths if path.is_dir() or path.suffix == '.mcap']
+    for path in [path for path in paths if path not in logs]:
         part = _read(path, site, mount)
         notes += part.notes
         parts.append(part)
-    site = _site_of(parts, site)
+    runs = [load_run(path) for path in logs]
+    site = _site_of(parts, runs, paths[0], site)
     frame = next((part.mount for part in parts if part.mount is not None), None)
-    frame = parse_mount(mount or frame or 'altaz', site.latitude)
+    frame = runs[0].mount if runs and not parts else parse_mount(
+        mount or frame or 'altaz', site.latitude)
     found, columns, names = {}, [], []
     for part in parts:
         label = np.array([str(_orbit(orbits, found, one or name)) for one in part.names.tolist()],
                          dtype=object)
         columns.append(_measured(part, site, weather, frame))
         names.append(label)
+    for run in runs:
+        columns.append(_star_columns(run, frame))
+        names.append(_names_of(run, orbits, found))
     for path in stars:
         run = load_run(path, site={'latitude': site.latitude, 'longitude': site.longitude,
                                    'height': site.height}, mount=mount,
                        **({'weather': weather} if weather else {}))
+        if 'star' in run and run['star'].dtype.kind in 'if':
+            run = run.select(run['star'] >= 0)
         columns.append(_star_columns(run, frame))
         names.append(np.full(len(run), STARS, dtype=object))
     joined = _joined(columns)
@@ -164,16 +175,33 @@ def _read(path, site, mount):
                  keys, notes)
 
 
-def _site_of(parts, given):
+def _site_of(parts, runs, path, given):
     known = {}
-    for part in parts:
-        known |= part.site
+    for one in (*(part.site for part in parts), *(known_site(run.meta) for run in runs)):
+        known |= one
     known |= given or {}
     missing = [f'--{one}' for one in ('latitude', 'longitude') if one not in known]
     if missing:
-        raise ValueError(f'{parts[0].path}: the site is not known; give {" and ".join(missing)}, '
+        raise ValueError(f'{path}: the site is not known; give {" and ".join(missing)}, '
                          'or lines "# latitude_deg: 34.3" before the header')
     return Site(known['latitude'], known['longitude'], known.get('height', 0.0))
+
+
+def _names_of(run, orbits, found):
+    """Satellites of the rows of a log, by their numbers; ValueError: there is no such orbit."""
+    by_number = {}
+    for name in orbits.names:
+        orbit = orbits.orbit(name)
+        by_number[int(orbit.number)] = orbit
+    out = np.full(len(run), STARS, dtype=object)
+    for number in np.unique(run['star'][run['star'] < 0]):
+        orbit = by_number.get(int(-number))
+        if orbit is None:
+            raise ValueError(f'{run.meta["source"]}: no orbit of satellite {-int(number)}; there '
+                             f'are {", ".join(by_number[one].name for one in by_number)}')
+        found[orbit.name] = orbit
+        out[run['star'] == number] = orbit.name
+    return out
 
 
 def _orbit(orbits, found, name):

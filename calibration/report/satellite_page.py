@@ -103,9 +103,9 @@ def render_tracks(fit, document, diagnosis, files):
             ('satellite', 'rows', 'arcs', 'orbit ± m', 'ahead ms', '± ms', 'separated'),
             [(one['name'], f'{one["rows"]}', f'{one["arcs"]}', number(one['orbit_sigma_m']),
               number(1e3 * one['ahead_s'], 2, True), number(1e3 * one['ahead_sigma_s']),
-              'yes' if one['separated'] else 'no') for one in document['satellites']], 'numbers'),
+              _separated(one)) for one in document['satellites']], 'numbers'),
             note='Ahead: of its place by the orbit, along the track. Separated: from the zeros, '
-            'the clock and the other satellites.'),
+            'the clock and the other satellites; – where the orbit is precise.'),
         folded_section('Errors along each arc', marks * bool(others), *others,
             note=f'Encoder − orbit against the time: {mount.axes[0]} on the sky and '
             f'{mount.axes[1]}, raw and without the zeros. Then along and across the track, '
@@ -118,6 +118,11 @@ def render_tracks(fit, document, diagnosis, files):
         folded_section('Diagnosis', body_of(_diagnosis_page(diagnosis, files))),
         provenance_section([], files)]
     return whole(f'Tracks of satellites: {headline}', body, 'Tracks of satellites by a mount')
+
+
+def _separated(one):
+    """Whether a time along the orbit is; not asked where the orbit is precise."""
+    return None if one['ahead_sigma_s'] < 1e-4 else 'yes' if one['separated'] else 'no'
 
 
 def _diagnosis_page(view, files):

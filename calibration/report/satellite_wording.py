@@ -7,18 +7,22 @@ def _seconds(value, sigma):
     return f'{abs(value):.2f} ± {sigma:.2f} s'
 
 
+def _percent(chance):
+    return 'over 99 %' if chance > 0.995 else f'{100.0 * chance:.0f} %'
+
+
 def _signed(found):
     return f'{1e3 * found.size:+.1f} ± {1e3 * found.sigma:.1f} ms'
 
 
 def _orbit_wrong(found):
-    return (f'the orbit of {found.causes[0]} is wrong along the track '
-            f'({100.0 * found.size:.0f} %): its rows are left out')
+    return (f'The orbit of {found.causes[0]} is wrong along the track '
+            f'({_percent(found.size)}): its rows are left out')
 
 
 def _one_of_these(found):
-    return (f'one of these orbits is wrong along the track: {", ".join(found.causes)} '
-            f'({100.0 * found.size:.0f} %). The data cannot distinguish them: observe another arc '
+    return (f'One of these orbits is wrong along the track: {", ".join(found.causes)} '
+            f'({_percent(found.size)}). The data cannot distinguish them: observe another arc '
             'of each')
 
 
@@ -34,13 +38,13 @@ KINDS = {
     'one orbit of these wrong': _one_of_these,
     'stamps off': _stamps,
     'tracks determine no terms': lambda found: (
-        f'these tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '
+        f'These tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '
         'than by a dozen stars. Add arcs in other parts of the sky, or give a model (--model)'),
     'clock late': lambda found: (
-        f"the station's clock is {_seconds(found.size, found.sigma)} "
+        f"The station's clock is {_seconds(found.size, found.sigma)} "
         f'{"late" if found.size > 0.0 else "early"}'),
     'clock not separated': lambda found: (
-        f"the station's clock cannot be separated from the zeros and the orbits: "
+        f"The station's clock cannot be separated from the zeros and the orbits: "
         f'{_signed(found)}. Track another satellite, in another direction'),
     'satellite ahead': lambda found: (
         f'{found.causes[0]} is {_seconds(found.size, found.sigma)} '

@@ -188,20 +188,20 @@ class SatelliteTarget:
 
     Parameters
     ----------
-    satellite : elements.Satellite
+    satellite : elements.Satellite, or orbits.ephemeris.Orbit
     """
 
     magnitude = np.nan  # nothing that elements tell
 
     def __init__(self, satellite):
-        self._satellite = satellite
+        self.orbit = satellite
         self.number = -int(satellite.number)
-        self.name = f'satellite {satellite.number}'
+        self.name = f'satellite {satellite.name}'
 
     def place(self, time, site, weather):
         """Observed place at each time (n,), UTC s: az, el (n,), radians."""
         from .satellite import satellite_place
-        return satellite_place(self._satellite, time, site, weather)[:2]
+        return satellite_place(self.orbit, time, site, weather)[:2]
 
 
 def satellite_target(text):
@@ -210,7 +210,8 @@ def satellite_target(text):
     Parameters
     ----------
     text : str
-        ``gps-26690`` for the one of paper 000, or a file with the two-line elements of one.
+        ``gps-26690`` for the one of paper 000, a file with the two-line elements of one, or its
+        name and a file of orbits: ``L52 lageos2.sp3``.
 
     Returns
     -------
@@ -230,6 +231,10 @@ def satellite_target(text):
     from .elements import GPS_26690, load_elements, parse_elements
     if text == 'gps-26690':
         return SatelliteTarget(parse_elements(GPS_26690))
+    name, _, file = text.strip().partition(' ')
+    if file:
+        from .orbits.orbit_files import Orbits
+        return SatelliteTarget(Orbits([file.strip()]).orbit(name))
     return SatelliteTarget(load_elements(text))
 
 

@@ -29,6 +29,9 @@ def add(commands):
     parser.add_argument('--track', default='', metavar='ERROR[,MINUTES]', help='after the fit, '
                         'hold the expected pointing error with stars chosen for it, such as '
                         '1.5arcsec,90; the model follows the mount')
+    parser.add_argument('--pass', dest='satellite_pass', default='', metavar='ID,FILE',
+                        help='after the fit, follow a satellite through its next pass, by its name '
+                        'in a file of its orbit (SP3, CPF, OEM)')
     parser.add_argument('--tell-apart', default='', metavar='STARS[,HOURS]', help='after the fit, '
                         'diagnose, and observe at most so many stars that distinguish open '
                         'causes, such as 15,2h (default: none)')
@@ -72,7 +75,8 @@ def run(args):
                              f'--{name} is for a mount of a server; give it with --mount '
                              'indi:HOST:PORT or alpaca:HOST:PORT')
     calibration = options.harmonics_of(args)
-    track = f'track {args.track.replace(",", " ")}' if args.track else ''
+    track = ', '.join(f'{verb} {text.replace(",", " ", 1)}' for verb, text in (
+        ('track', args.track), ('pass', args.satellite_pass)) if text)
     discrimination = f'tell_apart {args.tell_apart.replace(",", " ")}' if args.tell_apart else ''
     console = new_console()
 

@@ -13,7 +13,8 @@ def add(commands):
         'observed places) and their precise orbits or elements. Fit the terms of the mount, '
         "the station's clock and what is known of each orbit. Name a wrong orbit, and "
         'diagnose the residuals like those of stars.')
-    parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK')
+    parser.add_argument('tracks', nargs='+', type=Path, metavar='TRACK', help='CSV files, or logs '
+                        'of nights with passes')
     parser.add_argument('--orbit', action='append', default=[], type=Path, metavar='FILE',
                         required=True, help='SP3, CPF, OEM, OMM or two-line elements, also .gz or '
                         '.Z; may be given again: files of one satellite are joined')

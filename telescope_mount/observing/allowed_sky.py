@@ -18,6 +18,8 @@ NEAR, NEAR_LIMIT = 1.5 * DEG, 2.0 * DEG
 #: rows of `guard/status`
 LEAST, HORIZON = 'least_elevation_deg', 'horizon'
 TRAVEL = 'first_travel_deg', 'second_travel_deg'
+#: that a track may ask for, of both axes
+RATES, ACCELERATIONS = 'track_rates_deg_s', 'track_accelerations_deg_s2'
 #: without which nobody knows where a limit in the sky is
 PLACE = 'latitude_deg', 'longitude_deg'
 #: sites that differ by less are one, deg
@@ -40,10 +42,13 @@ def rows_of(limits):
     corners = ', '.join(f'{az / DEG:.10g} {el / DEG:.10g}' for az, el in limits.horizon.points)
     travel = {name: f'{axis.low / DEG:.10g},{axis.high / DEG:.10g}'
               for name, axis in zip(TRAVEL, limits.axes)}
+    least = limits.timing or 1.0
+    motion = {name: ','.join(f'{least * getattr(axis, what) / DEG:.10g}' for axis in limits.axes)
+              for name, what in ((RATES, 'rate'), (ACCELERATIONS, 'acceleration'))}
     return {LEAST: f'{limits.horizon.least / DEG:.10g}', HORIZON: corners,
             **{limit.parameter: '0' for limit in SKY_LIMITS},
             **{limit.parameter: f'{distance / DEG:.10g}' for limit, distance in limits.keep_out},
-            **travel}
+            **travel, **motion}
 
 
 def _elsewhere(rows, site):
@@ -64,6 +69,8 @@ class AllowedSky(NamedTuple):
     circles : guard.sky_limits.SkyCircles
     travel : tuple of (float, float)
         Ends of both axes, rad; empty where an older guard does not report it.
+    motion : tuple of (float, float)
+        Rates (rad/s) and accelerations (rad/s^2) that a track may ask of both axes; the same.
     elsewhere : str
         Why that may be another sky: the guard goes by another site; '' where it does not.
     """
@@ -72,6 +79,7 @@ class AllowedSky(NamedTuple):
     circles: SkyCircles
     travel: tuple = ()
     elsewhere: str = ''
+    motion: tuple = ()
 
     @classmethod
     def from_rows(cls, rows, site):
@@ -82,7 +90,9 @@ class AllowedSky(NamedTuple):
         return cls(Horizon(float(rows[LEAST]) * DEG, parse_horizon(rows[HORIZON])),
                    SkyCircles([pair for pair in kept if pair[1]], site),
                    tuple(tuple(end * DEG for end in parse_pair(rows[name]))
-                         for name in TRAVEL if name in rows), _elsewhere(rows, site))
+                         for name in TRAVEL if name in rows), _elsewhere(rows, site),
+                   tuple(tuple(value * DEG for value in parse_pair(rows[name]))
+                         for name in (RATES, ACCELERATIONS) if name in rows))
 
     def __call__(self, time, az, el):
         """Whether places of the horizon system are allowed.

@@ -54,11 +54,18 @@ class Pointing:
         Whether the mount looks there through the pole; None before the first demand.
     approach : ndarray, shape (2,), or None
         Sign with which the axes came to the target; None before the first command.
+    knot : float
+        s between the knots of its tracks.
+    until : float
+        No track is longer, UTC s.
     """
+
+    until = np.inf
 
     def __init__(self, target, active, aim, mount=ALTAZ, meridian_limit=0.0):
         self.target, self.aim, self.mount = target, aim, mount
         self.beyond = self.approach = None
+        self.knot = KNOT
         self._active, self._limit = active, meridian_limit
 
     def place(self, stamps, site, air):
@@ -107,8 +114,10 @@ class AxesAtRest:
     mount : Mount, optional
     """
 
+    until = np.inf
+
     def __init__(self, here, mount=ALTAZ):
-        self.approach, self.mount = None, mount
+        self.approach, self.mount, self.knot = None, mount, KNOT
         self._here = here
 
     def demand(self, stamps, conditions):
@@ -172,7 +181,8 @@ def track_to(pointing, start, conditions, slew_rate):
     Track
         Long enough for half a turn, the settling and the exposure.
     """
-    times = np.arange(0.0, 60.0 + 200.0 / slew_rate + KNOT, KNOT)
+    length = min(60.0 + 200.0 / slew_rate + KNOT, pointing.until - start * 1e-9)
+    times = np.arange(0.0, max(length, 3.0 * pointing.knot), pointing.knot)
     angles = pointing.demand(start + (times * 1e9).astype(np.int64), conditions)
     here = conditions.here
     move = np.array([pointing.mount.way(here[0], angles[0, 0]), angles[0, 1] - here[1]])
@@ -180,4 +190,4 @@ def track_to(pointing, start, conditions, slew_rate):
         pointing.approach = np.sign(move)
     # azimuth the shorter way from here; the mount's own limits are the driver's affair
     angles[:, 0] = here[0] + move[0] + (np.unwrap(angles[:, 0]) - angles[0, 0])
-    return Track(start, times, angles, np.gradient(angles, KNOT, axis=0, edge_order=2))
+    return Track(start, times, angles, np.gradient(angles, pointing.knot, axis=0, edge_order=2))

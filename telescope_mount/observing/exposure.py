@@ -93,7 +93,7 @@ class Exposer:
             MOUNT, self._following.fault(instruments.stamp, instruments.here, now,
                                        self._out.guard.sent(instruments.stamp)) or text)
 
-    def observe(self, target, block, blind=False):
+    def observe(self, target, block, blind=False, pointing=None):
         """Steps that point at `target` and centre it where it is far off.
 
         Parameters
@@ -103,13 +103,15 @@ class Exposer:
             Number of the step of the plan.
         blind : bool
             With model and zero alone, and the first exposure counts.
+        pointing : Pointing, optional
+            At it, by default as `aimed_at`.
 
         Returns
         -------
         dict or None
             The row; None where there was no star in the field, or the track was refused.
         """
-        pointing = self.aimed_at(target)
+        pointing = self.aimed_at(target, pointing)
         if blind:
             pointing.aim = np.zeros(2)
         if self._instruments.health.doubted(CAMERA) and not (
@@ -229,9 +231,9 @@ class Exposer:
                         if np.isfinite(beside).all() else None)
         return *rows, now
 
-    def aimed_at(self, target):
+    def aimed_at(self, target, pointing=None):
         """`Pointing` at a target, with what was learned of the stars before."""
-        pointing = Pointing(target, self._active, np.zeros(2), self._out.mount(),
+        pointing = pointing or Pointing(target, self._active, np.zeros(2), self._out.mount(),
                             self._out.value('meridian_limit_deg') * DEG)
         pointing.aim = self._carried * self._axis_scale(pointing)
         return pointing

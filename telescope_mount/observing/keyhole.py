@@ -12,8 +12,13 @@ import numpy as np
 
 #: s between the moments that are looked at
 STEP = 0.25
-#: of the full rate, at which the way across goes: the guard wants room for the cubic
-_PART = 0.98
+#: of the full rate and acceleration, with which the way across goes: the guard wants room for the
+#: cubic between knots, whose corners are sharper
+_PART, _PART_OF_ACCELERATION = 0.97, 0.45
+#: of the acceleration that a track itself may ask for
+_SHARP = 0.6
+#: s between stretches that are too fast or too sharp for one keyhole
+_APART = 60.0
 
 
 class Keyhole(NamedTuple):
@@ -59,11 +64,15 @@ def keyholes(time, angles, axes):
     """
     out = []
     rates = np.gradient(angles, time, axis=0)
+    bends = np.gradient(rates, time, axis=0)
     for k, axis in enumerate(axes):
         rate = _PART * axis.rate
-        fast = np.flatnonzero(np.abs(rates[:, k]) > rate)
-        for rows in np.split(fast, np.flatnonzero(np.diff(fast) > 1) + 1) if len(fast) else ():
-            begin, end = _shortest(angles[:, k], rates[:, k], time, rows, rate, axis.acceleration)
+        fast = np.flatnonzero((np.abs(rates[:, k]) > rate)
+                              | (np.abs(bends[:, k]) > _SHARP * axis.acceleration))
+        for rows in np.split(fast, np.flatnonzero(np.diff(time[fast]) > _APART) + 1) if len(
+                fast) else ():
+            begin, end = _shortest(angles[:, k], rates[:, k], time, rows, rate,
+                                   _PART_OF_ACCELERATION * axis.acceleration)
             out.append(Keyhole(k, float(time[begin]), float(time[end]),
                                float(np.abs(rates[rows, k]).max())))
     return sorted(out, key=lambda one: one.begin)
@@ -112,7 +121,7 @@ def across(time, angles, rates, keyhole, axis):
     sign = np.sign(way)
     first, last, way = sign * rates[begin], sign * rates[end], abs(way)
     # v: v span - ((v - first)^2 + (v - last)^2) / 2a = way
-    a = axis.acceleration
+    a = _PART_OF_ACCELERATION * axis.acceleration
     b = span + (first + last) / a
     c = way + (first**2 + last**2) / (2.0 * a)
     even = 0.5 * a * (b - np.sqrt(max(b * b - 4.0 * c / a, 0.0)))

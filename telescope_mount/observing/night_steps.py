@@ -20,6 +20,7 @@ from .discrimination_step import distinguish_causes
 from .exposure import Exposer
 from .instruments import MOUNT
 from .night_memory import CHECKS_FORMAT, CHECKS_VERSION, blind_summary
+from .pass_step import observe_pass
 from .plan import POWER_CYCLES
 from .step_targets import StepTargets
 from .tracking_step import hold_error
@@ -226,6 +227,12 @@ class NightSteps:
             self.exposer.earliest = self.exposer.commanded + round(
                 self.out.value('satellite_interval_s') * 1e9)
 
+    def _do_pass(self, step):
+        """A satellite through its next pass."""
+        yield from self._need_home()
+        self.outcome = yield from observe_pass(self, step)
+        self.announce(self.outcome)
+
     def _do_wait(self, step):
         """Stand still until so many hours after the last evening: the next one."""
         self.evening = self.exposer.earliest = self.evening + step.count * _HOUR
@@ -292,9 +299,9 @@ class NightSteps:
                 self.progress.lost += refused
                 return
 
-    def observe(self, target, blind=False, for_zero=False, fresh=False):
+    def observe(self, target, blind=False, for_zero=False, fresh=False, pointing=None):
         """Observe a target; whether it counts: a `fresh` one that the guard refuses does not."""
-        row = yield from self.exposer.observe(target, self.progress.block, blind)
+        row = yield from self.exposer.observe(target, self.progress.block, blind, pointing)
         refused = row is None and bool(self.exposer.refusal)
         if refused:
             self._note_refusal(target)

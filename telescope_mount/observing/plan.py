@@ -14,6 +14,7 @@ VERBS = {
     'zero_on_stars': 'exposures',
     'zero': 'exposures',
     'satellite': 'exposures',
+    'pass': '',
     'check': 'exposures',
     'clocks': 'images',
     'track': 'minutes',
@@ -34,6 +35,8 @@ _FORMS = {
                     f', alone or with one of {", ".join(POWER_CYCLES)}'),
     'track': (rf'(?P<what>(\d+\.?\d*|\.\d+){_UNIT})( (?P<count>\d+)(min)?)?',
               ', the error to hold and the minutes, such as track 1.5arcsec 90'),
+    'pass': (r'(?P<what>\S+ \S+)', ', a satellite and a file of its orbit, such as pass L52 '
+             'lageos2.sp3'),
     'tell_apart': (r'(?P<count>\d+)( (?P<what>\d+(\.\d*)?h))?',
                    ' and a count of 1 to 100000, and what may be waited, such as 2h'),
 }
@@ -48,7 +51,8 @@ class PlanStep:
     """One step: its verb, its count (0 for a verb without one), and what it switches.
 
     `what` is '' for `power_cycle` alone, which is that of the incremental encoder; of `track` the
-    error that is held, such as ``1.5arcsec``; of `tell_apart` what may be waited, such as ``2h``.
+    error that is held, such as ``1.5arcsec``; of `tell_apart` what may be waited, such as ``2h``;
+    of `pass` the satellite and the file of its orbit.
     """
 
     verb: str
@@ -92,6 +96,8 @@ def parse_plan(text):
         keep the expected pointing error below that, with a calibration in mode ``track``.
         `tell_apart 15 2h` observes at most so many stars that the calibration asks for to tell
         apart what its diagnosis leaves open, and waits for them 2 h in all (not at all without).
+        `pass L52 lageos2.sp3` waits for the next pass of a satellite and observes it as long as it
+        is up.
         `power_cycle` is that of the incremental encoder, unless `absolute` or `both` follows.
 
     Returns
@@ -115,7 +121,7 @@ def _step(text):
         raise ValueError(f'plan step {verb!r} is unknown; use {", ".join(VERBS)}')
     form, how = _FORMS.get(verb, _COUNTED if VERBS[verb] else ('', ''))
     found = re.fullmatch(form, ' '.join(rest.split()))
-    if not (found or VERBS[verb]):
+    if not (found or VERBS[verb] or verb in _FORMS):
         raise ValueError(f'plan step {verb} takes no count')
     given = found.groupdict() if found else {}
     count = int(given.get('count') or _MINUTES * (verb == 'track'))

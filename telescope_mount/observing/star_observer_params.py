@@ -55,8 +55,9 @@ PARAMS = SKY_PARAMS + (
           'the night yet', -1000000, 1000000),
     Param('polaris_exposures', 16, 'exposures that the services zero, zero_on_polaris and '
           'zero_on_stars make', 1, 10000),
-    Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, or '
-          'gps-26690', check=satellite_target),
+    Param('satellite', '', 'what the step satellite tracks: a file of two-line elements, '
+          'gps-26690, or a name and a file of its orbit, such as L52 lageos2.sp3',
+          check=satellite_target),
     Param('satellite_interval_s', 20.0, 'least time between two exposures of it [s]', 0.0, 3600.0),
     KEPT_POWER_ONS,
     MODEL_FILE,

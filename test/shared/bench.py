@@ -148,7 +148,7 @@ class Bench:
         else:
             self.wall += 0.01
             at = track.start + EXPOSURE
-            self.position = track.angles[1]
+            self.position = track.at(at)
             self.read(at - SECOND // 2, self.position)
             miss = self.miss(len(self.commands))
             if CAMERA in self.answers and miss is not None:

@@ -43,7 +43,7 @@ def test_tracks_become_a_model_a_page_and_a_result(ended, folder):
                            folder / 'stars.csv', '--no-diagnosis', '--report', page, '--json',
                            result, '--save', model)
     assert (code, err) == (0, '')
-    assert 'left along' in out and "the station's clock is" in ' '.join(out.split())
+    assert 'left along' in out and "The station's clock is" in ' '.join(out.split())
     document = json.loads(result.read_text())
     assert document['determined'] and document['clock']['late_s'] == pytest.approx(0.02, abs=0.01)
     assert {one['name'] for one in document['satellites']} == {'A01', 'B02', 'C03'}
@@ -86,6 +86,23 @@ def test_a_track_without_a_site_asks_for_it(refused, folder, tmp_path):
     path.write_text('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n')
     assert 'the site is not known; give --latitude and --longitude' in refused(
         'satellite', path, '--object', 'A01', *orbits(folder))
+
+
+def test_rows_of_a_log_find_their_orbits_by_number(folder, tmp_path, monkeypatch):
+    from telescope_mount import track_loader
+    paths = [folder / f'{name}.sp3' for name in ('A01', 'B02', 'C03')]
+    number = -track_loader.Orbits(paths).orbit('B02').number
+    rows = track_loader.load_tracks([folder / 'tracks.csv'], paths)
+    first = np.flatnonzero(rows.names == 'B02')[:1].repeat(3)
+    run = PointingRun({'time': rows.columns['time'][first], 'star': np.array([number, 5, number]),
+                       **{name: rows.columns[name][first] for name in ('az_enc', 'el_enc')},
+                       'az': np.zeros(3), 'el': np.ones(3)}, {'source': 'night'})
+    monkeypatch.setattr(track_loader, 'load_run', lambda *_, **__: run)
+    site = {'latitude': 0.6, 'longitude': 1.9}
+    found = track_loader.load_tracks([tmp_path], paths, site=site)
+    assert found.names.tolist() == ['B02', '', 'B02'] and list(found.orbits) == ['B02']
+    with pytest.raises(ValueError, match='night: no orbit of satellite'):
+        track_loader.load_tracks([tmp_path], paths[:1], site=site)
 
 
 def test_a_camera_that_missed_is_taken_into_account(folder, tmp_path):

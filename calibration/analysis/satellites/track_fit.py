@@ -85,12 +85,20 @@ class TrackFit:
     def told_apart(self, name):
         """Whether a coefficient is told from the others: it is one, or they do not take its place.
         """
-        at = self.columns.place(name)
-        if not self.fit.determined:
-            return False
         value, sigma = self[name]
-        left = (self.fit.alone[at] / sigma) ** 2
+        left = self.own_part(name)
         return bool(left > _TOLD or left > _LEAST_TOLD and abs(value) > SIGNIFICANT * sigma)
+
+    def own_part(self, name):
+        """Part of the information on a coefficient that the others leave it, 0 to 1."""
+        if not self.fit.determined:
+            return 0.0
+        at = self.columns.place(name)
+        return float((self.fit.alone[at] / self.fit.sigma[at]) ** 2)
+
+    def hidden(self, name):
+        """Whether others take the place of a coefficient nearly whole."""
+        return self.own_part(name) < _LEAST_TOLD
 
     def sky_sigma(self):
         """What the covariance of the terms makes of places all over the sky, radial RMS, rad."""

@@ -8,6 +8,7 @@ epochs on one side, with a larger sigma; beyond them there is no position.
 """
 
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 
@@ -22,6 +23,8 @@ LONG, SHORT, LONG_STEP = 14, 10, 600.0
 _WITH_RATES = 7
 #: steps from which on epochs are apart
 _GAP = 2.5
+#: of satellites that have a name alone; catalogues have six digits
+_FIRST_NUMBER = 10_000_000
 #: m, off what its neighbours say: no coordinate of an orbit
 BAD = 200.0
 
@@ -111,30 +114,31 @@ class Arc:
         return np.hypot(np.interp(at, self.epochs, self.sigmas), self.between(at))
 
     def roughness(self):
-        """How far inner epochs are from what their neighbours say, and how far that may be, m.
+        """How far epochs are from what their neighbours say, and how far that may be, m.
 
         Returns
         -------
-        rows : ndarray of int, shape (m,)
-        off, expected : ndarray, shape (m,)
-            `expected` is what a polynomial of that degree leaves out.
+        off, expected : ndarray, shape (n,)
+            `expected` is what a polynomial of that degree leaves out. Near the ends, where it goes
+            on beyond its epochs, what they are rounded to makes metres. Empty of few epochs.
         """
-        n, half = len(self.epochs), self.width // 2
-        rows = np.arange(half, n - half)
-        if self._moving is not None or not len(rows) or half < 3:
-            return rows[:0], np.empty(0), np.empty(0)
-        beside = np.concatenate((np.arange(-half, 0), np.arange(1, half + 1)))
-        found = [self._between(rows, beside[half - width:half + width])
-                 for width in (half, half - 1, half - 2)]
-        return rows, np.linalg.norm(found[0] - self._still[rows], axis=1), _left_out(*found)
+        if self._moving is not None or len(self.epochs) < 8:
+            return np.empty(0), np.empty(0)
+        wide = min(self.width, len(self.epochs) - 1) // 2 * 2
+        found = [self._between(width) for width in (wide, wide - 2, wide - 4)]
+        return np.linalg.norm(found[0] - self._still, axis=1), _left_out(*found)
 
-    def _between(self, rows, beside):
-        """Where epochs are by those `beside` them, shape (m, 3)."""
-        nodes = self.epochs[rows[:, None] + beside] - self.epochs[rows][:, None]
+    def _between(self, width):
+        """Where epochs are by the `width` others about them, shape (n, 3)."""
+        rows = np.arange(len(self.epochs))
+        first = np.clip(rows - width // 2, 0, len(rows) - width - 1)
+        beside = first[:, None] + np.arange(width)
+        beside += beside >= rows[:, None]
+        nodes = (self.epochs[beside] - self.epochs[:, None]) / self.step
         apart = nodes[:, None, :] - nodes[:, :, None]
-        same = np.eye(len(beside), dtype=bool)
+        same = np.eye(width, dtype=bool)
         ratio = np.where(same, 1.0, nodes[:, None, :] / np.where(same, 1.0, apart))
-        return np.einsum('mk,mkc->mc', np.prod(ratio, axis=2), self._still[rows[:, None] + beside])
+        return np.einsum('mk,mkc->mc', np.prod(ratio, axis=2), self._still[beside])
 
     def without(self, row):
         """The arc without one epoch."""
@@ -198,6 +202,11 @@ class Orbit:
 
     #: whether its sigma is that of a precise orbit, or expected of elements
     precise = True
+
+    @property
+    def number(self):
+        """Beyond those of catalogues, of its name: the same wherever it is read."""
+        return _FIRST_NUMBER + crc32(self.name.encode()) % _FIRST_NUMBER
 
     @property
     def begin(self):

@@ -108,12 +108,12 @@ class ObjectRows:
 def _sound(arc, path, rows, notes):
     """The arc without epochs that are no positions of its orbit, and its own roughness as sigma."""
     while True:
-        inner, off, expected = arc.roughness()
+        off, expected = arc.roughness()
         # beside a bad epoch nothing is expected of the others
         beyond = np.where(expected < BAD, off, 0.0)
-        if not len(inner) or beyond.max() < BAD:
+        if not len(off) or beyond.max() < BAD:
             break
-        worst = int(inner[np.argmax(beyond)])
+        worst = int(np.argmax(beyond))
         notes.append(f'{path}: the position of {rows.name} at '
                      f'{utc_text(arc.origin + arc.epochs[worst])} UTC is {beyond.max() / 1e3:.3g} '
                      'km from where its neighbours say, and left out')
@@ -121,8 +121,10 @@ def _sound(arc, path, rows, notes):
         if len(arc.epochs) < 2 * len(rows.whole) // 3:
             raise ValueError(f'{path}: the positions of {rows.name} lie on no orbit; is a '
                              'coordinate missing, or the step not what it should be?')
-    if not len(inner):
+    if len(off) < arc.width + 1:
         return arc
+    inner = np.arange(arc.width // 2, len(off) - arc.width // 2)
+    off, expected = off[inner], expected[inner]
     half = arc.width // 2
     middle = 0.5 * (arc.epochs[half - 1:-half] + arc.epochs[half:arc.epochs.size - half + 1])
     coarse = float(arc.between(middle).max())

@@ -33,7 +33,7 @@ def test_satellites_alone_give_terms_and_clock(tracks):
     assert abs(late - 0.03) < 4.0 * sigma and sigma < 0.01
     assert fit.determines and np.std(fit.after) == pytest.approx(ARCSEC, rel=0.1)
     document = worded(track_document(fit))
-    assert any("the station's clock is" in note for note in document['notes'])
+    assert any("The station's clock is" in note for note in document['notes'])
     assert document['after']['radial_arcsec'] < 1.6 < document['before']['radial_arcsec']
 
 
@@ -43,7 +43,7 @@ def test_one_pass_leaves_terms_and_time_open():
     assert not fit.told_apart('ahead A01') and not fit.determines
     notes = worded(track_document(fit))['notes']
     assert any('cannot be separated from the zeros' in note for note in notes)
-    assert any('these tracks do not determine the terms' in note for note in notes)
+    assert any('These tracks do not determine the terms' in note for note in notes)
 
 
 def test_a_model_of_stars_lets_one_pass_tell_the_time_bias():
@@ -106,7 +106,7 @@ def test_a_wrong_orbit_is_named_and_left_out():
     assert fit.left_out == ('B02',) and 'B02' not in fit.tracks.objects
     assert abs(fit['AN'][0] - TRUTH['AN'] * ARCSEC) < 4.0 * fit['AN'][1]
     notes = worded(track_document(fit))['notes']
-    assert notes[0].startswith('the orbit of B02 is wrong along the track (')
+    assert notes[0].startswith('The orbit of B02 is wrong along the track (')
 
 
 def test_no_orbit_is_named_where_none_is_wrong(tracks):

@@ -177,6 +177,8 @@ def test_one_of_several_is_asked_for(tmp_path):
 def test_a_bad_or_a_missing_coordinate_is_told_and_left_out(tmp_path):
     def moved(row):
         return row[:4] + f'{float(row[4:18]) + 30.0:14.6f}' + row[18:]
+    found, notes = orbit(tmp_path, edited(PLAIN, 12, moved))  # the second epoch
+    assert '30 km' in notes[0] and off(found, np.array([100.0])) < 0.5
     found, notes = orbit(tmp_path, edited(PLAIN, 80, moved))
     assert '30 km from where its neighbours say, and left out' in notes[0]
     assert off(found) < 0.02

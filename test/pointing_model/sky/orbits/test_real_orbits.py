@@ -38,7 +38,7 @@ def test_two_orbits_of_2002_jump_and_no_other():
 
 def test_every_second_epoch_of_lageos_is_within_two_millimetres():
     arc = orbits(LAGEOS).orbit().arcs[0]
-    rows, off, _ = arc.roughness()
+    off = arc.roughness()[0][10:-10]
     assert len(arc.epochs) == 5040 and np.sqrt(np.mean(off**2)) < 0.002
 
 

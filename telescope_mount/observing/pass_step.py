@@ -1,0 +1,131 @@
+"""The step ``pass`` of a plan: wait for a satellite, follow it, lose as little as can be."""
+
+import numpy as np
+
+from msg_tools.steps import CallRefused
+from msg_tools.units import ARCSEC, DEG
+from pointing_model.sky.star_catalogue import satellite_target
+
+from ..guard.limits import Axis
+from .axis_demand import KNOT, AxesAtRest, Pointing
+from .keyhole import STEP, across
+from .pass_forecast import pass_forecasts, pass_track
+
+#: h within which a pass must begin
+SOON = 24.0
+#: s before its begin that the axes go there
+_EARLY = 60.0
+#: of the stretch of sky between two knots of a track that is cubic in between, arcsec
+_STRETCH = 2000.0 * ARCSEC
+_LEAST_KNOT = 0.5
+#: s from a command to the end of an exposure on its track
+_EXPOSED = 3.0
+
+
+class PassPointing(Pointing):
+    """A satellite while the mount follows it: across a keyhole the axes go their shortest way.
+
+    Parameters
+    ----------
+    target, active, aim, mount, meridian_limit
+        As of `Pointing`.
+    forecast : PassForecast
+    way : callable
+        Time (UTC s), shape (n,) -> angles of the axes across its keyholes, shape (n, 2), rad.
+    """
+
+    def __init__(self, target, active, aim, mount, meridian_limit, forecast, way):
+        super().__init__(target, active, aim, mount, meridian_limit)
+        self._forecast, self._way, self.until = forecast, way, forecast.end
+        self.knot = float(np.clip(_STRETCH / forecast.fastest, _LEAST_KNOT, KNOT))
+
+    def place(self, stamps, site, air):
+        """As of `Pointing`; across a keyhole where the axes are to be."""
+        first, second = super().place(stamps, site, air)
+        angles, time = np.stack((first, second), axis=-1), stamps * 1e-9
+        for hole in self._forecast.keyholes:
+            inside = (time > hole.begin) & (time < hole.end)
+            if inside.any():
+                way = self._way(time[inside])[:, hole.axis]
+                turns = np.round((angles[inside, hole.axis] - way) / (2.0 * np.pi))
+                angles[inside, hole.axis] = way + 2.0 * np.pi * turns
+        return angles[:, 0], angles[:, 1]
+
+
+def next_pass(orbit, now, site, mount, axes, low):
+    """The pass that is up or comes next, a `PassForecast`.
+
+    Raises
+    ------
+    CallRefused
+        There is none soon.
+    """
+    found = pass_forecasts(orbit, now, SOON, site, mount=mount, axes=axes, low=low, dark=False)
+    if not found:
+        raise CallRefused(f'satellite {orbit.name} is not up within {SOON:.0f} h, or its orbit '
+                          'ends before')
+    return found[0]
+
+
+def way_through(orbit, forecast, site, weather, mount, axes):
+    """Angles of the axes through a pass, across its keyholes, as of `PassPointing`."""
+    from scipy.interpolate import CubicHermiteSpline
+    time, angles = pass_track(orbit, forecast, site, weather, mount)
+    rates = np.gradient(angles, STEP, axis=0)
+    for hole in forecast.keyholes:
+        k = hole.axis
+        angles[:, k], rates[:, k] = across(time, angles[:, k], rates[:, k], hole, axes[k])
+    return CubicHermiteSpline(time, angles, rates)
+
+
+def observe_pass(night, step):
+    """Steps that observe a satellite through its next pass; what came of it, in words.
+
+    Parameters
+    ----------
+    night : NightSteps
+    step : PlanStep
+    """
+    value, exposer = night.out.value, night.exposer
+    target, mount = satellite_target(step.what), night.out.mount()
+    orbit, (site, weather) = target.orbit, night.out.sky()
+    axes = _axes(night)
+    forecast = next_pass(orbit, exposer.now() * 1e-9, site, mount, axes,
+                         value('min_elevation_deg') * DEG)
+    way = way_through(orbit, forecast, site, weather, mount, axes)
+    lost = ''.join(f'; {hole.lost:.0f} s are lost in the keyhole of the '
+                   f'{mount.names.axes[hole.axis]}' for hole in forecast.keyholes)
+    night.announce(f'{target.name}: a pass of {(forecast.end - forecast.start) / 60.0:.1f} min up '
+                   f'to {forecast.top_el / DEG:.0f} deg{lost}')
+    begin = round(forecast.start * 1e9)
+    if exposer.now() < begin - round(_EARLY * 1e9):
+        exposer.earliest = begin - round(_EARLY * 1e9)
+        yield from exposer.expose(AxesAtRest(night.instruments.here, mount))
+    exposer.earliest = max(begin, exposer.now())
+    rows = 0
+    while True:
+        pointing = PassPointing(target, night.active, np.zeros(2), mount,
+                                value('meridian_limit_deg') * DEG, forecast, way)
+        if max(exposer.now(), exposer.earliest) * 1e-9 > forecast.end - 3.0 * pointing.knot - 1.0:
+            break
+        rows += yield from night.observe(target, pointing=pointing)
+        exposer.earliest = _beside(forecast.keyholes, max(
+            exposer.commanded + round(value('satellite_interval_s') * 1e9), exposer.now()))
+    return f'{target.name}: {rows} rows of its pass{lost}'
+
+
+def _beside(keyholes, stamp):
+    """The stamp, ns, or the end of the keyhole in which nothing would be seen then."""
+    for hole in keyholes:
+        if hole.begin - _EXPOSED < stamp * 1e-9 < hole.end:
+            return round(hole.end * 1e9)
+    return stamp
+
+
+def _axes(night):
+    """What a track may ask of the axes: by the guard where it says so, else by the observer."""
+    allowed = night.out.guard.allowed
+    rate = night.out.value('slew_rate_deg_s') * DEG
+    motion = allowed.motion if allowed is not None and len(allowed.motion) == 2 else (
+        (rate, rate), (0.5 * rate, 0.5 * rate))
+    return [Axis(-np.inf, np.inf, *of) for of in zip(*motion)]
