@@ -178,6 +178,9 @@ TABLES = {
                      ('encoder_reading', 'encoder_sim/ccd.py', 'benchmarks/absolute_encoder.py'),
                      keep='px a bar|bound, scale|sigma,|total RMS|paper',
                      cut=r'<= 0\.5   reached (largest [\d.]+", )?|, (bar|corrected).*'),
+    'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 40 --trials 40 '
+                       '--only clean one two outside', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
+                       cut=r'  ok.*|     (plain|by name|median).*'),
     'measured': Table('measured_data.md', 'benchmarks/measured_data.py',
                       (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
