@@ -179,6 +179,10 @@ TABLES = {
                      ('encoder_reading', 'encoder_sim/ccd.py', 'benchmarks/absolute_encoder.py'),
                      keep='px a bar|bound, scale|sigma,|total RMS|paper',
                      cut=r'<= 0\.5   reached (largest [\d.]+", )?|, (bar|corrected).*'),
+    'errata': Table('papers.md', 'benchmarks/papers.py',
+                    ('pointing_model/harmonics.py', 'pointing_model/pointing_terms.py',
+                     'calibration/analysis/harmonic_fit.py', 'benchmarks/papers.py'),
+                    keep='percent of a term', cut=r'^ +1 +| +$'),
     'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 40 --trials 40 '
                        '--only clean one two outside', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
                        cut=r'  ok.*|     (plain|by name|median).*'),
