@@ -38,6 +38,7 @@ from calibration.analysis.encoders.cross_check_rows import (
     CrossCheckNight,
 )
 from calibration.analysis.term_fit import fit_terms
+from calibration.report.wording import wording
 from msg_tools.units import ARCSEC
 
 CAUSES = (INCREMENTAL, ABSOLUTE, BOTH, ALIKE)
@@ -300,7 +301,7 @@ def print_quiet(count, first):
         for seed in range(first, first + count):
             earlier, rows = (night(scenario, seed, k).observe() for k in (0, 1))
             report = cross_check(rows, earlier, model=fit_terms(earlier).model)
-            alarms = report.alarms
+            alarms = [wording(found) for found in report.alarms]
             if counts is not None:
                 own = [line for line in alarms if line.startswith(f'elevation: {INCREMENTAL}')]
                 walks += any('drift against' in line for line in own)

@@ -21,6 +21,7 @@ import numpy as np
 from calibration.analysis.encoders.cross_check import Homing, cross_check
 from calibration.analysis.term_fit import fit_terms
 from calibration.analysis.zero.power_on_zeros import zero_from_exposures
+from calibration.report.wording import wording
 from encoder_sim import keyed_noise
 from encoder_sim.encoder_scale import ZeroDrift, disc_angle
 from encoder_sim.incremental import IncrementalEncoder
@@ -236,14 +237,15 @@ def main():
         kinds, figures = Counter(), []
         for seed in range(args.first, args.first + count):
             report, zero = one(default, scenario, seed, not who)
-            raised += bool(report.alarms)
-            named += any(line.startswith(f'{axis}: {who}') for line in report.alarms)
+            alarms = [wording(found) for found in report.alarms]
+            raised += bool(alarms)
+            named += any(line.startswith(f'{axis}: {who}') for line in alarms)
             agree += all(abs(change.pull) <= 3.0 for change in report.shifts)
-            kinds.update(' '.join(line.split()[:3]) for line in report.alarms)
+            kinds.update(' '.join(line.split()[:3]) for line in alarms)
             if zero:
                 figures.append(zero)
             if args.show and seed < args.first + 3:
-                print('\n'.join([name, *report.alarms, *report.notes]))
+                print('\n'.join([name, *alarms, *map(wording, report.notes)]))
         if figures:
             print_zero(figures)
         rows.append((name, count, raised, named if who else None, agree, kinds,

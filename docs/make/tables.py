@@ -2,6 +2,7 @@
 
     .venv/bin/python docs/make/tables.py [NAME ...]   # all, some ten minutes
     .venv/bin/python docs/make/tables.py --check      # those older than what they rest on; code 1
+    .venv/bin/python docs/make/tables.py --stale      # make these again
 
 A mark says what the table rests on (a hash of the code and data that its command reads), and at
 which commit, where and when it was made:
@@ -53,8 +54,10 @@ class Table:
         Folders and patterns of files.
     begin, end : str
         Patterns of the first line that is taken, and of the first one after it that is not.
+    keep, cut : str
+        Pattern of the lines that are kept, and what is taken off their ends.
     rows : callable
-        In their place: the folder of the command to Markdown.
+        In their place: the command's folder and output to Markdown.
     """
 
     page: str
@@ -62,6 +65,8 @@ class Table:
     rests: tuple
     begin: str = ''
     end: str = '$.^'
+    keep: str = ''
+    cut: str = '$'
     rows: object = None
 
 
@@ -71,7 +76,7 @@ def markdown(*rows):
     return '\n'.join([head, '|' + ' --- |' * len(rows[0]), *body])
 
 
-def loop_rows(folder):
+def loop_rows(folder, _):
     """All scenarios of the loop."""
     sys.path.insert(0, str(ROOT))
     from telescope_mount.loop_tables import added
@@ -83,7 +88,7 @@ def loop_rows(folder):
          f'{row["noise_floor_arcsec"]:.2f}') for row in report['scenarios']))
 
 
-def speed_rows(folder):
+def speed_rows(folder, _):
     """What is measured beside a peer."""
     sys.path.insert(0, str(ROOT / 'benchmarks'))
     from race import seconds
@@ -91,6 +96,16 @@ def speed_rows(folder):
     return markdown(('what', 'size', 'ours', 'peer', 'ratio'), *(
         (row['what'], f'{row["size"]}', seconds(row['ours']), row['peer'], f'{row["ratio"]:.2g}')
         for row in rows if row['ratio'] is not None))
+
+
+def measured_rows(_, printed):
+    """Columns of the table of measured runs that a reader wants."""
+    wanted = ('data', 'rows', 'verdict', 'radial, fitted', 'cross-validated',
+              'stretches of time left out', 'held out', 'published')
+    head, _, *rows = [[cell.strip() for cell in line.strip().strip('|').split('|')]
+                      for line in printed.splitlines() if line.startswith('|')]
+    return markdown(*([dict(zip(head, row))[name].replace('->', '→').replace('"', '″')
+                       for name in wanted] for row in (head, *rows)))
 
 
 TABLES = {
@@ -125,6 +140,54 @@ TABLES = {
     'tutorial_german_diagnosis': Table(
         'tutorial_german.md', 'telescope-mount diagnose examples/tutorial/german_solved.csv',
         TUTORIAL),
+    'bolts': Table('bolts.md', 'benchmarks/bolts.py --mounts 20',
+                   ('pointing_model/alignment.py', 'pointing_model/bolt_turns.py',
+                    'pointing_model/geometry.py', 'calibration/analysis/term_fit.py',
+                    'calibration/estimation/gauss_newton.py', 'benchmarks/bolts.py'),
+                   keep='latitude|^ +(-33|48|70)', cut=r'beyond.*| +\d+ of \d+'),
+    'model_files': Table('models_of_others.md', 'benchmarks/model_files.py',
+                         ('pointing_model/runs/model_files', 'pointing_model/geometry.py',
+                          'pointing_model/model.py', 'telescope_mount/model_export.py',
+                          'benchmarks/model_files.py'), end='Our file read'),
+    'zero_faults': Table('zero_drift.md', 'benchmarks/zero_drift.py --nights 150 --faults 20',
+                         ('calibration/analysis/encoders', 'calibration/analysis/zero',
+                          'encoder_sim/incremental.py', 'benchmarks/zero_drift.py'), 'fault',
+                         cut=r'(agree 3s| +[\d.]+% +\d+  \{).*'),
+    'tracking': Table('tracking.md', 'benchmarks/tracking.py',
+                      ('calibration/analysis/tracking', 'calibration/estimation/kalman.py',
+                       'calibration/estimation/gaussian_sum.py',
+                       'calibration/estimation/dynamics.py', 'benchmarks/tracking.py'),
+                      keep=r'mean radial|^  of \(|called by the second|false jumps'),
+    'guard': Table('guard.md', 'benchmarks/guard.py --commands 6000',
+                   ('telescope_mount/guard', 'pointing_model/sky/sky_limits.py',
+                    'benchmarks/guard*.py'), 'commands', keep='^[^:]*$|judgement',
+                   cut=r'\s*$'),
+    'season': Table('season.md', 'benchmarks/season.py --seasons 20',
+                    ('calibration/analysis/season', 'calibration/estimation/kalman.py',
+                     'benchmarks/season.py'), 'season ', '#'),
+    'revisits': Table('revisits.md', 'benchmarks/revisits.py --runs 30 --only steps white outliers',
+                      ('calibration/estimation/revisits.py',
+                       'calibration/estimation/outlier_clusters.py',
+                       'calibration/analysis/diagnosis/residual_patterns.py',
+                       'benchmarks/revisits.py'),
+                      keep='passes|no step|outliers|: white|a direction'),
+    'mounts': Table('mounts.md', 'benchmarks/simulated_mounts.py',
+                    ('pointing_model/*.py', 'pointing_model/effects', 'calibration/estimation',
+                     'calibration/analysis/diagnosis', 'encoder_sim/mount_geometry.py',
+                     'benchmarks/simulated_mounts.py')),
+    'encoder': Table('absolute_encoder.md', 'benchmarks/absolute_encoder.py --only bound total',
+                     ('encoder_reading', 'encoder_sim/ccd.py', 'benchmarks/absolute_encoder.py'),
+                     keep='px a bar|bound, scale|sigma,|total RMS|paper',
+                     cut=r'<= 0\.5   reached (largest [\d.]+", )?|, (bar|corrected).*'),
+    'errata': Table('papers.md', 'benchmarks/papers.py',
+                    ('pointing_model/harmonics.py', 'pointing_model/pointing_terms.py',
+                     'calibration/analysis/harmonic_fit.py', 'benchmarks/papers.py'),
+                    keep='percent of a term', cut=r'^ +1 +| +$'),
+    'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 40 --trials 40 '
+                       '--only clean one two outside', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
+                       cut=r'  ok.*|     (plain|by name|median).*'),
+    'measured': Table('measured_data.md', 'benchmarks/measured_data.py',
+                      (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',
                    (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
@@ -184,7 +247,9 @@ def taken(text, table):
         raise ValueError(f'no line {table.begin!r}')
     lines = lines[first:]
     last = next((i for i, line in enumerate(lines[1:], 1) if re.match(table.end, line)), len(lines))
-    return '```\n' + '\n'.join(lines[:last]).strip('\n') + '\n```'
+    lines = [re.sub(table.cut, '', line).rstrip() for line in lines[:last]
+             if re.search(table.keep, line)]
+    return '```\n' + '\n'.join(lines).strip('\n') + '\n```'
 
 
 def output_of(table):
@@ -201,7 +266,8 @@ def output_of(table):
             **os.environ, 'COLUMNS': '100', 'OPENBLAS_NUM_THREADS': '1'})
         if done.returncode:
             raise SystemExit(f'{command}: code {done.returncode}\n{done.stderr[-2000:]}')
-        return table.rows(Path(folder) / 'out') if table.rows else taken(done.stdout, table)
+        return table.rows(Path(folder) / 'out', done.stdout) if table.rows else taken(
+            done.stdout, table)
 
 
 def machine():
@@ -246,6 +312,7 @@ def main():
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('names', nargs='*', metavar='NAME', help=', '.join(TABLES))
     parser.add_argument('--check', action='store_true', help='list those that are stale')
+    parser.add_argument('--stale', action='store_true', help='make those that are stale')
     args = parser.parse_args()
     if wrong := [name for name in args.names if name not in TABLES]:
         parser.error(f'no table {wrong[0]!r}: it is some of {", ".join(TABLES)}')
@@ -255,7 +322,7 @@ def main():
             print(f'{TABLES[name].page}: {name} is older than what it rests on; make it again: '
                   f'docs/make/tables.py {name}')
         return int(bool(names))
-    for name in args.names or TABLES:
+    for name in stale() if args.stale else args.names or TABLES:
         write(name)
         print(f'{TABLES[name].page}: {name}', flush=True)
     return 0

@@ -35,11 +35,11 @@ from telescope_mount.run_loader import load_run  # noqa: E402
 WIDTH = 900  # of a picture, pixels
 #: name of a picture, command that makes its page, height that is shown, pixels
 PAGES = {
-    'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 870),
+    'tutorial_altaz_fit': ('fit examples/tutorial/altaz_night1.csv', 690),
     'tutorial_altaz_diagnosis': ('diagnose examples/tutorial/altaz_night1.csv '
-                                 '--holdout examples/tutorial/altaz_night2.csv', 600),
-    'tutorial_german_fit': ('fit examples/tutorial/german_solved.csv', 870),
-    'tutorial_german_diagnosis': ('diagnose examples/tutorial/german_solved.csv', 600),
+                                 '--holdout examples/tutorial/altaz_night2.csv', 1160),
+    'tutorial_german_fit': ('fit examples/tutorial/german_solved.csv', 690),
+    'tutorial_german_diagnosis': ('diagnose examples/tutorial/german_solved.csv', 1160),
 }
 
 

@@ -157,6 +157,20 @@ def test_sentences_are_short():
     assert long == {}
 
 
+def test_words_of_the_style_are_not_in_the_documentation():
+    """The glossary explains some of them."""
+    style = DOCS / 'style.md'
+    if not style.exists():
+        pytest.skip('no docs/style.md')
+    rows = re.findall(r'^\| ([^|]+) \| [^|]+ \|$', style.read_text(encoding='utf-8'), re.M)
+    listed = [word for row in rows for word in row.split(', ') if word not in ('not', '---')]
+    words = re.compile(rf'(?<![\w-])({"|".join(map(re.escape, listed))})(?![\w-])', re.I)
+    made = ('style.md', 'glossary.md', 'effects.md', 'topics.md')
+    found = {path.name: words.findall(' '.join(prose_of(path))) for path in [
+        ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *DOCS.glob('*.md')] if path.name not in made}
+    assert {name: words for name, words in found.items() if words} == {}
+
+
 def test_the_documentation_is_no_longer_than_people_read():
     pages = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *DOCS.glob('*.md'),
              *DOCS.glob('nodes/*.md')]
