@@ -1,5 +1,7 @@
 """A node with declared parameters: range and unit, validated without side effects, then applied."""
 
+from difflib import get_close_matches
+
 from rcl_interfaces.msg import ParameterDescriptor, ParameterType, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
@@ -44,10 +46,7 @@ class ParameterNode(Node):
                    if not self.has_parameter(key) and not key.startswith('qos_overrides.')
                    and key not in SITE_PARAMETERS]
         if unknown:
-            import difflib
-            close = difflib.get_close_matches(unknown[0], list(self._params), 1)
-            hint = f'did you mean {close[0]}?' if close else f'it has {", ".join(self._params)}'
-            raise BadInput(f'{name}: unknown parameter {unknown[0]}; {hint}')
+            raise BadInput(f'{name}: {self._unknown(unknown[0])}')
         try:
             self.check_together({key: self.value(key) for key in self._params})
         except ValueError as err:
@@ -83,6 +82,18 @@ class ParameterNode(Node):
             if not self.has_parameter(key) and key not in SITE_PARAMETERS:
                 raise BadInput(f'{self.get_name()}: {key} fits no topic and policy of this node; '
                                f'see ros2 param list {self.get_fully_qualified_name()}')
+
+    def set_parameters_atomically(self, parameter_list):
+        """As rclpy's; the reason against an unknown one names the nearest."""
+        for parameter in parameter_list:
+            if not self.has_parameter(parameter.name):
+                return SetParametersResult(successful=False, reason=self._unknown(parameter.name))
+        return super().set_parameters_atomically(parameter_list)
+
+    def _unknown(self, name):
+        close = get_close_matches(name, list(self._params), 1)
+        hint = f'did you mean {close[0]}?' if close else f'it has {", ".join(self._params)}'
+        return f'unknown parameter {name}; {hint}'
 
     def value(self, name):
         """The value of parameter `name`."""

@@ -15,7 +15,7 @@ WAITED_FOR, GIVEN_UP = 16, 500
 
 
 class ParameterCollector:
-    """Asks all nodes, without holding anybody up.
+    """Asks all nodes of the namespace, without holding anybody up: others are no part of the mount.
 
     Parameters
     ----------
@@ -30,6 +30,7 @@ class ParameterCollector:
         self._node = node
         self._take = take
         self._known = {node.get_fully_qualified_name()}
+        self._namespace = f'{node.get_namespace().rstrip("/")}/'
         self._queries = {}
 
     @property
@@ -42,7 +43,8 @@ class ParameterCollector:
         """Look for nodes that are new, and ask again where no answer came; call it now and then."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f'{namespace.rstrip("/")}/{name}'
-            if full not in self._known and self._answers(name, namespace, full):
+            if full not in self._known and full.startswith(
+                    self._namespace) and self._answers(name, namespace, full):
                 self._known.add(full)
                 self._queries[full] = _NodeQuery(self._node, full, self._take)
         for full, query in list(self._queries.items()):

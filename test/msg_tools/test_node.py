@@ -80,6 +80,7 @@ def test_good_start_values_are_taken(graph):
     ({'colour': 'green'}, 'use one of red, blue'),
     ({'start': 'later'}, 'read-only'),
     ({'speed': 'fast'}, 'type'),
+    ({'spede': 3.0}, 'unknown parameter spede; did you mean speed?'),
 ])
 def test_bad_values_at_runtime_are_refused_and_change_nothing(graph, values, text):
     node = graph.add(Sample)

@@ -22,8 +22,12 @@ class Asker:
     def get_fully_qualified_name(self):
         return '/mount/log'
 
+    def get_namespace(self):
+        return '/mount'
+
     def get_node_names_and_namespaces(self):
-        return [('log', '/mount'), ('slow', '/mount'), ('quick', '/mount')]
+        # the last is of another mount: none of its parameters go into this log
+        return [('log', '/mount'), ('slow', '/mount'), ('quick', '/mount'), ('quick', '/mount_2')]
 
     def get_service_names_and_types_by_node(self, name, namespace):
         return [(f'{namespace}/{name}/{verb}_parameters', [])
