@@ -217,9 +217,10 @@ def _measured(part, site, weather, mount):
         if name in cells:
             out[CSV_NAMES[name]] = cells[name]
     if set(part.keys) <= set(cells):
-        if part.keys != tuple(column_name(axis, mount.names) for axis in ('az_enc', 'el_enc')):
+        keys = tuple(column_name(axis, mount.names) for axis in ('az_enc', 'el_enc'))
+        if part.keys != keys:
             raise ValueError(f'{part.path}: the columns {", ".join(part.keys)} are not of a mount '
-                             f'that is {mount.kind}; give --mount')
+                             f'that is {mount.kind}, which has {", ".join(keys)}')
         az, el = (cells[key] * DEG for key in part.keys)
         miss = [np.nan_to_num(cells[one]) * ARCSEC if one in cells else np.zeros(len(az))
                 for one in ('miss_x_arcsec', 'miss_y_arcsec')]

@@ -43,7 +43,7 @@ def add(commands):
 def run(args):
     """Read, fit, diagnose, print, write."""
     from calibration.analysis.satellites.orbit_faults import fit_without_faults
-    from calibration.analysis.satellites.stamp_check import wrong_stamps
+    from calibration.analysis.satellites.stamp_check import wrong_track
     from calibration.analysis.satellites.track_summary import track_document
     from calibration.report.satellite_page import render_tracks, tracks_table
     from calibration.report.terminal_tables import terms_table
@@ -56,7 +56,7 @@ def run(args):
     place = options.place_of(args)
     measured = load_tracks(args.tracks, args.orbit, args.object, args.stars, site=place.get('site'),
                            weather=place.get('weather'), mount=args.mount)
-    found = wrong_stamps(measured)
+    found = wrong_track(measured)
     if found is not None:
         raise ValueError(f'{args.tracks[0]}: {wording(found)}')
     held = args.model and PointingModel.load(args.model)

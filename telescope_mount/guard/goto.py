@@ -38,7 +38,7 @@ class GotoSupervisor(Supervisor):
         first, second = self._vias[0]
         beside = second - 0.5 * math.pi
         # the last one of a way to the park position is that itself
-        if abs(beside) < POLE and not self._limits.mount.vertical and (
+        if abs(beside) < POLE and not self.limits.mount.vertical and (
                 self._goal is not None or len(self._vias) > 1):
             side = 1.0 if float(self.readings.here[1]) > 0.5 * math.pi else -1.0
             self._vias[0] = first, 0.5 * math.pi + side * POLE
@@ -71,4 +71,4 @@ class GotoSupervisor(Supervisor):
         if self.readings.stamp <= self._course.start:
             return ''
         return off_way(self.readings.here, (self._low, self._high), self._settings.behind,
-                       self._limits.axes, self._limits.mount.names.axes)
+                       self.limits.axes, self.limits.mount.names.axes)

@@ -60,7 +60,6 @@ class MountGuard(ManagedNode):
             Horizon(value('least_elevation_deg') * DEG, parse_horizon(value('horizon'))),
             tuple((limit, value(limit.parameter) * DEG) for limit in SKY_LIMITS
                   if value(limit.parameter)), value('slew_timing'))
-        self._sky = rows_of(limits) | {param.name: value(param.name) for param in SKY_PARAMS[:3]}
         blocked = limits.blocked_pole
         if blocked:
             self.get_logger().warning(
@@ -74,6 +73,8 @@ class MountGuard(ManagedNode):
             value('request_timeout_s'), value('behind_deg') * DEG, value('turn_known'),
             self._whole and value('use_sim_time')),
             time.monotonic)
+        self._sky = rows_of(self._supervisor.limits) | {
+            param.name: value(param.name) for param in SKY_PARAMS[:3]}
         self._published, self._renewed, self._crowd = None, 0.0, ''
         self._idle, self._was_wanted = time.monotonic(), False  # not active since; and then
         self._ticked, self._late = 0.0, False

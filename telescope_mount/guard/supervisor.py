@@ -54,12 +54,14 @@ class Supervisor:
         ``aborted``, ``parking``, ``parked``; how bad that is, and why, in a sentence.
     refused : (int, str)
         Stamp of the last request that was refused, ns, and why.
+    limits : limits.Limits
+        That tracks keep: where a slew goes in pieces, some of the speed is left to catch up with.
     """
 
     def __init__(self, limits, site, settings, wall):
         if not settings.whole:
             limits = replace(limits, timing=min(limits.timing, SHARE))
-        self._limits, self._check = limits, TrackCheck(limits)
+        self.limits, self._check = limits, TrackCheck(limits)
         self._circles = SkyCircles(limits.keep_out, site)
         self._settings, self._wall = settings, wall
         self.readings = AxisReadings(limits, wall)
@@ -91,13 +93,13 @@ class Supervisor:
                             'there: stopped; somebody homed it, or look at its encoder; then call '
                             'resume')
         if self.readings.here is None:
-            self._check = TrackCheck(self._limits)
+            self._check = TrackCheck(self.limits)
             if known and (self._goal is not None or self.state == 'parking'):
                 self._drop(stamp)  # another power-on: what was requested was of this one
                 self._set_state('stopped', OK if self._settings.whole else WARN,
                                 'the encoders give no number any more: home the mount')
         elif (jumped or not known) and not self._settings.turn_known:
-            self._check = TrackCheck(self._limits.on_turn_of(self.readings.here[0]))
+            self._check = TrackCheck(self.limits.on_turn_of(self.readings.here[0]))
 
     def take_request(self, track, now, owner=''):
         """A track that is requested, or the one before once more: it is still wanted.
@@ -143,7 +145,7 @@ class Supervisor:
             raise self._refuse(track, 'a request older than the one before: check its stamp',
                                self._last - track.start <= FAR * 1e9)  # else ours will be set back
         self._last, self._vias, self._turns = track.start, [], None
-        self._goal = track if self._settings.whole else ended(track, self._limits.axes)
+        self._goal = track if self._settings.whole else ended(track, self.limits.axes)
         if self.state != 'paused':
             self._begin(now)
 
@@ -268,7 +270,7 @@ class Supervisor:
             self._course, self._unread = Course(start, cubic), self.readings.stamp
             self._out.append(self._course.track)
         else:
-            moves = moves_onto(cubic, state, self._limits.axes)
+            moves = moves_onto(cubic, state, self.limits.axes)
             if None in moves:
                 return False
             self._course = Course(now, cubic, moves)
@@ -282,13 +284,13 @@ class Supervisor:
                 name, f'{len(self._vias)} points to pass'))
 
     def _send_piece(self, now):
-        self._out.append(self._course.piece(now, self._settings.ahead, self._limits.axes))
+        self._out.append(self._course.piece(now, self._settings.ahead, self.limits.axes))
 
     def _brake(self, now):
         """Stop now; where nobody knows from where, what was sent ends at rest by itself."""
         if self.readings.here is not None or not (
                 self._course is None or self._settings.whole or self._hung(now)):
-            self._out.append(stop_track(now, self._here(now), self._limits.axes))
+            self._out.append(stop_track(now, self._here(now), self.limits.axes))
         self._course = None
 
     # --- as time goes on ----------------------------------------------------------------------
@@ -360,7 +362,7 @@ class Supervisor:
     def _astray(self):
         """Which axis does not go where it was sent, in a sentence; '' for none."""
         return off_course(self.readings, self._course, self._settings.behind,
-                          self._limits.mount.names.axes)
+                          self.limits.mount.names.axes)
 
     def _has_come(self, now):
         """Whether the axes rest at the first of the points to pass."""

@@ -24,6 +24,8 @@ QUICK = 200
 IN_TIME, IN_SPACE = 5, 4
 #: knots are apart by so much at least, s
 SOON = 1e-6
+#: of a limit, that rounding alone exceeds
+ROUNDED = 1.0 + 1e-9
 #: the largest number that is an angle, rad: a hundred turns
 NO_ANGLE = 100.0 * _TURN
 
@@ -265,7 +267,7 @@ class TrackCheck:
             if not rate <= most and not (rate := cubic.peak_rate[i]) <= most:  # nor no number
                 return (f'{word} at {rate / DEG:.3g} deg/s on the track is faster than '
                         f'{most / DEG:.3g} deg/s{sure}: ask for a slower one')
-            if not bend <= sharpest:
+            if not bend <= sharpest * ROUNDED:  # a track is ended by just that
                 return (f'{word} at {bend / DEG:.3g} deg/s^2 on the track is over '
                         f'{sharpest / DEG:.3g} deg/s^2{sure}: ask for a smoother one')
         return ''

@@ -1,7 +1,5 @@
 """The observer's side of the mount guard: what is requested of it, and what it allows."""
 
-from dataclasses import replace
-
 from msg_tools import convert, topics
 
 from .allowed_sky import AllowedSky
@@ -72,7 +70,8 @@ class GuardLink:
         """A track without points: the mount need not follow any."""
         request, self._request = self._request, None
         if request is not None:
-            self._publisher.publish(replace(request, points=request.points[:0]))
+            request.points = request.points[:0]
+            self._publisher.publish(request)
 
     def refusal(self, stamp):
         """Why the guard refused the track that began at `stamp` (ns); '' if it did not."""

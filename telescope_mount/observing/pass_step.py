@@ -99,9 +99,10 @@ def observe_pass(night, step):
                    f'to {forecast.top_el / DEG:.0f} deg{lost}')
     begin = round(forecast.start * 1e9)
     if exposer.now() < begin - round(_EARLY * 1e9):
-        exposer.earliest = begin - round(_EARLY * 1e9)
-        yield from exposer.expose(AxesAtRest(night.instruments.here, mount))
-    exposer.earliest = max(begin, exposer.now())
+        yield from _wait_for(night, begin - round(_EARLY * 1e9), target.name)
+        if not _goes_on(night):
+            yield from exposer.expose(AxesAtRest(night.instruments.here, mount))
+    yield from _wait_for(night, max(begin, exposer.now()), target.name)
     rows = 0
     while True:
         pointing = PassPointing(target, night.active, np.zeros(2), mount,
@@ -109,9 +110,23 @@ def observe_pass(night, step):
         if max(exposer.now(), exposer.earliest) * 1e-9 > forecast.end - 3.0 * pointing.knot - 1.0:
             break
         rows += yield from night.observe(target, pointing=pointing)
-        exposer.earliest = _beside(forecast.keyholes, max(
-            exposer.commanded + round(value('satellite_interval_s') * 1e9), exposer.now()))
+        yield from _wait_for(night, _beside(forecast.keyholes, max(
+            exposer.commanded + round(value('satellite_interval_s') * 1e9), exposer.now())),
+            target.name)
     return f'{target.name}: {rows} rows of its pass{lost}'
+
+
+def _wait_for(night, stamp, name):
+    """Nothing is commanded before a stamp, ns; on a clock that goes on by itself it is waited for.
+    """
+    night.exposer.earliest = stamp
+    if _goes_on(night):
+        yield from night.until(lambda: night.out.now() >= stamp, name)
+
+
+def _goes_on(night):
+    """Whether time goes on by itself: without requests that are renewed it waits for events."""
+    return night.instruments.live or night.out.value('renew_request_s') > 0.0
 
 
 def _beside(keyholes, stamp):

@@ -26,7 +26,7 @@ SETTINGS = {
     'recentre_arcsec': 60.0, 'on_target_arcsec': 30.0, 'slew_rate_deg_s': 4.0,
     'answer_timeout_s': 5.0, 'give_up_s': 600.0,
     'exposure_s': 0.0, 'inclinometer': False, 'smear_arcsec': 5.0, 'camera_late_s': 0.0,
-    'clock_rate_arcsec_s': 30.0,
+    'clock_rate_arcsec_s': 30.0, 'renew_request_s': 0.0,
     'use_sim_time': True, 'satellite': '', 'satellite_interval_s': 90.0,
     'meridian_limit_deg': 5.0, 'hour_angle_limit_deg': 165.0}
 

@@ -63,6 +63,9 @@ def test_stamps_of_another_scale_are_named(refused, folder):
 
 
 @pytest.mark.parametrize(('text', 'more', 'message'), [
+    ('time,satellite,az_enc_deg,el_enc_deg\n' + ''.join(
+        f'2017-12-03T{h:02d}:{m}:00Z,A01,{20 * h},{20 + m}\n' for h in (1, 2)
+        for m in (10, 30, 50)), (), 'degrees from where the orbits say'),
     ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', (),
      '3 satellites; name one with --object: A01, B02, C03'),
     ('time,az_enc_deg,el_enc_deg\n2017-12-03T01:00:00Z,1,45\n', ('--object', 'Z9'),

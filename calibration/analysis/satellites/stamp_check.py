@@ -1,8 +1,8 @@
-"""Stamps of a track that are off by whole seconds: another time scale in place of UTC."""
+"""Tracks that are not where the orbits say: another time scale, site, satellite or column."""
 
 import numpy as np
 
-from msg_tools.units import ARCSEC
+from msg_tools.units import ARCSEC, DEG
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.sky.orbits.time_scales import leap_seconds
 
@@ -10,12 +10,15 @@ from ..finding import Finding
 
 #: rad of radial RMS below which stamps are right, and part of it that other stamps leave
 _RIGHT, _BETTER = 30.0 * ARCSEC, 0.3
+#: rad of radial RMS, and of the zero of an elevation, beyond which it is no track of that satellite
+_ELSEWHERE, _NO_ZERO = 1.0 * DEG, 10.0 * DEG
 #: rows that are looked at
 _MOST = 300
 
 
-def wrong_stamps(measured):
-    """Whether stamps fit far better as another scale's, or with an hour or seconds more.
+def wrong_track(measured):
+    """Whether stamps fit far better as another scale's, or with an hour or seconds more; or rows
+    are far from where the orbits say whatever the stamps.
 
     Parameters
     ----------
@@ -25,7 +28,7 @@ def wrong_stamps(measured):
     Returns
     -------
     Finding or None
-        Its size is by how many seconds stamps are later than UTC.
+        Its size is by how many seconds stamps are later than UTC, or how far rows are off, deg.
     """
     rows = np.flatnonzero(measured.names != '')
     if len(rows) > _MOST:
@@ -43,8 +46,8 @@ def wrong_stamps(measured):
                 continue
             if best is None or left < best[0]:
                 best = left, shift
-    if best is None or best[0] > _BETTER * now:
-        return None
+    if best is None or best[0] > min(_BETTER * now, _ELSEWHERE):
+        return Finding('not the satellite', now / DEG, unit='deg') if now > _ELSEWHERE else None
     scale = {tai - 19.0: 'GPS', tai: 'TAI'}.get(best[1], '')
     return Finding('stamps off', best[1], unit='s', causes=(scale,), before=now / ARCSEC,
                    after=best[0] / ARCSEC)
@@ -58,4 +61,7 @@ def _left(tracks):
     columns = stacked_design(run.mount.names.physical[:3], run['az'], run['el'], run.mount)
     p = np.linalg.lstsq(columns.T, b, rcond=1e-8)[0]
     off = (b - p @ columns).reshape(2, -1)
+    middle = abs(float(np.median(y)))
+    if run.mount.vertical and middle > _NO_ZERO:
+        return middle
     return float(np.sqrt(np.median(np.sum(off**2, axis=0))))

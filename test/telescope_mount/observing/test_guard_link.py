@@ -1,0 +1,24 @@
+"""The observer's side of the guard, with a publisher of the test."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pointing_model.mounts import ALTAZ
+from telescope_mount.observing.axis_demand import Track
+from telescope_mount.observing.guard_link import GuardLink
+
+
+def test_a_track_that_is_not_wanted_any_more_is_withdrawn_once():
+    pytest.importorskip('trajectory_msgs', reason='the messages are not installed')
+    sent = []
+    publisher = SimpleNamespace(publish=lambda message: sent.append(len(message.points)))
+    node = SimpleNamespace(publisher=lambda topic: publisher,
+                           get_fully_qualified_name=lambda: '/mount/star_observer')
+    link = GuardLink(node, ALTAZ)
+    link.send_command(Track(0, np.array([0.0, 20.0]), np.zeros((2, 2)), np.zeros((2, 2))))
+    link.renew(True)
+    link.renew(False)
+    link.renew(False)
+    assert sent == [2, 2, 0]
