@@ -1,4 +1,4 @@
-"""What is wrong with a page as a browser shows it: cut, too long, too faint, a script that failed."""
+"""What is wrong with a page in a browser: cut, too long, too faint, a script that failed."""
 
 WIDTHS = 390, 1280
 
