@@ -49,6 +49,11 @@ def _n(value):
     return f'{value:.1f}'.rstrip('0').rstrip('.')
 
 
+def _rounding(n):
+    """How a coordinate is written: of many marks as a whole number, for the size of the page."""
+    return _n if n <= MAX_NAMED else '{:.0f}'.format
+
+
 def text(x, y, words, style='tick', anchor='middle', dy=''):
     """A line of text in a drawing.
 
@@ -178,7 +183,8 @@ class Panel:
                 for a, b, i in zip(px[inside], py[inside], good[inside])) + '</g>')
         else:
             mark = _MARKS.get(style.split(' ')[0], 'h0')
-            d = ''.join(f'M{_n(a)} {_n(b)}{mark}' for a, b in zip(px[inside], py[inside]))
+            place = _rounding(len(px))
+            d = ''.join(f'M{place(a)} {place(b)}{mark}' for a, b in zip(px[inside], py[inside]))
             self.parts.append(f'<path class="{style} dots" d="{d or "M0 0"}"/>')
         if moves and over.any():
             self.parts.append(f'<g class="over"{moves}>')
@@ -210,7 +216,9 @@ class Panel:
     def dashes(self, x, y, style, length=7.0):
         """A short level stroke at each value: a fit that is no curve of x alone."""
         _, px, py = self._places(x, y)
-        d = ''.join(f'M{_n(a - length / 2)} {_n(b)}h{length:g}' for a, b in zip(px, py))
+        place = _rounding(len(px))
+        d = ''.join(dict.fromkeys(f'M{place(a - length / 2)} {place(b)}h{length:g}'
+                                  for a, b in zip(px, py)))
         self.parts.append(f'<path class="{style}" d="{d or "M0 0"}"/>')
 
     def band(self, x, low, high):

@@ -41,8 +41,8 @@ def render_fit(found, document):
         if after.get('cv_rms_arcsec') is not None else ('fit residuals', after['rms_arcsec'])
     names = run.mount.names.axes
     headline = 'Nothing was fitted' if last is None else (
-        f'{last:.2f}″ RMS after a {len(result.names)}-term fit ({label}), '
-        f'{before["rms_arcsec"]:.2f}″ raw')
+        f'{arcsec(last)} RMS after a {len(result.names)}-term fit ({label}), '
+        f'{arcsec(before["rms_arcsec"])} raw')
     outliers = outlier_sentence(document) if document['outliers'] else ''
     noise = float(np.hypot(*result.scatter)) / ARCSEC
     terms = document['terms'] or ()

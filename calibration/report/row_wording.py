@@ -80,10 +80,9 @@ def outlier_sentence(document):
         + f'{far_text(np.hypot(row["x_arcsec"], row["y_arcsec"]))} off)'
         for row in rows[:_NAMED])
     more = f' and {len(rows) - _NAMED} more' if len(rows) > _NAMED else ''
-    what = 'An outlier' if len(rows) == 1 else f'{len(rows)} outliers'
-    return (f'{what}, left out: {named}{more}. RMS without {document["after"]["rms_arcsec"]:.2f} '
-            f'arcsec, RMS with {"it" if len(rows) == 1 else "them"} '
-            f'{document["rms_with_outliers_arcsec"]:.1f} arcsec.')
+    return (f'{len(rows)} outlier{"s" * (len(rows) > 1)} excluded: {named}{more}. RMS '
+            f'{document["after"]["rms_arcsec"]:.2f}″, with {"it" if len(rows) == 1 else "them"} '
+            f'{document["rms_with_outliers_arcsec"]:.1f}″.')
 
 
 def far_text(arcsec):

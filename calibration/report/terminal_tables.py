@@ -171,12 +171,11 @@ def fit_tables(found, document, verbose=True):
         values = [document[when][f'{key}_{axis}arcsec'] for axis in ('x_', 'y_', '')]
         if None not in values:
             steps.add_row(label, *(f'{value:.2f}' for value in values))
-    lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}'
-             f'{"" if result.covariance_from == "given sigmas" else " of the residuals"}; '
+    lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}; '
              f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
              f'{result.degrees_of_freedom} degrees of freedom']
     strong = _strong_correlations(result)
-    if strong:
+    if strong and verbose:
         lines.append(f'correlations above 0.9: {strong}')
     if document['outliers']:
         lines.append(outlier_sentence(document))

@@ -1,4 +1,4 @@
-"""What is wrong with a page as a browser shows it: cut, too faint to read, a script that failed."""
+"""What is wrong with a page in a browser: cut, too long, too faint, a script that failed."""
 
 WIDTHS = 390, 1280
 
@@ -38,6 +38,9 @@ _AUDIT = '(() => {' + ALL_DRAWN + r'''
   const out = [], wide = document.documentElement.clientWidth;
   const walk = document.createTreeWalker(document.querySelector('main'), NodeFilter.SHOW_TEXT);
   if (document.documentElement.scrollWidth > wide) { out.push('wider than the window') }
+  const first = document.querySelector('.verdict');
+  if (wide < 400 && first && first.getBoundingClientRect().bottom + scrollY > 2 * 844) {
+    out.push('the first layer is longer than two screens of a phone') }
   while (walk.nextNode()) {
     const node = walk.currentNode, e = node.parentElement, text = node.textContent.trim();
     if (!text || e.closest('title,caption,.unseen,[hidden]') || !e.getClientRects().length) {

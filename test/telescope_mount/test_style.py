@@ -29,10 +29,11 @@ LONGEST = 25  # words
 #: where words of pages, terminal and nodes are
 SOURCES = [*(ROOT / 'calibration' / 'report').glob('*.py'),
            *(ROOT / 'pointing_model' / 'effects').glob('*.py'),
-           *(path for part in ('commands', 'guard', 'observing')
-             for path in (ROOT / 'telescope_mount' / part).glob('*.py')),
-           *(path for end in ('node', 'params') for path in ROOT.glob(f'*/**/*_{end}.py')
-             if not {'.venv', 'test', 'build'} & set(path.parts))]
+           *(path for part in ('bridges', 'commands', 'drivers', 'guard', 'observing', 'papers')
+             for path in (ROOT / 'telescope_mount' / part).rglob('*.py')),
+           *(path for part in ('calibration', 'encoder_reading', 'encoder_sim', 'msg_tools',
+                               'pointing_model', 'telescope_mount')
+             for end in ('node', 'params') for path in (ROOT / part).rglob(f'*_{end}.py'))]
 #: kinds of findings, and a name in old logs
 NAMES = {*KINDS, 'as the encoders read'}
 

@@ -68,6 +68,13 @@ def click(browser, find):
         browser.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
 
 
+def drawn(browser):
+    """Coordinates of all marks that a refit moves."""
+    return browser.run('''Array.from(document.querySelectorAll("g[data-arrows] g[data-i] path,"
+        + "g[data-when] path[data-i]")).map(
+        e => e.getAttribute("d").match(/-?[0-9.]+/g).map(Number))''')
+
+
 def button(word):
     return (f'Array.from(document.querySelectorAll("button")).find('
             f'e => e.textContent === "{word}")')
@@ -76,12 +83,14 @@ def button(word):
 def test_a_linear_refit_in_the_page_is_that_of_the_command(browser, tmp_path, run):
     found = page_of(browser, tmp_path, run, terms=LINEAR, robust=False)
     assert found.terms.linear.names == LINEAR
+    first = drawn(browser)
     for i in (12, 40, 41):
         key = browser.run(f'document.getElementById("refit").dataset.refit.split('
                           f'\'"keys": "\')[1].split(" ")[{i}]')
         click(browser, f'document.querySelector("g[data-i=\'{key}\'] circle")')
         assert browser.run(f'document.querySelectorAll("tr.lit[data-i=\'{key}\']").length') == 1
         click(browser, button('Exclude'))
+    assert drawn(browser) != first
     lines = run.lines[[12, 40, 41]].tolist()
     again = fit_run(without(run, lines), LINEAR, robust=False)
     assert np.abs(apart(browser, again.terms)).max() < 1e-6
@@ -94,6 +103,10 @@ def test_a_linear_refit_in_the_page_is_that_of_the_command(browser, tmp_path, ru
     for _ in range(3):
         click(browser, button('Undo'))
     assert browser.run('document.getElementById("preview").hidden')
+    # what the script draws of all rows is what stood there, but for rounding
+    assert len(first) > 500
+    for one, other in zip(first, drawn(browser), strict=True):
+        assert one == pytest.approx(other, abs=0.11)
     before = {name: value / ARCSEC for name, value in zip(LINEAR, found.terms.coefficients)}
     assert {name: value for name, (value, _) in terms(browser).items()} == pytest.approx(
         before, abs=1e-12)

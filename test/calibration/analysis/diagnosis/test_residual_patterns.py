@@ -53,7 +53,7 @@ def test_a_fit_tells_a_step_between_two_passes_and_fits_zeros_to_each(mount):
     assert apart.terms.coefficients[-2] / ARCSEC == pytest.approx(-38.0, abs=2.0)
     assert apart.halves.radial < 0.2 * found.halves.radial
     assert {'step between visits', 'places visited again'} <= set(kinds(apart.findings))
-    assert any('a session with new zeros begins there' in note
+    assert any('A session with new zeros begins there' in note
                for note in fit_document(apart)['notes'])
 
 
@@ -98,7 +98,7 @@ def test_outliers_one_after_the_other_are_told_as_one():
     (found,) = [one for one in fit_run(run).findings if kinds([one]) == ['outliers together']]
     assert found['rows'] == [20, 21, 22, 23] and found['axis'] == 'elevation'
     assert found['what'] == 'time' and found.size == pytest.approx(60.0, abs=5.0)
-    assert 'rows 20, 21, 22, 23 are' in wording(found)
+    assert 'Rows 20, 21, 22, 23 are' in wording(found)
     result = diagnose(run, cross_validation=False, flips=199)
     assert 'outliers together' in kinds(result.notes)
     assert kinds(fit_run(clean).findings).count('outliers together') == 0
@@ -115,4 +115,4 @@ def test_where_outliers_lie_is_told(what, said):
         'azimuth_deg': 120.0, 'aside_deg': 1.5, 'elevation_deg': (40.0, 50.0), 'radius_deg': 2.0,
         'first_deg': (-10.0, 3.0), 'first_axis': 'hour angle', 'star': '11767', 'chance': 0.001,
         'side': True}))
-    assert said in text and 'lines 3, 4, 9 are 12.0″ too low in declination' in text
+    assert said in text and 'Lines 3, 4, 9 are 12.0″ too low in declination' in text

@@ -47,8 +47,8 @@ def test_one_outlier_is_named_and_not_in_the_headline():
     assert document['before']['rms_arcsec'] < 1.7
     assert document['rms_with_outliers_arcsec'] == pytest.approx(1800.0 / np.sqrt(60), rel=0.01)
     _, sentences = verdict_sentences(document)
-    assert 'An outlier, left out: line 31 (1800 arcsec off). RMS without 1.' in sentences[-1]
-    assert 'RMS with it 232.' in sentences[-1]
+    assert '1 outlier excluded: line 31 (1800 arcsec off). RMS 1.' in sentences[-1]
+    assert 'with it 232.' in sentences[-1]
     page = render(view_of(result))
     assert document['columns_alike'] and document['columns_alike'][0] in page
     assert '59 of 60 rows used' in page
