@@ -32,10 +32,12 @@ DOCS = ROOT / 'docs'
 MARK = re.compile(r'<!-- made: (?P<name>\w+); rests on (?P<rests>[0-9a-f]{8}); (?P<when>[^>]*) -->'
                   r'\n(?P<text>.*?)<!-- end: (?P=name) -->\n', re.S)
 #: what a simulated night rests on, and what a fit and a diagnosis of a file do
-MODEL = ('msg_tools', 'pointing_model', 'calibration/estimation', 'calibration/analysis')
+MODEL = ('msg_tools/units.py', 'pointing_model/*.py', 'pointing_model/effects',
+         'pointing_model/runs/*.py', 'pointing_model/runs/formats', 'pointing_model/sky/*.py',
+         'calibration/estimation', 'calibration/analysis/*.py', 'calibration/analysis/diagnosis')
 FIT = (*MODEL, 'calibration/data/*.csv')
-NIGHT = (*MODEL, 'calibration/*.py', 'encoder_sim', 'encoder_reading', 'telescope_mount/observing',
-         'telescope_mount/guard')
+NIGHT = (*MODEL, 'calibration/*.py', 'calibration/analysis/zero', 'calibration/analysis/encoders',
+         'encoder_sim', 'encoder_reading', 'telescope_mount/observing', 'telescope_mount/guard')
 TUTORIAL = (*MODEL, 'calibration/report', 'examples/tutorial/*.csv')
 MMT = 'calibration/data/mmt_2021-08-21.csv'
 
@@ -183,8 +185,8 @@ TABLES = {
                     ('pointing_model/harmonics.py', 'pointing_model/pointing_terms.py',
                      'calibration/analysis/harmonic_fit.py', 'benchmarks/papers.py'),
                     keep='percent of a term', cut=r'^ +1 +| +$'),
-    'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 40 --trials 40 '
-                       '--only clean one two outside', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
+    'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 20 --trials 24 '
+                       '--only clean one two', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
                        cut=r'  ok.*|     (plain|by name|median).*'),
     'measured': Table('measured_data.md', 'benchmarks/measured_data.py',
                       (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
@@ -281,19 +283,20 @@ def machine():
     return f'{os.cpu_count()} x {" ".join(model.split())}'
 
 
-def made(name, text):
+def made(name, text, rests):
     """The table between its marks."""
     commit = subprocess.run(['git', 'rev-parse', '--short=8', 'HEAD'], cwd=ROOT, check=True,
                             capture_output=True, text=True).stdout.strip()
     when = f'commit {commit}, {machine()}, {datetime.date.today().isoformat()}'
-    return (f'<!-- made: {name}; rests on {rests_on(TABLES[name].rests)}; {when} -->\n'
+    return (f'<!-- made: {name}; rests on {rests}; {when} -->\n'
             f'{text}\n<!-- end: {name} -->\n')
 
 
 def write(name):
     """Run the command and put its table into the page."""
     table = TABLES[name]
-    text = made(name, output_of(table))
+    rests = rests_on(table.rests)  # as the command begins
+    text = made(name, output_of(table), rests)
     path = DOCS / table.page
     page = path.read_text(encoding='utf-8')
     if f'<!-- table: {name} -->\n' in page:  # a new one
