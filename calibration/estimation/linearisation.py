@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .robust import LOSS
+from .robust import BISQUARE, LOSS
 
 
 class Linearisation(NamedTuple):
@@ -28,6 +28,8 @@ class Linearisation(NamedTuple):
         The covariance is the inverse normal matrix; else the variance of each axis is measured.
     consistency, inflation : float
         Of a robust loss, as in `least_squares.uncertainty_of`.
+    scales : tuple of float
+        Of x and y, at which the loss weighs the radial distance of each row; none: it does not.
     """
 
     names: tuple
@@ -38,6 +40,7 @@ class Linearisation(NamedTuple):
     given: bool = False
     consistency: float = 1.0
     inflation: float = 1.0
+    scales: tuple = ()
 
     @classmethod
     def of(cls, names, found, rows, n, sigmas=None):
@@ -74,4 +77,15 @@ class Linearisation(NamedTuple):
         # few rows are judged, and not weighed
         weighed = found.robust and not np.isin(found.weights, (0.0, 1.0)).all()
         return cls(tuple(names[i] for i in fitted), found.coefficients[fitted], *out,
-                   sigmas is not None, *((LOSS.variance, LOSS.inflation) if weighed else ()))
+                   sigmas is not None, *((LOSS.variance, LOSS.inflation, () if sigmas is not None
+                                          else _scales(found)) if weighed else ()))
+
+
+def _scales(found):
+    """Scales by which the rows of an `Estimate` have their weights: (r_x / s_x)^2 + ... = u^2."""
+    rows = (found.weights > 0.0) & np.isfinite(found.residual).reshape(2, -1).all(axis=0)
+    u = BISQUARE * np.sqrt(1.0 - np.sqrt(found.weights[rows]))
+    squares = np.square(found.residual.reshape(2, -1)[:, rows])
+    size = squares.max(axis=1, initial=1e-300)
+    inverse = np.linalg.lstsq((squares / size[:, None]).T, u**2, rcond=None)[0] / size
+    return tuple((1.0 / np.sqrt(inverse)).tolist()) if (inverse > 0.0).all() else ()

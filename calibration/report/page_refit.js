@@ -4,6 +4,7 @@
 var doc = document, box = doc.getElementById('refit');
 if (!box) { return; }
 var data = JSON.parse(box.dataset.refit), keys = data.keys.split(' '), n = keys.length;
+var gone = new Uint8Array(n);  // a mask of `out`
 var row = {}, out = new Set(), past = [], pinned = '', panel = null, later = 0;
 keys.forEach(function (key, i) { row[key] = i; });
 function bytes(text) {
@@ -21,7 +22,6 @@ data.models.forEach(function (m) {
     : null;
   m.now = { values: m.values || [], sigmas: [], residual: m.residual };
 });
-function at(column, axis, i) { var c = columns[column][axis]; return c ? c[i] : 0; }
 /* inverse of a symmetric positive matrix, by Cholesky of unit diagonal; null: singular */
 function inverse(a, k) {
   var s = [], l = new Float64Array(k * k), v = new Float64Array(k * k), i, j, m, t;
@@ -56,45 +56,92 @@ function times(a, b, k) {
     for (var j = 0; j < k; j++) { c[i * k + j] += a[i * k + m] * b[m * k + j]; } } }
   return c;
 }
-function refit(model) {
+/* normal matrix of each axis, its inverse, and the step; a loss has weights of its own */
+function solve(model, weights, whole) {
   var k = model.of.length, g = new Float64Array(k), normal = [new Float64Array(k * k),
-    new Float64Array(k * k)], i, j, axis, a, b, w;
+    new Float64Array(k * k)], i, a, b, w, axis;
+  var weighed = new Float64Array(n), product;
   for (axis = 0; axis < 2; axis++) {
-    for (i = 0; i < n; i++) {
-      w = model.weights[axis % model.weights.length][i];
-      if (!(w > 0)) { continue; }
-      for (a = 0; a < k; a++) {
-        var x = w * at(model.of[a], axis, i);
-        if (x === 0) { continue; }
-        if (out.has(i)) { g[a] -= x * model.residual[axis][i]; continue; }
-        for (b = 0; b <= a; b++) { normal[axis][a * k + b] += x * at(model.of[b], axis, i); }
+    w = weights[axis % weights.length];
+    var r = model.residual[axis];
+    for (a = 0; a < k; a++) {
+      var one = columns[model.of[a]][axis];
+      if (!one) { continue; }
+      for (i = 0; i < n; i++) {
+        product = w[i] * one[i];
+        weighed[i] = gone[i] ? 0 : product;
+        if (gone[i] ? !whole : whole) { g[a] += (whole ? product : -product) * r[i]; }
+      }
+      for (b = 0; b <= a; b++) {
+        var other = columns[model.of[b]][axis];
+        if (!other) { continue; }
+        var sum = 0;
+        for (i = 0; i < n; i++) { sum += weighed[i] * other[i]; }
+        normal[axis][a * k + b] = normal[axis][b * k + a] = sum;
       }
     }
-    for (a = 0; a < k; a++) { for (b = 0; b < a; b++) {
-      normal[axis][b * k + a] = normal[axis][a * k + b]; } }
   }
-  var both = normal[0].map(function (v, m) { return v + normal[1][m]; });
-  var inv = inverse(both, k);
+  var inv = inverse(normal[0].map(function (v, m) { return v + normal[1][m]; }), k);
   if (!inv) { return null; }
   var step = new Float64Array(k);
   for (a = 0; a < k; a++) { for (b = 0; b < k; b++) { step[a] += inv[a * k + b] * g[b]; } }
-  var residual = model.residual.map(function (r, axis) { return r.map(function (v, i) {
-    for (a = 0; a < k; a++) { v -= step[a] * at(model.of[a], axis, i); } return v; }); });
-  var cov = inv;
-  if (!model.given) {
-    var hat = times(inv, normal[0], k), byX = times(hat, inv, k), used = 0, total = 0, sq = [0, 0];
-    for (a = 0; a < k; a++) { used += hat[a * k + a]; }
-    for (i = 0; i < n; i++) { if (!out.has(i)) { w = model.weights[0][i]; total += w;
-      sq[0] += w * residual[0][i] ** 2; sq[1] += w * residual[1][i] ** 2; } }
-    var free = [total - used, total - k + used];
-    var variance = sq.map(function (v, m) { return v / free[m] / model.consistency; });
-    if (!(Math.min(free[0], free[1]) > 0.5)) {
-      variance[0] = variance[1] = (sq[0] + sq[1]) / Math.max(2 * total - k, 1e-9)
-        / model.consistency; }
-    cov = byX.map(function (v, m) { return variance[0] * v + variance[1] * (inv[m] - v); });
+  return { inv: inv, first: normal[0], step: step, residual: model.residual.map(
+    function (r, axis) {
+      var left = Float64Array.from(r);
+      model.of.forEach(function (c, a) {
+        var one = columns[c][axis];
+        if (one) { for (var i = 0; i < n; i++) { left[i] -= step[a] * one[i]; } } });
+      return left; }) };
+}
+function sums(weights, residual, all) {
+  var total = 0, squares = [0, 0];
+  for (var i = 0; i < n; i++) { if (all || !gone[i]) { total += weights[0][i];
+    squares[0] += weights[0][i] * residual[0][i] ** 2;
+    squares[1] += weights[0][i] * residual[1][i] ** 2; } }
+  return { total: total, squares: squares };
+}
+/* the bisquare of the radial distance, at scales that follow the rows that stay */
+function reweighted(model) {
+  var c = model.loss[0], s = model.loss.slice(1), k = model.of.length, found = null, round, i;
+  var weights = model.weights, before = sums(weights, model.residual, true);
+  function spread(total) { return total / Math.max(total - k / 2, 1); }
+  for (round = 0; round < 40; round++) {
+    var last = found;
+    found = solve(model, weights, true);
+    if (!found) { return null; }
+    var now = sums(weights, found.residual, false), r = found.residual, row = new Float64Array(n);
+    var scale = s.map(function (v, m) { return v * Math.sqrt(now.squares[m] / now.total
+      / (before.squares[m] / before.total) * spread(now.total) / spread(before.total)); });
+    for (i = 0; i < n; i++) {
+      var u = (r[0][i] / scale[0]) ** 2 + (r[1][i] / scale[1]) ** 2;
+      row[i] = model.weights[0][i] > 0 || u < c * c / 4 ? Math.max(1 - u / c / c, 0) ** 2 : 0;
+    }
+    if (last && found.step.every(function (v, m) { return Math.abs(v - last.step[m]) < 1e-8; })) {
+      break; }
+    weights = [row];
   }
-  return { values: model.values.map(function (v, m) { return v + step[m]; }), residual: residual,
-    sigmas: model.values.map(function (v, m) {
+  found.weights = weights;
+  return found;
+}
+function refit(model) {
+  var k = model.of.length, a;
+  var found = model.loss ? reweighted(model) : solve(model, model.weights, false);
+  if (!found) { return null; }
+  var cov = found.inv;
+  if (!model.given) {
+    var hat = times(cov, found.first, k), byX = times(hat, cov, k), used = 0;
+    var of = sums(found.weights || model.weights, found.residual, false);
+    for (a = 0; a < k; a++) { used += hat[a * k + a]; }
+    var free = [of.total - used, of.total - k + used];
+    var variance = of.squares.map(function (v, m) { return v / free[m] / model.consistency; });
+    if (!(Math.min(free[0], free[1]) > 0.5)) {
+      variance[0] = variance[1] = (of.squares[0] + of.squares[1])
+        / Math.max(2 * of.total - k, 1e-9) / model.consistency; }
+    cov = byX.map(function (v, m) { return variance[0] * v
+      + variance[1] * (found.inv[m] - v); });
+  }
+  return { values: model.values.map(function (v, m) { return v + found.step[m]; }),
+    residual: found.residual, sigmas: model.values.map(function (v, m) {
       return Math.sqrt(Math.max(cov[m * k + m] * model.inflation, 0)); }) };
 }
 function rms(model) {
@@ -123,6 +170,7 @@ function found() {
       moving.push([e.querySelector('path'), row[e.dataset.i], model, size, null,
         [null, c.getAttribute('cx'), c.getAttribute('cy')], e]); }); });
   moving = moving.filter(function (m) { return m[1] !== undefined && m[2]; });
+  moving.forEach(function (m) { m.fold = m[0].closest('details'); });
   return moving;
 }
 function short(v) { return v.toFixed(1).replace(/\.0$/, ''); }
@@ -135,8 +183,10 @@ function arrow(x, y, dx, dy) {
   }
   return d;
 }
-function draw() {
+/* what is folded is drawn when it opens */
+function draw(fold) {
   found().forEach(function (m) {
+    if (fold ? m.fold !== fold : m.fold && !m.fold.open) { return; }
     var i = m[1], r = m[2].now.residual, part = m[5], d;
     function to(p, old) { return p ? short(Math.min(Math.max(p[1] + p[2] * r[p[0]][i], p[3]), p[4]))
       : old; }
@@ -230,8 +280,8 @@ function show(trouble) {
   doc.body.classList.toggle('previewing', out.size > 0);
   if (out.size) {
     element('h2', 'Preview: ' + count() + ', ' + change(), panel);
-    element('p', 'A linear refit in this page. Weights, columns and effects are those of the whole '
-      + 'fit; dimmed figures still have all rows. To refit for good:', panel);
+    element('p', 'A linear refit in this page; effects are not chosen again. Dimmed figures still '
+      + 'have all rows. To refit for good:', panel);
     var line = element('p', '', panel), code = element('code', data.command + ranges(), line);
     code.id = 'command';
     button('Copy', line, function () {
@@ -270,10 +320,11 @@ function foot(trouble) {
 function apply(next, back) {
   var old = out;
   out = next;
+  gone.fill(0); out.forEach(function (i) { gone[i] = 1; });
   var now = data.models.map(function (m) { return m.of ? out.size ? refit(m)
     : { values: m.values, sigmas: [], residual: m.residual } : m.now; });
   if (now.indexOf(null) >= 0) {
-    out = old;
+    out = old; gone.fill(0); out.forEach(function (i) { gone[i] = 1; });
     foot('These rows are needed: without them the terms are undetermined.');
     return;
   }
@@ -289,6 +340,8 @@ function toggle(i) {
   apply(next);
 }
 function undo() { if (past.length) { apply(past.pop(), true); } }
+doc.querySelectorAll('details').forEach(function (e) {
+  e.addEventListener('toggle', function () { if (e.open && panel) { draw(e); } }); });
 doc.addEventListener('pin', function (e) { pinned = e.detail; foot(); });
 doc.addEventListener('keydown', function (e) {
   if ((e.key === 'Delete' || e.key === 'x') && row[pinned] !== undefined

@@ -5,6 +5,7 @@ from base64 import b64encode
 
 import numpy as np
 
+from calibration.estimation.robust import BISQUARE
 from msg_tools.units import ARCSEC
 
 from .drawing import clean
@@ -65,7 +66,8 @@ def _model(fit, names, residual, columns):
     return {'names': names, 'values': (fit.coefficients / ARCSEC).tolist(), 'of': of,
             'residual': [_scaled(v) for v in fit.residual / ARCSEC],
             'weights': _weights(fit),
-            'given': fit.given, 'consistency': fit.consistency, 'inflation': fit.inflation}
+            'given': fit.given, 'consistency': fit.consistency, 'inflation': fit.inflation,
+            'loss': [BISQUARE, *(s / ARCSEC for s in fit.scales)] if fit.scales else None}
 
 
 def _weights(fit):
