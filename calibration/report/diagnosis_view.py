@@ -93,10 +93,9 @@ class DiagnosisView:
         Class and word of the verdict, as far as its causes are open.
     word : str
         What the verdict is called.
-    meta, used, model, floor, spread, choice, expected : str
+    meta, used, model, floor, choice, expected : str
         On what it rests: in short, rows used, the declared terms; what the noise floor is called;
-        how far cross-validated figures depend on the folds, and on the choice; the error on new
-        stars.
+        how far cross-validated figures depend on the choice; the error on new stars.
     notes, page_notes, signs, left_out : list of str
         What is noted, for the page alone too, of the signs of columns, and of rows left out.
     proposals : list of (list of str, list of dict, str)
@@ -135,7 +134,6 @@ class DiagnosisView:
     used: str = ''
     model: str = ''
     floor: str = ''
-    spread: str = ''
     choice: str = ''
     expected: str = ''
     notes: list = ()
@@ -193,7 +191,6 @@ def view_of(diagnosis, document=None):
         word=VERDICTS.get(document['verdict'], document['verdict']),
         meta=_meta(document, _sources(obs)), used=row_wording.used_sentence(document),
         model=figure_wording.model_words(document, whose=False), floor=floor,
-        spread=figure_wording.spread_sentence(document),
         choice=figure_wording.choice_sentence(document),
         expected=row_wording.expected_sentence(document),
         notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_page_notes(diagnosis),

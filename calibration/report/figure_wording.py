@@ -144,15 +144,6 @@ def _in_runs(document, spread):
     return f' Of {spread["runs"]} runs or sessions, each alone, {count} show {what}.'
 
 
-def spread_sentence(document):
-    """How far the figure of rows left out depends on which are; '' where that is not known."""
-    spread = document['after'].get('cv_spread') or {}
-    if spread.get('partitions', 0) < 2:
-        return ''
-    return (f'Cross-validated: mean of {spread["partitions"]} partitions; after: '
-            f'{arcsec(spread["min_arcsec"])} to {arcsec(spread["max_arcsec"])}.')
-
-
 def choice_sentence(document):
     """How often the same effects were chosen where rows were left out; '' where it is not known.
 

@@ -154,27 +154,6 @@ def rms_text(value, when):
     return Markup(f'<span{_of_rms(when)}>{clean(arcsec(value))}</span>')
 
 
-def statements(rows, ranked=False):
-    """Things to know, what each is before what follows from it.
-
-    Parameters
-    ----------
-    rows : list
-        With ``lead``, ``more``, ``size_arcsec`` (or None).
-    ranked : bool
-        Numbered, with a bar for the size of each.
-    """
-    top = max((one.size_arcsec or 0.0 for one in rows), default=0.0)
-    ranked = ranked and len(rows) > 1
-    items = ''.join(
-        '<li>' + (f'<b>{clean(one.lead)}</b>' if ranked or one.more else clean(one.lead))
-        + (f'<span class="size"><i style="width:{100.0 * one.size_arcsec / top:.0f}%"></i></span>'
-           if ranked and one.size_arcsec else '')
-        + paragraph(one.more) + '</li>' for one in rows)
-    kind = ('ol class="ranked"', 'ol') if ranked else ('ul', 'ul')
-    return f'<{kind[0]}>{items}</{kind[1]}>' if items else ''
-
-
 def listed(texts):
     """Sentences as a list; nothing of none."""
     items = ''.join(f'<li>{clean(text)}</li>' for text in texts if text)
