@@ -39,7 +39,7 @@ KINDS = {
     'stamps off': _stamps,
     'not the satellite': lambda found: (
         f'the rows are {found.size:.1f} degrees from where the orbits say, beyond the zeros of the '
-        'axes: check satellite, time, site and the columns of the angles'),
+        'axes. Check satellite, time, site and the columns of the angles'),
     'tracks determine no terms': lambda found: (
         f'These tracks do not determine the terms: {found.size:.1f}" over the sky (RMS), worse '
         'than by a dozen stars. Add arcs in other parts of the sky, or give a model (--model)'),
