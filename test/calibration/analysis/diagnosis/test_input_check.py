@@ -190,7 +190,7 @@ def test_an_effect_that_a_wrong_reading_explains_too_is_noted():
     checked = check_columns(run_of((az, el, az_enc, el_enc + 60.0 * ARCSEC * np.sin(el))))
     note = wording(*checked.findings)
     assert 'zenith distance in place of the elevation of catalogue and encoders' in note
-    assert 'make sure of the columns' in note
+    assert 'Check the columns' in note
 
 
 def test_outliers_and_what_fits_nothing():
