@@ -144,8 +144,8 @@ def test_what_hinders_the_end_is_said_and_no_wait_is_for_ever(monkeypatch):
     mute = Graph(monkeypatch, 'following')
     mute.speaks = False
     assert mute.end() < 5.0
-    assert mute.told[-1] == ('whether the mount stands is not known: look at it; its encoders say '
-                             'nothing')
+    assert mute.told[-1] == ('whether the mount stands is not known: look at it; its encoders are '
+                             'silent')
 
 
 def test_a_mount_without_drivers_is_not_waited_for(monkeypatch):

@@ -305,7 +305,7 @@ def test_raw_mmt_night():
     assert raw['lst_h'][0] == pytest.approx(19 + 11 / 60 + 22.95 / 3600)
     assert raw.meta['time_is_utc'] is False
     assert np.diff(raw['time']) == pytest.approx(np.diff(run['time']), abs=0.01)
-    assert any('more than a turn' in note for note in raw.meta['notes'])
+    assert any('in time, as the azimuth reads' in note for note in raw.meta['notes'])
     swapped = read_run(SHARED / 'mmt/point_20210821.dat', encoder='abs')
     assert np.array_equal(swapped['az_enc'], raw['az_abs'])
 
