@@ -114,11 +114,15 @@ def row_of(document, stretches):
             cell('cv_rms_arcsec'), apart, cell('holdout_rms_arcsec')]
 
 
+def _wanted(name, args):
+    return any(part.lower() in name.lower() for part in args.only)
+
+
 def _seeds(args):
     print('| data | seeds | verdicts | after, mean | (max - min) / mean |')
     print('| --- ' * 5 + '|')
     for name, (work, folder) in RUNS.items():
-        if args.only.lower() in name.lower() and (not folder or (args.data / folder).exists()):
+        if _wanted(name, args) and (not folder or (args.data / folder).exists()):
             found = [work(args.data, seed)[0] for seed in range(args.seeds)]
             after = np.array([one.after['cv_rms_arcsec'] for one in found])
             verdicts = ', '.join(sorted({one.verdict for one in found}))
@@ -130,7 +134,7 @@ def main():
     """Run, print a table in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('--data', type=Path, default=ROOT.parent / 'shared' / 'data')
-    parser.add_argument('--only', default='', help='names that contain this')
+    parser.add_argument('--only', nargs='+', default=[''], help='names that contain one of these')
     parser.add_argument('--json', type=Path)
     parser.add_argument('--seeds', type=int, default=0)
     args = parser.parse_args()
@@ -141,7 +145,7 @@ def main():
           'cross-validated | stretches of time left out | held out | published | effects |')
     print('| --- ' * 12 + '|')
     for name, (work, folder) in RUNS.items():
-        if args.only.lower() not in name.lower():
+        if not _wanted(name, args):
             continue
         if folder and not (args.data / folder).exists():
             print(f'| {name} | no data in {args.data / folder} |')

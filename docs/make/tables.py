@@ -188,8 +188,8 @@ TABLES = {
     'diagnosis': Table('diagnosis.md', 'benchmarks/diagnosis.py --nights 20 --trials 24 '
                        '--only clean one two', (*MODEL, 'benchmarks/diagnosis*.py'), 'what',
                        cut=r'  ok.*|     (plain|by name|median).*'),
-    'measured': Table('measured_data.md', 'benchmarks/measured_data.py',
-                      (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
+    'measured': Table('measured_data.md', 'benchmarks/measured_data.py --only MMT "8 m" 2012-04B '
+                      '2014-04 paper', (*FIT, 'benchmarks/measured_data.py'), rows=measured_rows),
     'speed': Table('measurements.md', 'benchmarks/all.py --part fit,model,sky,encoder,log '
                    '--json {out}.json',
                    (*MODEL, 'encoder_reading', 'msg_tools', 'benchmarks/compared.py'),
