@@ -15,6 +15,8 @@ from .drifts import clock
 
 #: slips, at least: fewer are steps; share of the slews, at most; lengths tried between them
 _FEWEST, _MOST, _TRIED = 3, 0.7, 12
+#: least length of a slew: what an axis turns by less may be its error itself
+_SLEW = 1.0 * DEG
 
 
 @form
@@ -76,6 +78,8 @@ def _of_lengths(axis, way, when, driver):
     longest = np.sort(length)[::-1]
     for count in np.unique(np.geomspace(_FEWEST, most, _TRIED).astype(int)):
         least = 0.5 * float(longest[count - 1] + longest[count])
+        if least < _SLEW:
+            break
         slipped = length > least
         signs = np.sign(way[slipped])
         # before the row that the slew ends at

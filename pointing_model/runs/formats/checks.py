@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.copies import SAME, copies, written_twice
 from pointing_model.runs.run import COLUMNS, REQUIRED, PointingRun
@@ -16,6 +16,8 @@ _TURNS = 10  # an angle beyond is no angle in degrees
 _TURN = 2.0 * np.pi
 _QUARTER = ELEVATION_LIMITS[1] * DEG
 _GAP = 6 * 3600.0  # s: in between the mount may have been anywhere
+#: an axis that read so little otherwise stood still: the sign would be that of the error itself
+_STANDS = 60.0 * ARCSEC
 #: a number outside was not measured
 _LIMITS = {'temperature': (-100.0, 100.0, 'degrees Celsius'), 'pressure': (1.0, 1200.0, 'hPa')}
 _WRITTEN = 20_000  # rows that are kept as they were written
@@ -217,8 +219,8 @@ def derive_approach(table):
 
     Without the time of every row, from the order of the rows. Rows that are left out count: the
     mount was there. After a row without a place, at the first of each run and after 6 hours
-    without a row the direction is unknown, 0. A row where the axis stands still keeps the
-    direction of the motion that brought it there.
+    without a row the direction is unknown, 0. A row where the axis stands still (within 1′)
+    keeps the direction of the motion that brought it there.
     """
     columns, notes = table.columns, table.meta['notes']
     names = {axis: f'approach_{axis}' for axis in ('az', 'el')}
@@ -242,6 +244,7 @@ def derive_approach(table):
         if axis == 'az':
             whole_path = _reads_past_a_turn(table, angle)
             move = move if whole_path else wrap(move)
+        move[np.abs(move) < _STANDS] = 0.0
         move[new_run] = np.nan
         columns[name] = np.empty(len(order))
         columns[name][order] = _carry(np.sign(move))

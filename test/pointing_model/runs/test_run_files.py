@@ -197,6 +197,18 @@ def test_approach_from_the_order_of_the_rows(read):
     assert not given.meta['notes']
 
 
+def test_exposures_of_one_star_keep_the_direction_by_which_the_axes_came(read):
+    """The sign of what they differ by is that of the error itself, and no direction."""
+    rng = np.random.default_rng(4)
+    az, el = (np.repeat(rng.uniform(20, 80, 30), 3) for _ in range(2))
+    noise = rng.normal(size=(2, 90)) * 5.0 / 3600.0
+    run = read(f'{HEADER}\n' + '\n'.join(
+        f'{a:.6f},{e:.6f},{a + x:.7f},{e + y:.7f}' for a, e, x, y in zip(az, el, *noise)))
+    for axis, angle in (('az', az), ('el', el)):
+        way = np.sign(np.diff(angle[::3], prepend=angle[0]))
+        assert run[f'approach_{axis}'].tolist() == np.repeat(way, 3).tolist()
+
+
 def test_columns_that_cannot_be_used_are_told(read):
     run = read(f'{HEADER},az,observer\n10,20,10,20,0.1,Anna\n30,40,30,40,0.2,Bo\n')
     assert 'observer' not in run

@@ -11,7 +11,7 @@ from encoder_sim.drives import ShaftCouplings
 from encoder_sim.mount_geometry import MountGeometry, azimuth_elevation
 from encoder_sim.scenario_file import load_scenario
 from encoder_sim.star_camera import Camera
-from msg_tools.units import ARCSEC, wrap
+from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.context import Context
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run import PointingRun
@@ -120,6 +120,18 @@ def test_a_coupling_that_lets_go_in_long_slews_is_named():
     result = diagnose(run, **FAST)
     assert any(name.startswith(('azimuth_slip_of_slews', 'azimuth_zero_step'))
                for name in names(result)), names(result)
+
+
+def test_readings_of_one_place_are_no_slews():
+    from pointing_model.context import Context
+    from pointing_model.effects.slips import propose
+    rng = np.random.default_rng(2)
+    az = rng.normal(size=40) * 3.0 * ARCSEC
+    for length, offered in ((0.0, False), (30.0 * DEG, True)):
+        places = az + length * rng.choice([-1.0, 1.0], 40)
+        context = Context(0.0 * az, 0.0 * az + 0.7, {
+            'time': 60.0 * np.arange(40), 'az_enc': places, 'el_enc': 0.0 * az})
+        assert bool(next(propose(context, None, None)).effects) == offered
 
 
 def test_a_jump_comes_with_its_slew():
