@@ -34,6 +34,9 @@ _PLAINLY_CHANCE = 0.03
 #: waves that a part of the rows is offered: the best of all rows, and those beside them
 _SHORTLIST, _BESIDE = 60, 2
 _SHARE = 'periods'
+#: part of a wave's energy that must be beyond one wave a turn: of rows at even steps some rates are
+#: the same as none, and with no rows between them any size of the wave would fit
+_SEEN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +82,26 @@ class WaveScan:
         n = len(self.angle)
         return WaveScan(self.angle[rows], self.factor[np.concatenate((rows, rows + n))],
                         self.rates, self.effect)
+
+    def seen(self, rates):
+        """Whether these rows show waves of `rates` (k,), of either phase: a mask, shape (k,).
+
+        At even steps a wave may be as slow as the terms of a mount are.
+        """
+        n = len(self.angle)
+        weight = np.hypot(self.factor[:n], self.factor[n:]) * np.isfinite(self.angle)
+        angle = np.nan_to_num(self.angle)
+        slow, size, _ = np.linalg.svd(
+            weight[:, None] * np.column_stack((np.ones(n), np.cos(angle), np.sin(angle))),
+            full_matrices=False)
+        slow = slow[:, size > 1e-6 * max(size[0], 1e-300)]
+        phase = np.multiply.outer(rates, angle)
+        cosine, sine = weight * np.cos(phase), weight * np.sin(phase)
+        cosine, sine = (wave - (wave @ slow) @ slow.T for wave in (cosine, sine))
+        a, b, c = (np.einsum('ij,ij->i', *both) for both in (
+            (cosine, cosine), (sine, sine), (cosine, sine)))
+        least = 0.5 * (a + b - np.hypot(a - b, 2.0 * c))
+        return least > _SEEN * 0.5 * (weight @ weight)
 
     def waves(self, rates, shift):
         """Values cos(rate angle - shift) x factor, shape (k, 2n)."""
@@ -166,7 +189,8 @@ class PeriodBank(CandidateBank):
         self._by_size = [(int(d), np.flatnonzero(sizes == d)) for d in np.unique(sizes)]
         self.scan_cost = np.ones(shapes * count, int)
         self.by_chance, self._sized, self.near, self._tuned = {}, [], None, 0
-        self.shares = {_SHARE: np.arange(count)}
+        self.shares = {_SHARE: np.flatnonzero(np.concatenate(
+            [empty.astype(bool), *(one.seen(one.rates) for one in scans)]))}
 
     effects = property(_WaveEffects)
     columns = property(_WaveColumns)
@@ -176,7 +200,7 @@ class PeriodBank(CandidateBank):
 
     def rivals(self, g):
         """Waves of one order each, and `g`."""
-        return np.union1d(np.arange(self.count), [g])
+        return np.union1d(self.shares[_SHARE], [g])
 
     def rows(self, rows):
         """The bank of some rows (indices or a mask of n)."""
@@ -188,7 +212,9 @@ class PeriodBank(CandidateBank):
 
     def score(self, fit, groups=None):
         """As of any bank, of the groups that are tried, and of `groups` at least."""
-        tried = np.arange(self.count) if self.near is None else self.near
+        tried = self.shares[_SHARE]
+        if self.near is not None:
+            tried = np.intersect1d(tried, self.near)
         if groups is not None:
             return self._scored(fit, np.unique(groups))
         key = self, self._tuned
@@ -267,7 +293,8 @@ class PeriodBank(CandidateBank):
             near = of_scan[int(np.argmin(np.abs(self.scans[scan].rates - base)))]
             for shape, orders in enumerate(SHAPES):
                 # of a longer period what was seen is its highest order, or before it
-                if max(orders) < longer or (longer == 1 and shape == 0):
+                if max(orders) < longer or (longer == 1 and shape == 0) or not self.scans[
+                        scan].seen(base * np.array(orders)).all():
                     continue
                 group = shape * self.count + int(near)
                 own, gain = self.tuned_rate(fit, group, base)

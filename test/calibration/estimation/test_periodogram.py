@@ -108,3 +108,16 @@ def test_columns_are_made_as_they_are_asked_for():
     assert part.of(g).shape == (6, 20) and bank.rate[g] == rate
     # a travel that has no full period shows none
     assert WaveScan.over(angle[:1], np.ones(2), 10.0, 100.0, _Effect) is None
+
+
+def test_rows_at_even_steps_do_not_show_a_rate_that_is_as_none():
+    rng = np.random.default_rng(1)
+    rates, factor = np.array([624.0, 624.02, 635.0, 15.5, 633.4]), np.ones(192)
+    even = np.repeat(np.arange(12) * np.pi / 6.0, 8)
+    for angle, seen in ((even, [False, False, False, True, True]),
+                        (rng.uniform(0.0, 2.0 * np.pi, 96), [True] * 5)):
+        scan = WaveScan.over(angle, factor, 10.0, 1000.0, None)
+        assert scan.seen(rates).tolist() == seen
+        tried = PeriodBank([scan]).shares['periods']
+        near = scan.rates[tried]
+        assert (np.abs(near - 624.0).min() < 0.5) == seen[0] and np.abs(near - 630.0).min() < 0.5
