@@ -205,13 +205,13 @@ def part_bias(trials):
         both = [(value - 0.02) / sigma, (fit['IA'][0] - off['IA']) / fit['IA'][1]]
         bias.append(sigma)
         z.append(both)
-        within += np.all(np.abs(both) < 2.5) and fit.told_apart(f'ahead {name}')
-        free += not fit_tracks(rows, **options).told_apart(f'ahead {name}')
+        within += np.all(np.abs(both) < 2.5) and fit.separated(f'ahead {name}')
+        free += not fit_tracks(rows, **options).separated(f'ahead {name}')
         one = joined(pick(rng, 'P', 1), _PRECISE)
         name = one.objects[0]
         rows = measured(rng, one, moved, 0.0, {name: 0.005}, orbits=False)
         fit = fit_tracks(rows, held=known, clock_sigma=0.0, bias_free=(name,))
-        gps += not fit.told_apart(f'ahead {name}')
+        gps += not fit.separated(f'ahead {name}')
     yield (f'20 ms on one pass of LAGEOS: sigma {1e3 * np.median(bias):.1f} ms (at most 6), both '
            f'within 2.5 sigma {within} of {trials} (93 %), z RMS '
            + ', '.join(f'{v:.2f}' for v in np.sqrt(np.mean(np.square(z), axis=0))))

@@ -73,9 +73,9 @@ class PolarAxis:
                 float(np.sqrt(toward @ self.covariance @ toward) / length))
 
 
-def _angles(leans, latitude):
+def _angles(tilts, latitude):
     """Azimuth and altitude of the end of the axis above the horizon; MA and ME, rad."""
-    ma, me = leans
+    ma, me = tilts
     size = np.hypot(ma, me)
     along = np.sinc(size / np.pi)
     west, meridian, north = ma * along, me * along, np.cos(size)
@@ -109,11 +109,11 @@ def polar_axis(model, refraction=0.0):
     mount = model.mount
     if not mount.celestial:
         raise ValueError(f'a mount that is {mount.kind} has no polar axis')
-    leans, covariance = _of(model, ('MA', 'ME'))
+    tilts, covariance = _of(model, ('MA', 'ME'))
     if np.pi / 2.0 - abs(mount.latitude) < _POLAR:
         raise ValueError('within a degree of a pole of the Earth no bolt in azimuth moves the axis')
-    return axis_at(_angles(leans, mount.latitude), mount.latitude, refraction,
-                   _carried(lambda v: _angles(v, mount.latitude), leans, covariance))
+    return axis_at(_angles(tilts, mount.latitude), mount.latitude, refraction,
+                   _carried(lambda v: _angles(v, mount.latitude), tilts, covariance))
 
 
 def axis_at(place, latitude, refraction=0.0, covariance=None):
@@ -215,7 +215,7 @@ class Feet:
     tilt : float
         Of the axis, rad,
     toward : float
-        and the azimuth toward which it leans.
+        and the azimuth toward which it is tilted.
     """
 
     azimuths: np.ndarray
@@ -252,14 +252,14 @@ def foot_lifts(model, radius, azimuths):
     azimuths = np.asarray(azimuths, float)
     if len(azimuths) < 3 or not radius > 0.0:
         raise ValueError('give the radius of the circle of feet, and three of them or more')
-    leans, covariance = _of(model, ('AN', 'AW'))
+    tilts, covariance = _of(model, ('AN', 'AW'))
 
     def heights(values):
-        # the plane across the axis: the side toward which it leans is low
+        # the plane across the axis: the side toward which it is tilted is low
         size = np.hypot(*values)
         north, west = np.asarray(values) * np.sinc(size / np.pi)
         return radius * (north * np.cos(azimuths) - west * np.sin(azimuths)) / np.cos(size)
-    lifts = heights(leans)
-    sigmas = np.sqrt(np.maximum(np.diag(_carried(heights, leans, covariance)), 0.0))
-    return Feet(azimuths, lifts - lifts.min(), sigmas, float(np.hypot(*leans)),
-                float(np.arctan2(-leans[1], leans[0]) % (2.0 * np.pi)))
+    lifts = heights(tilts)
+    sigmas = np.sqrt(np.maximum(np.diag(_carried(heights, tilts, covariance)), 0.0))
+    return Feet(azimuths, lifts - lifts.min(), sigmas, float(np.hypot(*tilts)),
+                float(np.arctan2(-tilts[1], tilts[0]) % (2.0 * np.pi)))

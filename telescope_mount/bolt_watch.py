@@ -11,9 +11,9 @@ from pointing_model.sky.star_rates import SIDEREAL
 
 #: of one image: the first axis did not turn, but for a track, by more than this
 _TURNED = 3.0 * DEG
-#: an error that is told is so many times its sigma
+#: an error that is shown is so many times its sigma
 _CLEAR = 5.0
-#: an error that grew to this many times of what was told: the wrong way
+#: an error that grew to this many times of what was shown: the wrong way
 _DOUBLE = 2.0
 THREE, ONE, COLLECTED, STOPPED = 'three', 'one', 'collected', 'stopped'
 

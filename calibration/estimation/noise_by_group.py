@@ -69,7 +69,7 @@ class GroupNoise:
         return -2.0 * float(np.log(root[root > 0.0]).sum())
 
 
-def group_roots(columns, b, groups, time, run, cos_el, memory):
+def group_roots(columns, b, groups, time, run, factor, memory):
     """White noise of each group, by its own rows alone.
 
     Parameters
@@ -84,8 +84,8 @@ def group_roots(columns, b, groups, time, run, cos_el, memory):
         s.
     run : ndarray of int, shape (n,)
         Arcs: one remembers nothing of the one before.
-    cos_el : ndarray, shape (n,)
-        Of the second axis.
+    factor : ndarray, shape (n,)
+        As of `Sequence`.
     memory : sequence of bool
         Whether the noise of each group may remember.
 
@@ -107,7 +107,7 @@ def group_roots(columns, b, groups, time, run, cos_el, memory):
         fit = weighted_fit(own, b[both], final=True)
         white = np.ones(2)
         if remembers and len(rows) >= LEAST_ROWS:
-            found = memory_of(fit, own, b[both], Sequence(time[rows], run[rows], cos_el[rows]))
+            found = memory_of(fit, own, b[both], Sequence(time[rows], run[rows], factor[rows]))
             white = [one.scale / s for one, s in zip(found, fit.scale)]
         root[both] = fit.noise.root / np.repeat(white, len(rows))
         weights[rows] = fit.weights
@@ -179,11 +179,6 @@ def _memories(sequence):
 def _evidence(columns, b, precision, noise):
     fit = PriorFit(gram_of(noise.whiten(columns), noise.whiten(b)), noise.count, precision)
     return -0.5 * (fit.square + fit.log_det + noise.log_det)
-
-
-def sequence_of(time, run, cos_el, rows):
-    """`Sequence` of some rows (indices)."""
-    return Sequence(time[rows], run[rows], cos_el[rows])
 
 
 def white_sigmas(root):

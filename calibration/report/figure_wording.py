@@ -70,8 +70,8 @@ def way(document):
 def best_pair(document, held=True):
     """The most honest pair of errors there is: held out, else cross-validated, else fitted.
 
-    Rows left out at random have told of themselves by their neighbours in time; of blocks of time
-    left out nothing is known, as of the stars of the next hour.
+    Of rows left out at random the neighbours in time stay in the fit. Of blocks of time none do, as
+    of the stars of the next hour.
 
     Parameters
     ----------

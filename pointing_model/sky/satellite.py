@@ -113,7 +113,7 @@ def satellite_place(satellite, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER,
     az, el = _horizontal(seen + velocity / erfa.CMPS, site)
     if corrections.refraction:
         far = np.inf if not corrections.parallactic_refraction else distance
-        el = refracted(el, weather, far, float(_length(_site_vector(site))))
+        el = refracted(el, weather, far, float(_length(ground)))
     return np.mod(az, 2.0 * np.pi), el, distance
 
 
@@ -189,14 +189,17 @@ def _site_vector(site):
 
 def _horizontal(direction, site):
     """Azimuth and elevation of a direction in ITRF."""
-    x, y, z = np.moveaxis(direction, -1, 0)
+    east, north, up = np.moveaxis(direction @ horizon_axes(site).T, -1, 0)
+    return np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
+
+
+def horizon_axes(site):
+    """East, north and up in ITRF, as rows, shape (3, 3)."""
     sin_lon, cos_lon = np.sin(site.longitude), np.cos(site.longitude)
     sin_lat, cos_lat = np.sin(site.latitude), np.cos(site.latitude)
-    out = cos_lon * x + sin_lon * y
-    east = cos_lon * y - sin_lon * x
-    north = cos_lat * z - sin_lat * out
-    up = sin_lat * z + cos_lat * out
-    return np.arctan2(east, north), np.arctan2(up, np.hypot(east, north))
+    return np.array([[-sin_lon, cos_lon, 0.0],
+                     [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+                     [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]])
 
 
 def _sun_and_motion(time):

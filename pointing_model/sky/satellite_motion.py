@@ -11,7 +11,7 @@ from pointing_model.mounts import ALTAZ
 from .earth import TURN_RATE
 from .elements import turned
 from .places import DEFAULT_SITE, DEFAULT_WEATHER
-from .satellite import satellite_place
+from .satellite import horizon_axes, satellite_place
 
 #: s, to either side: the third derivative of a low satellite's place makes 0.01" in it
 _STEP = 0.25
@@ -89,7 +89,7 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     east_up = _tangents(az, el)
 
     def by_metre(direction):
-        enu = _horizon(site) @ (direction / np.linalg.norm(direction, axis=1)[:, None]).T
+        enu = horizon_axes(site) @ (direction / np.linalg.norm(direction, axis=1)[:, None]).T
         x, y = (np.sum(one * enu, axis=0) / distance for one in east_up)
         metre = 100.0  # a difference that is no rounding
         return moved((az + metre * x / np.cos(el), el + metre * y)) / metre
@@ -97,15 +97,6 @@ def satellite_motion(orbit, time, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, mo
     return SatelliteMotion(
         *here, distance, np.linalg.norm(velocity, axis=1), rate('rest'),
         rate('time_bias'), by_metre(pole), by_metre(place))
-
-
-def _horizon(site):
-    """East, north and up in ITRF, as rows."""
-    sin_lon, cos_lon = np.sin(site.longitude), np.cos(site.longitude)
-    sin_lat, cos_lat = np.sin(site.latitude), np.cos(site.latitude)
-    return np.array([[-sin_lon, cos_lon, 0.0],
-                     [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-                     [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]])
 
 
 def _tangents(az, el):

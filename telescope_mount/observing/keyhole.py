@@ -18,7 +18,7 @@ _PART, _PART_OF_ACCELERATION = 0.97, 0.45
 #: of the acceleration that a track itself may ask for
 _SHARP = 0.6
 #: s between stretches that are too fast or too sharp for one keyhole
-_APART = 60.0
+_GAP = 60.0
 
 
 class Keyhole(NamedTuple):
@@ -64,12 +64,12 @@ def keyholes(time, angles, axes):
     """
     out = []
     rates = np.gradient(angles, time, axis=0)
-    bends = np.gradient(rates, time, axis=0)
+    accelerations = np.gradient(rates, time, axis=0)
     for k, axis in enumerate(axes):
         rate = _PART * axis.rate
         fast = np.flatnonzero((np.abs(rates[:, k]) > rate)
-                              | (np.abs(bends[:, k]) > _SHARP * axis.acceleration))
-        for rows in np.split(fast, np.flatnonzero(np.diff(time[fast]) > _APART) + 1) if len(
+                              | (np.abs(accelerations[:, k]) > _SHARP * axis.acceleration))
+        for rows in np.split(fast, np.flatnonzero(np.diff(time[fast]) > _GAP) + 1) if len(
                 fast) else ():
             begin, end = _shortest(angles[:, k], rates[:, k], time, rows, rate,
                                    _PART_OF_ACCELERATION * axis.acceleration)

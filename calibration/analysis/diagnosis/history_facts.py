@@ -56,7 +56,7 @@ def _scores(run, choice, i, effects):
 
 
 def _lag(run, choice, i, found):
-    """How late a temperature acts, with its interval, or why that is not told."""
+    """How late a temperature acts, with its interval, or why that is not known."""
     context, p = run.obs.context, found.parameters
     log, _ = context.log_of(p['driver'])
     time = context.get('time')

@@ -10,10 +10,10 @@ from pointing_model.rms import rms, sigma_of
 #: rows in each of three bands of elevation, at least, of which it is said that they scatter
 #: differently; chance that noise makes them, and how many times as much one must scatter
 _FEWEST_IN_BAND, _UNEQUAL, _TIMES = 12, 1e-3, 1.5
-#: rows, chance and times from which it is told that one axis scatters more than the other
+#: rows, chance and times from which it is a finding that one axis scatters more than the other
 _FEWEST, _AXES_TIMES = 20, 2.0
-#: ln of a likelihood ratio from which a law is told: odds of 30 to 1. Of nights that scatter by one
-#: law the other is told in 1 of 1000 at most (20 to 200 rows)
+#: ln of a likelihood ratio from which a law is named: odds of 30 to 1. Of nights that scatter by
+#: one law the other is named in 1 of 1000 at most (20 to 200 rows)
 _LAW = float(np.log(30.0))
 
 

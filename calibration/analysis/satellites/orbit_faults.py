@@ -41,7 +41,7 @@ def fault_chances(tracks, **options):
     """
     names = tracks.satellites
     # the noise is that of tracks of which each may be wrong: a fault is none of it
-    full = fit_tracks(tracks, wandering=names, **options)
+    full = fit_tracks(tracks, drifts=names, **options)
     columns, noise = full.columns, full.noises[0][0]
     n = len(tracks)
     values = full.values.copy()
@@ -49,13 +49,13 @@ def fault_chances(tracks, **options):
     left = (full.after + (values @ columns.columns).reshape(2, n)).ravel()
     gram = gram_of(noise.whiten(columns.columns), noise.whiten(left))
     plain = np.ones(len(columns.names), bool)
-    for part, _ in columns.wandering.values():
+    for part, _ in columns.drifts.values():
         plain[part] = False
     prior, mean = full.precision, full.prior_mean - full.values
     mean[columns.terms:] = 0.0
     logs = {'': _evidence(gram, noise.count, prior, mean, plain, None, 0.0) + np.log(0.5)}
     for name in names:
-        part, covariance = columns.wandering[name]
+        part, covariance = columns.drifts[name]
         kept = plain.copy()
         kept[part] = True
         inverse, log_det = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
@@ -70,10 +70,10 @@ def fault_chances(tracks, **options):
     return {name: value / total for name, value in chance.items()}
 
 
-def _evidence(gram, count, prior, mean, kept, wandering, log_prior):
+def _evidence(gram, count, prior, mean, kept, drift, log_prior):
     precision = prior.copy()
-    if wandering is not None:
-        part, inverse = wandering
+    if drift is not None:
+        part, inverse = drift
         precision[part, part] = inverse
     rows = np.append(np.flatnonzero(kept), len(kept))
     own = precision[np.ix_(rows[:-1], rows[:-1])]
@@ -112,7 +112,7 @@ def fit_without_faults(tracks, **options):
             notes.append(Finding('one orbit of these wrong', 1.0 - chances[''], unit='',
                                  causes=tuple(sorted(suspects))))
         break
-    fit = fit_tracks(_without(tracks, out), wandering=tuple(suspects), **options)
+    fit = fit_tracks(_without(tracks, out), drifts=tuple(suspects), **options)
     return replace(fit, left_out=tuple(out), suspects=suspects, notes=[*fit.notes, *notes])
 
 

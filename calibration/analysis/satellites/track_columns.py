@@ -11,8 +11,8 @@ from pointing_model.pointing_terms import stacked_design
 CLOCK = 'clock'
 #: m: an orbit is not known better, whatever a file says (of a fitted orbit of centimetres)
 _LEAST = 0.01
-#: s between the knots of an orbit that wanders along its track, and how long that remembers
-_KNOTS, _WANDERS = 900.0, 7200.0
+#: s between the knots of an orbit that drifts along its track, and how long that remembers
+_KNOTS, _DRIFT_MEMORY = 900.0, 7200.0
 
 
 @dataclass
@@ -30,8 +30,8 @@ class TrackColumns:
         Of what is known of them beforehand; infinite: nothing.
     terms : int
         How many of them are terms.
-    wandering : dict of str to (slice, ndarray)
-        Of satellites: coefficients of an orbit that wanders along the track (s at each knot), and
+    drifts : dict of str to (slice, ndarray)
+        Of satellites: coefficients of an orbit that drifts along the track (s at each knot), and
         their covariance if it is off by one radian RMS.
     """
 
@@ -39,12 +39,12 @@ class TrackColumns:
     columns: np.ndarray
     variance: np.ndarray
     terms: int
-    wandering: dict = field(default_factory=dict)
+    drifts: dict = field(default_factory=dict)
 
     def precision(self, size=20.0 * ARCSEC):
-        """Inverse covariance, shape (k, k), of orbits that wander by so much, rad."""
+        """Inverse covariance, shape (k, k), of orbits that drift by so much, rad."""
         out = np.diag(np.where(np.isinf(self.variance), 0.0, 1.0 / self.variance))
-        for part, covariance in self.wandering.values():
+        for part, covariance in self.drifts.values():
             out[part, part] = np.linalg.inv(covariance) / size**2
         return out
 
@@ -53,7 +53,7 @@ class TrackColumns:
         return self.names.index(name)
 
 
-def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wandering=()):
+def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), drifts=()):
     """Columns of tracks.
 
     Parameters
@@ -64,7 +64,7 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wandering=())
         What is known of the station's clock, s; infinite: nothing, 0: it is right.
     bias_free : collection of str
         Satellites of which the time along the orbit is not known, whatever the sigma of the orbit.
-    wandering : collection of str
+    drifts : collection of str
         Satellites whose orbit may be off along the track, by more than its sigma.
 
     Returns
@@ -102,10 +102,10 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wandering=())
             add(f'across {arc}', tracks.across, mine, sigma)
             add(f'out {arc}', tracks.out, mine, sigma)
     parts = {}
-    for name in wandering:
+    for name in drifts:
         knots, covariance = _knots(tracks, tracks.objects.index(name))
         parts[name] = slice(len(names), len(names) + len(knots)), covariance
-        names += [f'wandering {name} {i}' for i in range(len(knots))]
+        names += [f'drift {name} {i}' for i in range(len(knots))]
         columns += list(knots)
         variance += [1.0] * len(knots)
     return TrackColumns(tuple(names), np.array(columns), np.array(variance), len(terms), parts)
@@ -114,7 +114,7 @@ def track_columns(tracks, terms, clock_sigma=np.inf, bias_free=(), wandering=())
 def _knots(tracks, number):
     """Columns of a satellite that is off along its track, linear between knots, and a covariance.
 
-    Half of the variance is the same at all times, the other half remembers for `_WANDERS`.
+    Half of the variance is the same at all times, the other half remembers for `_DRIFT_MEMORY`.
     """
     time, columns, moments = np.asarray(tracks.run['time'], float), [], []
     mine = tracks.object == number
@@ -129,5 +129,5 @@ def _knots(tracks, number):
             columns.append(column.ravel())
             moments.append(knot)
     rate = np.sqrt(np.mean(np.sum(tracks.ahead[:, mine] ** 2, axis=0)))
-    apart = np.abs(np.subtract.outer(moments, moments)) / _WANDERS
-    return columns, (0.5 + 0.5 * np.exp(-apart)) / rate**2
+    lag = np.abs(np.subtract.outer(moments, moments)) / _DRIFT_MEMORY
+    return columns, (0.5 + 0.5 * np.exp(-lag)) / rate**2

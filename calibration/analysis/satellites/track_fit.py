@@ -8,30 +8,26 @@ from pointing_model.model import PointingModel
 from pointing_model.pointing_terms import stacked_design
 from pointing_model.runs.satellite_tracks import STARS
 
-from ...estimation.noise_by_group import (
-    group_roots,
-    likely_noises,
-    sequence_of,
-    white_sigmas,
-)
+from ...estimation.correlated_noise import Sequence
+from ...estimation.noise_by_group import group_roots, likely_noises, white_sigmas
 from ...estimation.prior_fit import MixedFit, PriorFit, gram_of
 from .track_columns import TrackColumns, track_columns
 
 #: steps of the exact rotations; each leaves about the square of the terms
 _STEPS = 3
-#: parts of its information that others leave a coefficient: from the first on it is told from
+#: parts of its information that others leave a coefficient: from the first on it is separated from
 #: them, from the second on where it is more than `SIGNIFICANT` sigmas
-_TOLD, _LEAST_TOLD, SIGNIFICANT = 0.5, 0.1, 2.0
+_SEPARATED, _HIDDEN, SIGNIFICANT = 0.5, 0.1, 2.0
 #: what a model of a dozen stars is off all over the sky, over the noise of one: worse, and tracks
 #: do not determine it
 _DOZEN = 0.54
-#: of the sky over which a model is judged, rad
+#: elevations between which the error of a model is a mean over the sky, rad
 _LOW, _HIGH = 0.35, 1.4
 
 
 @dataclass
 class TrackFit:
-    """What tracks tell.
+    """The fit of tracks.
 
     Attributes
     ----------
@@ -82,12 +78,11 @@ class TrackFit:
         at = self.columns.place(name)
         return float(self.values[at]), float(self.fit.sigma[at])
 
-    def told_apart(self, name):
-        """Whether a coefficient is told from the others: it is one, or they do not take its place.
-        """
+    def separated(self, name):
+        """Whether a coefficient is separated from the others: they do not take its place."""
         value, sigma = self[name]
         left = self.own_part(name)
-        return bool(left > _TOLD or left > _LEAST_TOLD and abs(value) > SIGNIFICANT * sigma)
+        return bool(left > _SEPARATED or left > _HIDDEN and abs(value) > SIGNIFICANT * sigma)
 
     def own_part(self, name):
         """Part of the information on a coefficient that the others leave it, 0 to 1."""
@@ -98,7 +93,7 @@ class TrackFit:
 
     def hidden(self, name):
         """Whether others take the place of a coefficient nearly whole."""
-        return self.own_part(name) < _LEAST_TOLD
+        return self.own_part(name) < _HIDDEN
 
     def sky_sigma(self):
         """What the covariance of the terms makes of places all over the sky, radial RMS, rad."""
@@ -139,7 +134,7 @@ class TrackFit:
 
 
 def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(), free=None,
-               memory=True, wandering=()):
+               memory=True, drifts=()):
     """Fit terms, clock and orbits to tracks.
 
     Parameters
@@ -155,7 +150,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
         By default the zeros of the axes.
     memory : bool
         Whether the noise of satellites may remember.
-    wandering : collection of str
+    drifts : collection of str
         As of `track_columns`.
 
     Returns
@@ -170,7 +165,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
     run, mount = tracks.run, tracks.run.mount
     if terms is None:
         terms = tuple(held.terms) if held is not None else mount.names.physical
-    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, wandering)
+    columns = track_columns(tracks, tuple(terms), clock_sigma, bias_free, drifts)
     precision, mean = _known(columns, held, mount.names.index if free is None else free)
     open_ones = int(np.count_nonzero(np.diag(precision) == 0.0))
     if 2 * len(tracks) <= open_ones:
@@ -190,7 +185,7 @@ def fit_tracks(tracks, terms=None, held=None, *, clock_sigma=np.inf, bias_free=(
             root, weights = group_roots(columns.columns, left, tracks.object, time, tracks.arc,
                                         cos_el, remembers)
             noises = likely_noises(columns.columns, left, precision, root, rows,
-                                   sequence_of(time, tracks.arc, cos_el, rows))
+                                   Sequence(time[rows], tracks.arc[rows], cos_el[rows]))
         fit = MixedFit([PriorFit(gram_of(noise.whiten(columns.columns), noise.whiten(left)),
                                  noise.count, precision, mean - values) for noise, _ in noises],
                        [chance for _, chance in noises])

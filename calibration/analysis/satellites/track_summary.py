@@ -3,6 +3,7 @@
 import numpy as np
 
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.rms import rms_arcsec
 
 from ..finding import Finding
 from .track_columns import CLOCK
@@ -41,7 +42,7 @@ def track_document(fit):
         'left_out': list(fit.left_out), 'suspects': dict(fit.suspects)}
     if CLOCK in fit.columns.names:
         value, sigma = fit[CLOCK]
-        out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.told_apart(CLOCK)}
+        out['clock'] = {'late_s': value, 'sigma_s': sigma, 'separated': fit.separated(CLOCK)}
     out['notes'] = [*fit.notes, *_findings(fit, out)]
     return out
 
@@ -68,9 +69,8 @@ def _findings(fit, document):
 
 
 def _rms(left, weights):
-    used = weights > 0.0
-    x, y = (float(np.sqrt(np.mean(one[used] ** 2)) / ARCSEC) for one in left)
-    return {'x_arcsec': x, 'y_arcsec': y, 'radial_arcsec': float(np.hypot(x, y))}
+    x, y, radial, _ = rms_arcsec(*left[:, weights > 0.0])
+    return {'x_arcsec': x, 'y_arcsec': y, 'radial_arcsec': radial}
 
 
 def _satellite(fit, name):
@@ -79,7 +79,7 @@ def _satellite(fit, name):
     value, sigma = fit[f'ahead {name}']
     return {'name': name, 'rows': int(rows.sum()), 'arcs': len(np.unique(tracks.arc[rows])),
             'orbit_sigma_m': float(np.mean(tracks.orbit_sigma[rows])), 'ahead_s': value,
-            'ahead_sigma_s': sigma, 'separated': fit.told_apart(f'ahead {name}')}
+            'ahead_sigma_s': sigma, 'separated': fit.separated(f'ahead {name}')}
 
 
 def _arc(fit, arc):

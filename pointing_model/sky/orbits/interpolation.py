@@ -33,11 +33,11 @@ def window(epochs, time, count):
 
 
 def _weights(nodes):
-    """Barycentric weights of nodes, shape (m, k)."""
-    apart = nodes[:, :, None] - nodes[:, None, :]
+    """Barycentric weights of nodes, shape (m, k), and what they differ by, (m, k, k)."""
+    spacing = nodes[:, :, None] - nodes[:, None, :]
     k = np.arange(nodes.shape[1])
-    apart[:, k, k] = 1.0
-    return 1.0 / np.prod(apart, axis=2), apart
+    spacing[:, k, k] = 1.0
+    return 1.0 / np.prod(spacing, axis=2), spacing
 
 
 def _in_units(epochs, rows, time):
@@ -62,8 +62,7 @@ def lagrange(epochs, values, time, count):
     ndarray, shape (m, c)
     """
     rows = window(epochs, time, count)
-    first, which = rows[:, 0], slice(None)
-    starts, which = np.unique(first, return_inverse=True)
+    starts, which = np.unique(rows[:, 0], return_inverse=True)
     nodes, _, _ = _in_units(epochs, starts[:, None] + np.arange(count), epochs[starts])
     weights = _weights(nodes)[0][which]
     nodes, at, _ = _in_units(epochs, rows, time)
@@ -91,12 +90,11 @@ def hermite(epochs, values, rates, time, count):
     """
     rows = window(epochs, time, count)
     nodes, at, step = _in_units(epochs, rows, time)
-    weights, apart = _weights(nodes)
-    k = np.arange(count)
-    slope = np.where(np.eye(count, dtype=bool), 0.0, 1.0 / apart).sum(axis=2)
+    weights, spacing = _weights(nodes)
+    same = np.eye(count, dtype=bool)
+    slope = np.where(same, 0.0, 1.0 / spacing).sum(axis=2)
     off = at - nodes
-    product = np.where(np.eye(count, dtype=bool), 1.0, off[:, None, :] + 0.0 * apart)
-    factor = np.square(np.prod(product, axis=2) * weights)[:, k]
+    factor = np.square(np.prod(np.where(same, 1.0, off[:, None, :]), axis=2) * weights)
     by_value = (1.0 - 2.0 * slope * off) * factor
     return (np.einsum('mk,mkc->mc', by_value, values[rows])
             + np.einsum('mk,mkc->mc', off * factor * step, rates[rows]))

@@ -1,4 +1,4 @@
-"""Orbits from one or several files, whatever their kinds: told by content, joined by satellite."""
+"""Orbits from one or several files, whatever their kinds: known by content, joined by satellite."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from .unix_compress import read_text
 
 FORMATS = (sp3.ORBIT_FORMAT, cpf.ORBIT_FORMAT, oem.ORBIT_FORMAT, elements_files.MESSAGES,
            elements_files.TWO_LINES)
-#: m, from which on a jump where files overlap is told
+#: m, from which on a jump where files overlap is reported
 _JUMP = 1.0
 
 
@@ -72,9 +72,9 @@ class Orbits:
 
     def _find(self, name):
         plain = _plain(name)
-        return next((self._found[one] for one in (plain, plain.removeprefix('PRN'), *(
-            f'G{int(plain.removeprefix("PRN")):02d}'
-            for _ in [0] if plain.removeprefix('PRN').isdigit())) if one in self._found), [])
+        number = plain.removeprefix('PRN')
+        names = (plain, number, f'G{number:0>2}')  # those of GPS are often given as numbers
+        return next((self._found[one] for one in names if one in self._found), [])
 
     def _joined(self, name, found):
         elements = [one for _, one in found if isinstance(one, Satellite)]
@@ -91,11 +91,11 @@ class Orbits:
                 out[-1] = out[-1].followed(arc)
                 continue
             if out and out[-1].end > arc.begin:
-                self._tell_jump(name, out[-1], arc)
+                self._note_jump(name, out[-1], arc)
             out.append(arc)
         return Orbit(name, tuple(out))
 
-    def _tell_jump(self, name, before, arc):
+    def _note_jump(self, name, before, arc):
         both = (arc.origin + arc.epochs >= before.begin) & (arc.origin + arc.epochs <= before.end)
         at = arc.epochs[both]
         if not len(at):

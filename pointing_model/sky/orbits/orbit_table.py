@@ -13,7 +13,7 @@ from .time_scales import utc_text
 #: satellite by several providers differ by 40 to 420 m.
 FITTED = 0.1
 PREDICTED = ((8.4e6, 60.0, 120.0), (np.inf, 20.0, 20.0))
-#: m, of a coordinate between epochs: more is told
+#: m, of a coordinate between epochs: more is reported
 COARSE = 0.3
 
 

@@ -11,7 +11,7 @@ _MOST = 400_000_000
 
 
 def read_text(path):
-    """Lines of a file, whatever it is compressed with; told by its first bytes.
+    """Lines of a file, whatever it is compressed with, by its first bytes.
 
     Raises
     ------

@@ -110,14 +110,14 @@ class BoltCamera:
             yield name, came, None, str(error)
 
     def _readings(self, moment):
-        """Hour angle and declination that the mount told, rad, at a moment."""
+        """Hour angle and declination that the mount reported, rad, at a moment."""
         telescope = self._telescope
         if telescope.has_axes:
             return telescope.axes[0].tolist()
         if telescope.place is None:
             raise IndiError(f'{telescope.device} does not report its position')
         (ra, dec), received = telescope.place
-        # of a mount that stands the right ascension is that of when it was told
+        # of a mount that stands the right ascension is that of its last report
         at = moment if telescope.tracks else received * 1e-9
         hour = float(wrap(sidereal_time(np.array([at]), self.site)[0] - ra))
         if telescope.beyond:

@@ -40,7 +40,7 @@ def test_satellites_alone_give_terms_and_clock(tracks):
 def test_one_pass_leaves_terms_and_time_open():
     one = made_tracks(np.random.default_rng(2), {'A01': 1})
     fit = fit_tracks(one, clock_sigma=0.0, bias_free=('A01',))
-    assert not fit.told_apart('ahead A01') and not fit.determines
+    assert not fit.separated('ahead A01') and not fit.determines
     notes = worded(track_document(fit))['notes']
     assert any('cannot be separated from the zeros' in note for note in notes)
     assert any('These tracks do not determine the terms' in note for note in notes)
@@ -53,7 +53,7 @@ def test_a_model_of_stars_lets_one_pass_tell_the_time_bias():
     one = made_tracks(rng, {'A01': 1}, ahead={'A01': 0.05}, truth={**TRUTH, 'IA': 130.0})
     fit = fit_tracks(one, held=held, clock_sigma=0.0, bias_free=('A01',))
     value, sigma = fit['ahead A01']
-    assert fit.told_apart('ahead A01') and abs(value - 0.05) < 4.0 * sigma < 0.05
+    assert fit.separated('ahead A01') and abs(value - 0.05) < 4.0 * sigma < 0.05
     zero, sigma = fit['IA']
     assert abs(zero - 130.0 * ARCSEC) < 4.0 * sigma
 
