@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.estimation.correlated_noise import AxisNoise, CorrelatedNoise, Sequence
-from calibration.estimation.noise_by_group import group_roots, likely_noises, sequence_of
+from calibration.estimation.noise_by_group import group_roots, likely_noises
 from calibration.estimation.prior_fit import MixedFit, PriorFit, gram_of
 
 
@@ -63,12 +63,12 @@ def test_groups_have_their_own_noise_and_share_how_it_remembers():
     assert np.median(sigmas[n:]) == pytest.approx(3.0, rel=0.3)
     rows = np.flatnonzero(groups == 0)
     noises = likely_noises(columns, b, np.zeros((2, 2)), root, rows,
-                           sequence_of(time, run, cos_el, rows))
+                           Sequence(time[rows], run[rows], cos_el[rows]))
     assert sum(chance for _, chance in noises) == pytest.approx(1.0)
     best = noises[0][0].process
     assert best is not None and 40.0 < best.memory[0].memory < 600.0
     # no memory in rows that have none
     b[:] = (white * rng.normal(size=(2, n + 60))).ravel()
     noises = likely_noises(columns, b, np.zeros((2, 2)), root, rows,
-                           sequence_of(time, run, cos_el, rows))
+                           Sequence(time[rows], run[rows], cos_el[rows]))
     assert noises[0][0].process is None
