@@ -250,7 +250,7 @@ class Chance:
             some = np.setdiff1d(np.intersect1d(masked, groups), without)
             test = self._memory_test(problem, chosen, some, share) if len(some) else None
             if test is not None:
-                found.append((*test.best(without), test))
+                found.append((*test.best(mask.scores.delta_bic, without), test))
         if not found:
             return none
         group, _, test = max(found, key=lambda one: one[1])

@@ -151,9 +151,10 @@ def weighted_fit(columns, b, inverse_sigma=None, weights=None, final=False, trus
                        w, scale)
 
 
-def memory_of(fit, columns, b, sequence):
-    """`noise_memory` of a fit whose noise was taken as white."""
-    return noise_memory(sequence, fit.noise.root, fit.scale, columns, b)
+def memory_of(fit, columns, sequence):
+    """`noise_memory` of a fit of some columns whose noise was taken as white."""
+    # of what the fit leaves, for the columns take their part of it anyway
+    return noise_memory(sequence, fit.noise.root, fit.scale, columns, fit.raw)
 
 
 def with_memory(fit, columns, b, sequence, memory):

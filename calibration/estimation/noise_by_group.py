@@ -107,7 +107,7 @@ def group_roots(columns, b, groups, time, run, factor, memory):
         fit = weighted_fit(own, b[both], final=True)
         white = np.ones(2)
         if remembers and len(rows) >= LEAST_ROWS:
-            found = memory_of(fit, own, b[both], Sequence(time[rows], run[rows], factor[rows]))
+            found = memory_of(fit, own, Sequence(time[rows], run[rows], factor[rows]))
             white = [one.scale / s for one, s in zip(found, fit.scale)]
         root[both] = fit.noise.root / np.repeat(white, len(rows))
         weights[rows] = fit.weights

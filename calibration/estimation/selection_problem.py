@@ -136,8 +136,7 @@ class SelectionProblem:
         if memory is None:
             key = frozenset(c for i, c in enumerate(chosen) if i != without)
             if key not in self._memories:
-                self._memories[key] = memory_of(fit, self.design(chosen, without), self.b,
-                                                self.sequence)
+                self._memories[key] = memory_of(fit, self.design(chosen, without), self.sequence)
             memory = self._memories[key]
         if not any(one.variance > 0.0 for one in memory):
             return fit
