@@ -102,7 +102,7 @@ def part_total(pitch, sizes, seed):
         out.append(row(f'total RMS, shading, {name}', ours.rms, '"', at_most=0.50, digits=3,
                        note=f'largest {ours.largest:.2f}", rejected {ours.rejected}, '
                        f'corrected {ours.corrected} of {ours.n}'))
-        out.append(row('    the paper\'s fit on the same frames', paper.rms, '"', digits=2,
+        out.append(row("    the paper's fit on the same frames", paper.rms, '"', digits=2,
                        note=f'rejected {paper.rejected}, bar taken wrong {paper.gross}'))
     source = Source(replace(SCALES[pitch], **STRONG_SHADING), seed)
     tally = Tally(source.disc.bar_angle)

@@ -65,6 +65,7 @@ from pointing_model.runs.run import PointingRun
 
 # ---------------------------------------------------------------------------------------- parts
 
+
 class Table:
     """Rows: what, figure, target, peer."""
 

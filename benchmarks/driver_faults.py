@@ -42,7 +42,7 @@ from msg_tools.units import ARCSEC, DEG
 from telescope_mount.graph import NODES, NodeSpec
 
 GIVE_UP = 6.0
-HANGING = '''import time, rclpy, pathlib
+HANGING = """import time, rclpy, pathlib
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 class Hangs(Node):
@@ -55,7 +55,7 @@ class Hangs(Node):
         return response
 rclpy.init()
 rclpy.spin(Hangs())
-'''
+"""
 
 
 @dataclass

@@ -30,6 +30,7 @@ from telescope_mount.papers.indexing_table import SCALES
 
 # --- the bound ------------------------------------------------------------------------------------
 
+
 def bound(source, angles):
     """Cramer-Rao bound, averaged over `angles`: with all unknowns, and angle alone; arcsec."""
     p, ccd = source.params, source.ccd
@@ -185,7 +186,7 @@ def part_ladder(pitch, sizes, seed):
         if params.noise < 3.0 and params.shifted_bars == 0.0:
             for name in parts[0][1]:
                 error = np.concatenate([part[1][name] for part in parts])
-                out.append(row(f'{title}error of the sine\'s period, {name}', rms(error), ' px',
+                out.append(row(f"{title}error of the sine's period, {name}", rms(error), ' px',
                                digits=4))
     return out
 

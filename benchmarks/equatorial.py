@@ -121,7 +121,7 @@ def measured(table, args, _):
     if path.is_file():
         run = read_run(path)
         left = fit_terms(run).rms_arcsec(rejected=False)
-        table.row(f'amateur\'s German mount, {left.n} of {len(run)} rows: seven terms, radial',
+        table.row(f"amateur's German mount, {left.n} of {len(run)} rows: seven terms, radial",
                   f'{left.radial:.1f}"', '', 'both sides, elsewhere: 86"; '
                   + next(note for note in run.meta['notes'] if 'equinox' in note))
 

@@ -55,7 +55,7 @@ EXECUTORS = (OURS, *OTHERS)
 RATES = (100, 1000)
 #: what takes the place of msg_tools/executor.py in the copy for a night
 SHIMS = {
-    'single': '''import rclpy.node
+    'single': """import rclpy.node
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor as NodeExecutor
 _serve = rclpy.node.Node.create_service
@@ -64,8 +64,8 @@ def create_service(self, *args, callback_group=None, **options):
     return _serve(self, *args, callback_group=callback_group or ReentrantCallbackGroup(), **options)
 
 rclpy.node.Node.create_service = create_service
-''',
-    'events': '''import inspect
+""",
+    'events': """import inspect
 import rclpy.node
 import rclpy.service
 from benchmarks_executor import Spinning as NodeExecutor
@@ -102,7 +102,7 @@ _serve = rclpy.node.Node.create_service
 rclpy.node.Node.create_subscription = create_subscription
 rclpy.node.Node.create_service = create_service
 rclpy.service.Service.send_response = send_response
-''',
+""",
 }
 
 

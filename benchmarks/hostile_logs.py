@@ -22,14 +22,14 @@ import lz4.frame
 import zstandard
 
 MAGIC = b'\x89MCAP0\r\n'
-DEFINITION = b'''int32 id
+DEFINITION = b"""int32 id
 string name
 float64[] values
 Inner[<=5] inner
 ================================================================================
 MSG: odd_msgs/Inner
 uint8[3] raw
-'''
+"""
 QOS = '- {history: keep_last, depth: 5, durability: transient_local}'
 
 

@@ -146,7 +146,8 @@ class League:
 
     def partial(self, rows, test):
         """Of the rows' terms alone: what they leave, the pool beyond them, and at the test rows
-        the prediction and the pool beyond."""
+        the prediction and the pool beyond.
+        """
         q = np.linalg.lstsq(self.terms[:, rows].T, np.column_stack(
             (self.b[rows], self.pool[:, rows].T)), rcond=None)[0]
         known, across = q[:, 0], q[:, 1:]

@@ -128,7 +128,8 @@ def _flooded():
 
 def processor_time(pid):
     """Seconds that a process has run: its main thread, all others (those of DDS, mostly); and that
-    its main thread was ready and waited for a core."""
+    its main thread was ready and waited for a core.
+    """
     out = [0.0, 0.0, 0.0]
     for task in Path(f'/proc/{pid}/task').iterdir():
         ran, waited, _ = map(int, (task / 'schedstat').read_text().split())

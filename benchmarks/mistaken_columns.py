@@ -73,7 +73,7 @@ def cases(columns):
     x, y = wrap(az_enc - az), el_enc - el
     for where, given in (('coordinates', x), ('on the sky', x * np.cos(el))):
         for unit, factor in (('degrees', 1.0), ('arcseconds', 3600.0)):
-            yield ('offsets', f'{unit}, {where}', 'offsets in place of the encoders\' readings, in '
+            yield ('offsets', f'{unit}, {where}', "offsets in place of the encoders' readings, in "
                    + unit + ' on the sky' * (where == 'on the sky'),
                    (az, el, factor * given, factor * y))
     yield 'mount and catalogue exchanged', '', 'mount and catalogue exchanged', (

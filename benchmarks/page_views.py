@@ -37,12 +37,12 @@ from page_audit import ALL_DRAWN, WIDTHS, audit
 ROOT = Path(__file__).resolve().parents[1]
 
 #: words with a letter, in sight and all
-_WORDS = '''(() => {
-  ''' + ALL_DRAWN + '''
+_WORDS = """(() => {
+  """ + ALL_DRAWN + """
   const count = text => text.split(/\\s+/).filter(w => /\\p{L}/u.test(w)).length;
   const main = document.querySelector('main'), open = main.innerText;
   document.querySelectorAll('details').forEach(e => { e.open = true });
-  return [count(open), count(main.innerText)] })()'''
+  return [count(open), count(main.innerText)] })()"""
 
 
 def night_of_rows(rng, n, begin=1.7e9, step=0.0):

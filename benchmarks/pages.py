@@ -66,9 +66,9 @@ def a_run(n, seed=1):
 def seconds_of_clicks(browser, lines):
     """Longest of the times to exclude rows one after the other, each until it is laid out, s."""
     browser.wait('performance.now() > 1000')
-    return 1e-3 * max(browser.run(f'''(() => {{ const begin = performance.now();
+    return 1e-3 * max(browser.run(f"""(() => {{ const begin = performance.now();
         refitPreview.exclude({lines[:i + 1]}); document.body.offsetHeight;
-        return performance.now() - begin }})()''') for i in range(len(lines)))
+        return performance.now() - begin }})()""") for i in range(len(lines)))
 
 
 def apart(browser, again):

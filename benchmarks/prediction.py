@@ -131,7 +131,7 @@ def main():
               f'{100 * beyond.mean():.1f} %', flush=True)
     if 'sure' in args.part:
         each = [sure(seed) for seed in seeds]
-        for i, name in enumerate(('random', 'blocks of time', 'beyond the rows\' sky')):
+        for i, name in enumerate(('random', 'blocks of time', "beyond the rows' sky")):
             z = np.concatenate([one[i] for one in each])
             z = z[np.isfinite(z)]
             print(f'stated sigma, {len(each)} runs, {name}: {100 * np.mean(z < 1.0):.1f} % within '

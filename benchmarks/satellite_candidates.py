@@ -39,6 +39,7 @@ from pointing_model.sky.satellite import Corrections, refracted, satellite_place
 _RATE_STEP = 0.5  # s
 _MOUNT = ('IA', 'IE', 'CA', 'NPAE', 'AN', 'AW', 'TF')
 
+
 @dataclass(frozen=True)
 class Assumptions:
     """What the paper does not say and the comparison needs.

@@ -89,7 +89,8 @@ def executable(name):
 
 def _listens():
     """A benchmark in the background of a script ignores Ctrl-C, and under nohup SIGHUP, and so
-    would its children."""
+    would its children.
+    """
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
@@ -164,7 +165,8 @@ class Started:
 
     def send(self, number):
         """A signal to what was started alone; but Ctrl-C, which a terminal gives to all of a group
-        and `ros2 run` does not pass on, to its nodes, too."""
+        and `ros2 run` does not pass on, to its nodes, too.
+        """
         if number == signal.SIGINT and self.way == 'run':
             for pid in self.processes():
                 with suppress(ProcessLookupError):

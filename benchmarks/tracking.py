@@ -45,8 +45,7 @@ LIMIT_D = {10: 0.75, 5: 0.55, 2: 0.45}
 
 
 def follow(night, expect=False, noise=None):
-    """Run a tracker through a night: terms in force before each star, what it heard, RMS expected.
-    """
+    """Run a tracker through a night: terms before each star, what it heard, RMS expected."""
     tracker = Tracker(night.model(), 0)
     terms, heard, expected = [], [], []
     where = sky(np.random.default_rng(5), PLACES)

@@ -305,4 +305,3 @@ def _budget(model, zero, exposed, stars):
     variance = np.diag(exposures) + np.diag(change @ model.covariance @ change.T) + scatter
     sigma = np.sqrt(np.maximum(variance, 0.0)) / ARCSEC
     return {'az_sigma_arcsec': float(sigma[0]), 'el_sigma_arcsec': float(sigma[1])}
-

@@ -237,4 +237,3 @@ def _refusal(names, compared):
     names = list(dict.fromkeys(names))
     return {'effects': names, 'why': f'{", ".join(names)}: {comparison_sentence(compared)}',
             'judgement': compared.to_dict()}
-

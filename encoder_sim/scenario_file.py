@@ -272,7 +272,8 @@ def _is_name(text):
 
 def _parsed(text, own):
     """YAML of a scenario; one of the package's `own` by libyaml, ten times as fast, which a file
-    of a user's that is nested deep enough would crash."""
+    of a user's that is nested deep enough would crash.
+    """
     import yaml
     return yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader) if own
                      else yaml.SafeLoader)

@@ -26,6 +26,7 @@ from rclpy.time import Time
 
 
 class CameraDriver(Node):
+
     def __init__(self):
         super().__init__('camera_driver')
         self.exposure = self.declare_parameter('exposure_s', 0.5).value

@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState
 
 
 class EncoderDriver(Node):
+
     def __init__(self):
         super().__init__('encoder_driver')
         self.axes = self.declare_parameter('axes', ['azimuth', 'elevation']).value

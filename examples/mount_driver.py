@@ -26,6 +26,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 
 class MountDriver(Node):
+
     def __init__(self):
         super().__init__('mount_driver')
         self.axes = self.declare_parameter('axes', ['azimuth', 'elevation']).value

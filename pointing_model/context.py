@@ -475,4 +475,3 @@ class Context:
         motion = proper_motion(np.broadcast_to(star, self.az.shape), axes)
         return None if motion is None else np.sum(
             motion * self.tangent()['xy'.index(axis)], axis=0) / ARCSEC
-

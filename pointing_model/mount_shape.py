@@ -181,4 +181,3 @@ def _roll_pitch_yaw(matrix):
 
 def _numbers(values):
     return ' '.join(f'{value:.9g}' for value in values)
-

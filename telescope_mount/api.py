@@ -57,7 +57,8 @@ __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 
 def _one_thread(work):
     """With matrices as small as ours threads of BLAS stand in each other's way: a diagnosis of 80
-    rows takes four times as long, and its last bits are others than the command's."""
+    rows takes four times as long, and its last bits are others than the command's.
+    """
     @wraps(work)
     def limited(*args, **options):
         with threadpool_limits(1):

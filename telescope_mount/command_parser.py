@@ -35,6 +35,7 @@ RENAMED = {
 
 
 class _Parser(argparse.ArgumentParser):
+
     def error(self, message):
         # one line: what is wrong and where to read on
         print(f'error: {_with_hint(message)} (see {self.prog} --help)', file=sys.stderr)

@@ -100,7 +100,8 @@ def _ports(number):
 
 def _clear(number):
     """Remove what dead graphs have left in this domain, which is ours, and in those that none has
-    now."""
+    now.
+    """
     free, ports = contextlib.ExitStack(), {*_ports(number)}
     with free:
         for other in {(port - 7400) // 250 for port in left_ports()} - {number}:

@@ -69,6 +69,7 @@ class ModelExport:
 #: parts of a model without a term there that are listed
 _PARTS = 12
 
+
 def export_model(source, path, to, *, sky=None, zero='none', site=None, mount=None,
                  side=None, **options):
     """Write a model as another program reads it.

@@ -32,7 +32,8 @@ _NEAR, _FEW = 4_000_000, 8
 @dataclass(frozen=True)
 class CandidateGroup:
     """A group of the dictionary, of the curves, of the changes of a group of the dictionary, or of
-    the waves of unknown period."""
+    the waves of unknown period.
+    """
 
     group: int
     curve: bool = False

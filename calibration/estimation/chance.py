@@ -228,8 +228,7 @@ class Chance:
         return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
     def p_beyond_memory(self, problem, chosen, bank, groups, g):
-        """`MemoryTest.p` of a group among those of its share, beside a choice of the same problem.
-        """
+        """`MemoryTest.p` of a group among those of its share, beside one choice of the problem."""
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0

@@ -41,7 +41,6 @@ _ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in
 AT_ONCE = 200_000
 
 
-
 class Sequence:
     """The order in which rows were observed, and how far apart they are.
 

@@ -199,4 +199,3 @@ def white_sigmas(root):
     """Median sigma of x and y of the rows with weight, shape (2,)."""
     return np.array([1.0 / np.median(part[part > 0.0]) if np.any(part > 0.0) else 0.0
                      for part in np.split(root, 2)])
-

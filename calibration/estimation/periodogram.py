@@ -77,7 +77,8 @@ class WaveScan:
     @classmethod
     def over(cls, angle, factor, low, high, effect):
         """With rates from `low` to `high`, as close as the length of the angle asks for, of which
-        `_FEWEST_WAVES` are within it; None where there are none."""
+        `_FEWEST_WAVES` are within it; None where there are none.
+        """
         known = angle[np.isfinite(angle)]
         turns = float(np.ptp(known)) / (2.0 * np.pi) if len(known) else 0.0
         low = max(low, _FEWEST_WAVES / turns) if turns > 0.0 else np.inf
@@ -257,7 +258,8 @@ class PeriodBank(CandidateBank):
 
     def offer(self, scores, without=()):
         """Of the first shape the group that gains most, but of the scans of some groups; -1 where
-        chance alone would make some as large."""
+        chance alone would make some as large.
+        """
         line, gains = self.line[:self.count], scores.delta_bic[:self.count]
         # what grows toward the end of a scan has its peak beyond it, and is another thing
         edge = np.diff(line, prepend=-1, append=-1) != 0

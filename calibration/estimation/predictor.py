@@ -306,7 +306,8 @@ def _ways(problem, beyond):
 
 def _shares(left):
     """Shares, not negative and of sum 1, of ways whose mixture leaves least (Breiman 1996,
-    Machine Learning 24, 49)."""
+    Machine Learning 24, 49).
+    """
     from scipy.optimize import nnls
     left = np.array([one.ravel() for one in left])
     squares = left @ left.T
@@ -357,7 +358,8 @@ def _between(ways, shares):
 
 def _calibrated(problem, left, scale, covariance, blocks):
     """Noise of a new star, and the factor of the coefficients' errors: what is likeliest by rows
-    left out."""
+    left out.
+    """
     squares, known = [], []
     for one, block in zip(covariance[1:], blocks):
         both = np.concatenate((block, block + problem.n))

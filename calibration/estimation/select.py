@@ -169,8 +169,7 @@ def _mask(problem, choice, bank):
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
-    """Groups that noise with memory explains as well as chance: `g` and all weaker ones, or none.
-    """
+    """Groups that noise with memory explains as well as chance: `g` and all weaker, or none."""
     if not mask.covers(g):
         return ()
     if mask.scores.dof[g] == 0:

@@ -157,7 +157,6 @@ def _rest(rest, own, least):
     return f'; the other{"s" * many} {text}'
 
 
-
 def plain_name(name, kind):
     """`readable`, with what a kind of mount has: the first axis of a German one carries no fork."""
     return readable(name.replace('fork', 'saddle') if KINDS[kind].carrier == 'saddle' else name)

@@ -168,5 +168,3 @@ def _compared(document, names):
 
 def _rms(entry, before=''):
     return [html.number(entry.get(f'{before}rms_{part}arcsec')) for part in ('x_', 'y_', '')]
-
-

@@ -283,7 +283,8 @@ def sky_maps(data):
 
 def targets(data):
     """All residuals as hits on a target, with the circle of the noise, before and after on one
-    scale; after once more, larger, if it is small."""
+    scale; after once more, larger, if it is small.
+    """
     if not data.used.any():
         return ''
     noise = float(np.hypot(*data.noise)) if data.noise is not None else None

@@ -42,7 +42,6 @@ _TAKEN = {
 _MORE = 1.3
 
 
-
 def used_sentence(counts):
     """First line of what people read.
 

@@ -106,8 +106,7 @@ class Recorder:
             'snapshot' if self._ring is not None else 'recording')
 
     def add_topic(self, name, type_name, offers, hash_):
-        """Declare a topic, with the arguments of `BagWriter.add_topic`, which says what it raises.
-        """
+        """Declare a topic: arguments and errors are those of `BagWriter.add_topic`."""
         bag = self.bag
         if is_truth(name):
             if self._truth_bag is None:

@@ -172,7 +172,8 @@ def propose(context, lacking, own):
 
 def _not_spread(word, graduation, place, reading, period):
     """Why a subdivision cannot be seen: where the reading moves through the period by its own
-    error alone, that would be taken for its cause."""
+    error alone, that would be taken for its cause.
+    """
     words = _ALL[graduation]
     if abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) >= 0.8:
         return f'the stars stand at nearly the same place between two {words}'

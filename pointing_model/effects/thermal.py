@@ -105,7 +105,7 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
 
     return Effect(f'{what.partition(" of the ")[0].replace(" ", "_")}_with_{driver}_late',
                   f'{what} follows {driver_word(driver)} with a lag',
-                  f'{term.name} x q, q\' = (T - q) / tau' + (', exp(-t / tau)' if start else ''),
+                  f"{term.name} x q, q' = (T - q) / tau" + (', exp(-t / tau)' if start else ''),
                   driver, axes, ('slope', 'start') if start else ('slope',), columns, wording,
                   'what is heavy and slow to cool: mirror, cell, truss, pier; open the dome long '
                   'before the first star',

@@ -49,9 +49,9 @@ COLUMNS = {
     'temperature': ('temperature_c', 1.0, 'air temperature, degrees Celsius'),
     'pressure': ('pressure_hpa', 1.0, 'air pressure, hPa'),
     'magnitude': ('magnitude', 1.0, 'magnitude of the star'),
-    'encoder_start': ('encoder_start', 1.0, 'when the encoder\'s power-on began, UTC seconds since '
+    'encoder_start': ('encoder_start', 1.0, "when the encoder's power-on began, UTC seconds since "
                       '1970-01-01; it names the power-on'),
-    'absolute_start': ('absolute_start', 1.0, 'when the absolute encoder\'s power-on began, UTC '
+    'absolute_start': ('absolute_start', 1.0, "when the absolute encoder's power-on began, UTC "
                        'seconds since 1970-01-01; it names the power-on'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
     'exposure': ('exposure_s', 1.0, 'length of the exposure over which the readings were averaged, '

@@ -92,5 +92,3 @@ def run(args):
     print_lines(console, 'note', [text for text in (
         expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
     return end_of_night(console, args.json, report)
-
-

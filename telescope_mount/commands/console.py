@@ -45,6 +45,7 @@ def new_console(stderr=False):
     from rich.console import Console
 
     class StandardOutput(Console):
+
         def print(self, *objects, **options):
             step_aside()
             super().print(*objects, **options)

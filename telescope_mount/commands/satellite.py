@@ -41,7 +41,7 @@ def add(commands):
                         'of the terms, with its covariance; the zeros of the axes are fitted anew')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount, or those of the model)')
-    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help="what is "
+    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help='what is '
                         "known of the station's clock, 1 sigma; 0: it is right (default: nothing)")
     parser.add_argument('--time-bias', action='append', default=[], metavar='ID', help='a '
                         'satellite whose time along its orbit is not known, whatever its orbit '

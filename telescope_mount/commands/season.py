@@ -24,7 +24,7 @@ _MOST = {'found': 4, 'note': 1}
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'season', help='the terms night by night, what moves them, and what tonight\'s will be',
+        'season', help="the terms night by night, what moves them, and what tonight's will be",
         description='Fit the pointing runs of many nights (any kind that fit takes). Print how the '
         'terms drift, what moves them (temperature, time, an unreported step) and the terms '
         'predicted for a night to come.')

@@ -108,8 +108,7 @@ class Course(NamedTuple):
 
 
 def moves_onto(cubic, state, axes):
-    """Of each axis the `Move` onto a track, with `SHARE` of what it can; None where there is none.
-    """
+    """Of each axis the `Move` onto a track, with `SHARE` of its limits; None where none is."""
     return [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
                       SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
 

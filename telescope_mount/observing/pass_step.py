@@ -131,8 +131,7 @@ def observe_pass(night, step):
 
 
 def _wait_for(night, stamp, name):
-    """Nothing is commanded before a stamp, ns; on a clock that goes on by itself it is waited for.
-    """
+    """Nothing is commanded before a stamp, ns; a clock that goes on by itself is waited for."""
     night.exposer.earliest = stamp
     if _goes_on(night):
         yield from night.until(lambda: night.out.now() >= stamp, name)

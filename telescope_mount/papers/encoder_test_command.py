@@ -23,9 +23,9 @@ from ..commands import options
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'encoder-test', help='the 23-face test of the absolute encoder, beside the paper\'s',
+        'encoder-test', help="the 23-face test of the absolute encoder, beside the paper's",
         description='Turn the simulated disc of the absolute encoder to 23 standard angles. Read '
-        'it by the paper\'s method, its two rivals and ours, and compare with the printed values.')
+        "it by the paper's method, its two rivals and ours, and compare with the printed values.")
     options.add_out(parser, 'encoder_test', 'the page')
     options.add_json(parser, 'all figures')
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')

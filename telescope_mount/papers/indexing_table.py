@@ -231,6 +231,7 @@ class IndexingTable:
 
 
 class _DisplacedBars(LinearCCD):
+
     def __init__(self, params, disc, seed, shift):
         self._shift = shift
         super().__init__(params, disc, seed)

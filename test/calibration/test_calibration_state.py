@@ -327,7 +327,8 @@ def test_a_table_with_more_power_ons_than_are_kept_is_taken_once():
 @pytest.mark.parametrize('power_ons', [0, 2])
 def test_rows_that_were_lost_come_with_the_table(power_ons):
     """Whether they are the last ones, or of a new power-on with fewer rows than the one that goes,
-    or some in between."""
+    or some in between.
+    """
     blocks, whole = many_power_ons(3), CalibrationState(power_ons=power_ons)
     blocks[5] = blocks[5].select(slice(0, 6))
     for number, block in enumerate(blocks, 1):

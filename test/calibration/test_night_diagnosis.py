@@ -40,7 +40,8 @@ SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
 
 def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=False, order=1):
     """Stars (or Polaris) through `MOUNT`, whose azimuth disc lies off its axis (arcsec), or reads
-    so much too much `order` times a turn."""
+    so much too much `order` times a turn.
+    """
     rng = np.random.default_rng(seed)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
     if polaris:
@@ -74,7 +75,8 @@ def session(*blocks, fit=True, **options):
 @pytest.fixture(autouse=True)
 def often_short(request):
     """The nights of `eccentric` and `amended` are diagnosed in full. Rows kept out, or left out by
-    turns, judge all the same."""
+    turns, judge all the same.
+    """
     if not {'eccentric', 'amended'} & set(request.fixturenames):
         request.getfixturevalue('short_diagnosis')
 

@@ -78,7 +78,8 @@ def night(run, seed=0, stars=30, polaris=16, satellite=False):
 @pytest.fixture(scope='module')
 def season():
     """All nights, in the last of which a satellite was tracked; the zeros as each was set; the
-    report."""
+    report.
+    """
     series, zeros = NightSeries(2), {}
     for run in sorted(DRIFTS):
         series.add(night(run, satellite=run == 3), run + 10)

@@ -149,11 +149,11 @@ def test_a_free_frame_that_is_the_horizon_is_an_alt_azimuth_mount():
 
 
 def test_words_of_the_mount_in_the_file(tmp_path):
-    made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, '''  me_arcsec_per_hour: 2
+    made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, """  me_arcsec_per_hour: 2
   ma_arcsec_per_degc: 3
   backlash_hour_angle_arcsec: 4
 drives: {declination: {gain_per_s: 5}}
-''')
+""")
     assert made.mount.kind == 'equatorial' and made.mount.names.keys == (
         'hour_angle', 'declination')
     assert made.mount.npae == pytest.approx(5.0 * ARCSEC)

@@ -49,7 +49,7 @@ def test_nothing_escapes(what):
 
 def test_the_judge_can_find_something(tmp_path):
     """A reader that fails, hangs or writes elsewhere is caught."""
-    code = f'''
+    code = f"""
 import sys
 from pathlib import Path
 sys.path.insert(0, {str(FUZZ.parent)!r})
@@ -70,7 +70,7 @@ def talks(path, scratch):
     yield step
 for wrong in (fails, hangs, writes, eats, talks):
     assert log_fuzz.survives(Path('x'), wrong), wrong
-'''
+"""
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
 

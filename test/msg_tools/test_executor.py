@@ -307,6 +307,7 @@ def talker(graph):
     from msg_tools.node import MountNode
 
     class Talker(MountNode):
+
         def __init__(self, **kwargs):
             super().__init__('talker', **kwargs)
     return graph.add(Talker)

@@ -170,6 +170,7 @@ def test_bad_messages_are_counted_and_the_node_lives_on(graph):
 
 def test_a_callback_that_fails_otherwise_is_not_hidden(graph):
     class Broken(Sample):
+
         def _on_incremental(self, message):
             raise TypeError('a bug')
     graph.add(Broken)

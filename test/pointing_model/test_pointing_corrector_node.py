@@ -40,6 +40,7 @@ ZERO, ZERO_SIGMA = np.array([33.0, -21.0]) * ARCSEC, np.array([2.0, 3.0]) * ARCS
 
 
 class Desk:
+
     def __init__(self, graph, model=None, zero=None, **overrides):
         self.graph = graph
         self.model_pub, self.zero_pub, self.target_pub = (

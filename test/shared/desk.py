@@ -45,6 +45,7 @@ def rows(n, run=1, star=None, zero=(0.0, 0.0), seed=0):
 
 
 class Desk:
+
     def __init__(self, graph, **overrides):
         self.graph = graph
         self.node = graph.add(Calibration, **overrides)

@@ -42,4 +42,3 @@ def rows(n, seed=0, run=1.0, zero=(0.0, 0.0), begin=0, drift=0.0, second=None, *
     if second is not None:
         out['az_abs'], out['el_abs'] = enc + ARCSEC * (second + 0.3 * rng.standard_normal((2, n)))
     return PointingRun(out | columns)
-

@@ -54,7 +54,6 @@ def night(seed, inc=(0.0, 0.0), second=(0.0, 0.0), run=1, stars=30, polaris=16, 
         'el_abs': other[1]})
 
 
-
 def cross_check(rows, *args, **kwargs):
     """As `cross_check.cross_check`, with sentences in the place of findings."""
     report = compare_encoders(rows, *args, **kwargs)

@@ -137,4 +137,3 @@ class Live(Bench):
             assert self.wall - since <= within + 1e-9, (self.statuses[-1:], self.plan.faults)
             self.tick()
         return self
-

@@ -85,4 +85,3 @@ def off(mount):
     t = (mount.now - mount.asked.start) * 1e-9
     want = [np.interp(t, mount.asked.times, angle) for angle in mount.asked.angles.T]
     return np.abs(mount.here - want).max() / DEG * 3600.0
-

@@ -17,13 +17,13 @@
 WIDTHS = 390, 1280
 
 #: what a browser leaves out until it is scrolled into sight is drawn too
-ALL_DRAWN = '''const all = document.createElement('style');
+ALL_DRAWN = """const all = document.createElement('style');
   all.textContent = '* { content-visibility: visible !important }';
-  document.head.append(all);'''
+  document.head.append(all);"""
 
 #: opens all parts, then looks at every text that is drawn: contrast after WCAG 2.1 (1.4.3, AA), and
 #: whether it reaches out of the window or of a box that cuts it
-_AUDIT = '(() => {' + ALL_DRAWN + r'''
+_AUDIT = '(() => {' + ALL_DRAWN + r"""
   document.querySelectorAll('details').forEach(e => { e.open = true });
   const canvas = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
   const known = {};
@@ -84,7 +84,7 @@ _AUDIT = '(() => {' + ALL_DRAWN + r'''
       out.push(`cut by its drawing: ${text.slice(0, 40)}`) }
   }
   return [...new Set(out)];
-})()'''
+})()"""
 
 
 def audit(browser, path, width, dark):

@@ -69,7 +69,7 @@ def test_to_import_the_package_is_light():
 
 def test_what_needs_no_ros_asks_for_none(tmp_path):
     """Neither rclpy nor a message is imported on the way from a file or a log to what is found."""
-    code = f'''
+    code = f"""
 import sys
 class NoRos:
     def find_spec(self, name, path=None, target=None):
@@ -88,7 +88,7 @@ for command in (["fit", {str(LOG)!r}], ["info", {str(LOG)!r}],
                 ["track", {str(MMT)!r}]):
     codes.append(cli.main(command))
 print(codes)
-'''
+"""
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.startswith('80\n'), done.stderr
     assert done.stdout.splitlines()[-1] == '[0, 0, 0, 0, 0]', done.stderr

@@ -23,7 +23,7 @@ from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run, export_topics, time_of
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
-JOINTS = b'''int32 id
+JOINTS = b"""int32 id
 string name
 float64[] position
 uint8[100] raw
@@ -31,7 +31,7 @@ Inner inner
 ================================================================================
 MSG: odd_msgs/Inner
 bool good
-'''
+"""
 
 
 def joints(i, n):

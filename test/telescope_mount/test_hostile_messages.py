@@ -13,7 +13,8 @@
 # limitations under the License.
 
 """Messages that cannot be, on every topic that a node of the graph hears: it lives, and teaches
-nobody a falsehood."""
+nobody a falsehood.
+"""
 
 import array
 import json

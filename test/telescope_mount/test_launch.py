@@ -211,12 +211,12 @@ def test_a_process_of_a_launch_or_of_ros2_run_ends_with_it(tmp_path, words, mark
     script = tmp_path / 'driver.py'
     script.write_text('import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(600)\n')
     starter = tmp_path / words[0]
-    starter.write_text(f'''
+    starter.write_text(f"""
 import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r}]).wait()
-''')
+""")
     launch = subprocess.Popen([sys.executable, str(starter), *words[1:]], cwd=ROOT,
                               stdout=subprocess.PIPE, text=True)
     driver = int(launch.stdout.readline())
@@ -233,14 +233,14 @@ def test_a_process_that_begins_when_its_starter_has_ended_ends(
     script = tmp_path / 'driver.py'
     script.write_text('print("begun")\n')
     starter = tmp_path / 'starter.py'
-    starter.write_text(f'''
+    starter.write_text(f"""
 import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen(['sh', '-c', 'echo; read word; exec env "$@"', 'sh',
                   '_=' + {shell_says!r}, sys.executable, '-m', 'telescope_mount.parent',
                   {str(script)!r}]).wait()
-''')
+""")
     starts = subprocess.Popen([sys.executable, str(starter)], cwd=ROOT, stdin=subprocess.PIPE,
                               stdout=subprocess.PIPE, text=True)
     starts.stdout.readline()

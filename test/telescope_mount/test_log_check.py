@@ -47,7 +47,8 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
 
 def rewrite(source, out, change, leave_out=(), late=()):
     """A copy of a log; ``change(topic, data)`` gives the bytes of each message, those on topics
-    `late` are logged after all others."""
+    `late` are logged after all others.
+    """
     log = BagReader(source)
     with BagWriter(out) as new:
         kept = [topic for topic in log.topics if topic.name not in leave_out]
@@ -295,7 +296,8 @@ def differences(rows):
 
 def stars(n, climb=0.0, checks=0, spread=1.0):
     """A run without ROS, whose elevation zero climbs by ``climb`` (arcsec, of each row), in a part
-    of all elevations."""
+    of all elevations.
+    """
     mount = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
     rng = np.random.default_rng(1)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))

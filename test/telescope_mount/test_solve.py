@@ -64,6 +64,7 @@ def cards(number, **more):
 def folder(tmp_path):
     """``folder(names)``: images of these names with solutions beside them, and a fake solver."""
     from astropy.io import fits
+
     def make(*names):
         for i, name in enumerate(names):
             fits.writeto(tmp_path / f'img_{i}_{name}.fits', np.zeros((4, 4), np.int16),

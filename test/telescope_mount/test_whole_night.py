@@ -181,7 +181,8 @@ def nodes_of(pid):
 
 def segments_of(pid):
     """Names in `/dev/shm` that a process has locked: its own. Ports from 7000 on are those of all
-    graphs of the machine, and of other tests."""
+    graphs of the machine, and of other tests.
+    """
     links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
     return {Path(link).name for link in links if link.startswith('/dev/shm/')
             and link.endswith('_el') and '_port' not in link}
@@ -354,7 +355,8 @@ def test_what_the_nodes_do_not_keep_comes_from_the_log(cli, tmp_path):
 
 def test_a_night_read_from_frames_is_the_same_night(night, other_night):
     """The same seed is the same night, and images over DDS and their reader give what the
-    simulated encoder reads by itself."""
+    simulated encoder reads by itself.
+    """
     name = 'observations.csv'
     assert (other_night / name).read_bytes() == (night / name).read_bytes()
     ours, theirs = (PointingModel.load(folder / 'model.json') for folder in (night, other_night))

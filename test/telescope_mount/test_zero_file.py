@@ -53,8 +53,8 @@ def test_zeros_that_follow_nothing(tmp_path):
 
 def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
     file = tmp_path / 'zeros.csv'
-    file.write_text('run,time,zero_az_arcsec,zero_el_arcsec,temperature_az_c,temperature_el_c,side\n'
-                    '8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
+    file.write_text('run,time,zero_az_arcsec,zero_el_arcsec,temperature_az_c,temperature_el_c,'
+                    'side\n8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
     season, tonight, notes = read_zeros(file)
     assert notes == [f'{file}, line 4 left out: one of zero_az_arcsec and zero_el_arcsec is empty; '
                      'a power-on counts with both']

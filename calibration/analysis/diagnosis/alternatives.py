@@ -181,8 +181,7 @@ def near_alternatives(problem, choice, i):
 
 
 def signal_shares(problem, choice, i):
-    """Part of the signal of one of a choice, beyond the base, that each candidate takes up alone.
-    """
+    """Part of the signal of one of a choice, beyond the base, that each candidate explains."""
     noise, bank = choice.fit.noise, problem.dictionary
     own = choice.chosen[i].columns(problem)
     p, _ = problem.design([*choice.without(i), choice.chosen[i]]).solver(noise)(problem.b)

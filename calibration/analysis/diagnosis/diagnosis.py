@@ -175,8 +175,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
 
 def _moves(obs, base, residual):
-    """Findings on places visited again: of steps that began sessions, and of the rows as they are.
-    """
+    """Findings on places visited again: of steps that began sessions, and of the given rows."""
     rows = ResidualRows(obs.context, obs.label, obs.lines, residual, row_word(obs.run))
     again = visit_findings(rows, rows.visits(base.terms or obs.run.mount.names.index))
     known = [one for one in obs.notes if isinstance(one, Finding)]

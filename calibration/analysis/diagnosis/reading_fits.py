@@ -323,7 +323,8 @@ class ReadingFits:
 
 def scatter(values, dof):
     """Robust noise with little noise of its own: root mean square, of large ones 3 times the MAD
-    (a tau scale, Yohai and Zamar 1988)."""
+    (a tau scale, Yohai and Zamar 1988).
+    """
     if not len(values):
         return np.nan
     middle = max(float(sigma_of(values)), 1e-5 * ARCSEC)

@@ -191,7 +191,7 @@ class Reading:
                     text = f'azimuth {where} counted from the south through east'
             parts.append(text)
         if self.offsets:
-            parts.append(f'offsets in place of the encoders\' readings, in {self.offsets}')
+            parts.append(f"offsets in place of the encoders' readings, in {self.offsets}")
         if self.exchanged:
             parts.append('mount and catalogue exchanged')
         if south and not reversed_here and not self.offsets:

@@ -270,4 +270,3 @@ def _cluster_finding(rows, found):
             'first_axis': names.axes[0],
             'star': None if star is None else str(star[mine[0]]), 'chance': found.chance,
             'side': bool(is_beyond(context.el[mine[0]]))})
-

@@ -32,6 +32,8 @@ _TAKEN_BACK = ('commented out', 'rejected by', LOG_OF_AIR)
 #: of the entries ``before`` and ``after`` of a result
 RMS_KEYS = ('rms_arcsec', 'rms_x_arcsec', 'rms_y_arcsec', 'cv_rms_arcsec', 'cv_rms_x_arcsec',
             'cv_rms_y_arcsec', 'cv_spread', 'holdout_rms_arcsec')
+
+
 @dataclass
 class RowCounts:
     """Of one diagnosis.

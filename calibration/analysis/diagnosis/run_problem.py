@@ -85,7 +85,8 @@ class EffectVariants:
     def finer(self, group, level=0):
         """Of a scan the `CandidateBank` of its members from the one that is tried before to the one
         after it, of a step at all places between rows; None of other effects. At each `level` four
-        times as near to it."""
+        times as near to it.
+        """
         bank, e = self._dictionary, self._dictionary.effects[group]
         if not e.searched:
             return None

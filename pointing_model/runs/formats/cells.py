@@ -143,7 +143,7 @@ def plain_text(cell):
 
 
 def safe_text(text):
-    """A text that no spreadsheet runs and no terminal obeys.
+    r"""A text that no spreadsheet runs and no terminal obeys.
 
     What looks like a formula gets an apostrophe before it, which `plain_text` takes off;
     characters that a terminal obeys are spelt as ``\\x1b``. Numbers are as they are.

@@ -77,7 +77,7 @@ def read(path, lines):
     values = {name: np.array([_number(point.get(name)) for point in points])
               for name in (*_NUMBERS, 'scaleS', 'latitude')}
     names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
-    meta = {'format': 'mountwizzard4', 'time_note': 'time: of the mount\'s sidereal clock',
+    meta = {'format': 'mountwizzard4', 'time_note': "time: of the mount's sidereal clock",
             'notes': [],
             'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_declared': 'german',
             'sidereal_clock': True, 'sky_frame': ICRS,

@@ -137,7 +137,7 @@ def _line(path, text):
                         if line.strip() and not line.startswith('#'))
     words = _words(line)
     if len(words) > _COUNT:
-        raise ValueError(f'{path}, row {number}: {len(words)} numbers; katpoint\'s pointing model '
+        raise ValueError(f"{path}, row {number}: {len(words)} numbers; katpoint's pointing model "
                          f'has {_COUNT}')
     return {f'P{i}': (number, word) for i, word in enumerate(words, 1)}
 

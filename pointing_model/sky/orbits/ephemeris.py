@@ -259,8 +259,7 @@ class Orbit:
         return self._by_arc(time, rest, lambda arc, at: arc.sigma(at)[:, None], 1)[..., 0]
 
     def has(self, time):
-        """Whether a time is in an arc, bool or ndarray of bool; light that it sends is seen then.
-        """
+        """Whether a time is in an arc, bool or ndarray of bool; light sent then is seen."""
         tai = np.asarray(time, float) + leap_seconds(time)
         return np.any([(tai >= arc.begin + 1.0) & (tai <= arc.end) for arc in self.arcs], axis=0)
 

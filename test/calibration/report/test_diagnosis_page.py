@@ -488,6 +488,7 @@ def test_a_map_of_an_altazimuth_mount_has_none():
 def test_next_observations_of_an_equatorial_mount():
     row = {'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1,
            'through_pole': True, 'separates': ['a', 'b']}
+
     def text_of(row):
         return next_observations(proposal_groups([row], 'german'), GERMAN)
     text = text_of(row)

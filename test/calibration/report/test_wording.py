@@ -28,8 +28,7 @@ _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
 
 
 def sentences(tree):
-    """Texts with a space and more than 25 characters that are no docstring, no key and not raised.
-    """
+    """Texts with a space, beyond 25 characters, that are no docstring, no key and not raised."""
     skipped, joined = set(), []
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):

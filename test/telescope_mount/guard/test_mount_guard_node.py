@@ -180,6 +180,7 @@ def test_a_missing_driver_is_named_though_a_logger_hears_the_commands(graph):
 
     def hears(name):
         class Hears(MountNode):
+
             def __init__(self, **kwargs):
                 super().__init__(name, **kwargs)
                 self.subscribe(topics.COMMAND, print)

@@ -156,6 +156,7 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
                                      if n < len(bench.commands)))
 
     class Sky:  # of which nothing is left once the mount has been commanded
+
         def __call__(self, time, az, el):
             return np.full(len(el), not bench.commands)
 

@@ -25,6 +25,7 @@ HERE, LOST = (1.0, 0.5), (np.nan, np.nan)
 
 
 class Encoder:
+
     def __init__(self, first_run=1):
         self.instruments, self.stamp = Instruments(first_run), 0
 

@@ -51,7 +51,8 @@ class SoftMount(Live):
     @cached_property
     def _swing(self):
         """Position and velocity a step later: each the sum of so much of both, and of the drive
-        before and after."""
+        before and after.
+        """
         position, velocity, before, driven = np.eye(4)
         omega, h = 2.0 * np.pi * self.frequency, STEP / SUB
         for i in range(SUB):

@@ -272,6 +272,7 @@ def test_it_waits_for_the_nodes_that_it_was_told_of(graph):
     from msg_tools.node import MountNode
 
     class Archive(MountNode):
+
         def __init__(self, **kwargs):
             super().__init__('archive', **kwargs)
     graph.add(Archive)

@@ -13,7 +13,8 @@
 # limitations under the License.
 
 """The experiment of paper 000 through the graph: few nights, few stars, and marks that move with
-temperature and supply. That the scenario's own drifts are the printed ones test_papers.py holds."""
+temperature and supply. That the scenario's own drifts are the printed ones test_papers.py holds.
+"""
 
 import csv
 import json
@@ -59,7 +60,8 @@ def test_plan():
 @pytest.fixture(scope='module')
 def moved(experiment):
     """How far the simulated zeros stand from those of the reference, two nights before, arcsec:
-    rows of nights 1, 2, ..."""
+    rows of nights 1, 2, ...
+    """
     zeros = np.array([message.data.position for message in BagReader(
         experiment / 'bag_truth').messages('/mount/truth/incremental_zero', decode=True)])
     assert len(zeros) == NIGHTS + 3

@@ -81,8 +81,7 @@ def test_a_scenario_is_named(name):
 
 
 def test_the_mean_of_two_cameras_is_told_with_their_angle():
-    """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan of the elevation.
-    """
+    """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan E."""
     mount = MountErrors(ie=40.0 * ARCSEC, an=30.0 * ARCSEC)
     runs = [made(replace(mount, ca=side * 1.2 * DEG), 60) for side in (-1.0, 1.0)]
     away = np.mod(runs[1]['az'] - runs[0]['az'] + np.pi, 2.0 * np.pi) - np.pi

@@ -159,7 +159,8 @@ def test_noise_that_soon_forgets_is_no_walk():
 
 def test_a_walk_in_doubt_is_not_told_where_no_star_shows_it():
     """Noise with a memory of three rows, half of a second of arc: in these nights likelier a walk
-    than not, and not a hundred times."""
+    than not, and not a hundred times.
+    """
     for seed in (19, 20):
         memory = np.random.default_rng(seed + 900).normal(size=106)
         memory *= np.sqrt(1.0 - 0.7**2)
