@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Package `telescope_mount`: ament_python on a ROS 2 machine, a plain Python package elsewhere."""
 
 import ast
@@ -34,7 +48,7 @@ setup(
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     maintainer='telescope_mount developers',
-    maintainer_email='maintainers@telescope-mount.example.org',
+    maintainer_email='maintainers@users.noreply.h-seed-b5b128f1.example',
     packages=find_packages(include=[f'{part}*' for part in PARTS]),
     package_data={
         'calibration': ['data/*', 'report/*.css', 'report/*.js'],

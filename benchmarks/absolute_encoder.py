@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The absolute encoder: error against the Cramer-Rao bound, gross errors, speed.
 
     python benchmarks/absolute_encoder.py [--quick] [--pitch 48|60] [--only PART ...] [--seed N]
@@ -88,7 +102,7 @@ def part_total(pitch, sizes, seed):
         out.append(row(f'total RMS, shading, {name}', ours.rms, '"', at_most=0.50, digits=3,
                        note=f'largest {ours.largest:.2f}", rejected {ours.rejected}, '
                        f'corrected {ours.corrected} of {ours.n}'))
-        out.append(row('    the paper\'s fit on the same frames', paper.rms, '"', digits=2,
+        out.append(row("    the paper's fit on the same frames", paper.rms, '"', digits=2,
                        note=f'rejected {paper.rejected}, bar taken wrong {paper.gross}'))
     source = Source(replace(SCALES[pitch], **STRONG_SHADING), seed)
     tally = Tally(source.disc.bar_angle)

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Fourteen faults of drivers, on the time of the wall and through the guard.
 
     python benchmarks/driver_faults.py           # each once
@@ -28,7 +42,7 @@ from msg_tools.units import ARCSEC, DEG
 from telescope_mount.graph import NODES, NodeSpec
 
 GIVE_UP = 6.0
-HANGING = '''import time, rclpy, pathlib
+HANGING = """import time, rclpy, pathlib
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 class Hangs(Node):
@@ -41,7 +55,7 @@ class Hangs(Node):
         return response
 rclpy.init()
 rclpy.spin(Hangs())
-'''
+"""
 
 
 @dataclass

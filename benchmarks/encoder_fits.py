@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The bound of an absolute encoder's error, and the steps from the paper's fit to the template.
 
 Parts bound, ladder and cut of `absolute_encoder.py`.
@@ -15,6 +29,7 @@ from msg_tools.units import ARCSEC, wrap
 from telescope_mount.papers.indexing_table import SCALES
 
 # --- the bound ------------------------------------------------------------------------------------
+
 
 def bound(source, angles):
     """Cramer-Rao bound, averaged over `angles`: with all unknowns, and angle alone; arcsec."""
@@ -171,7 +186,7 @@ def part_ladder(pitch, sizes, seed):
         if params.noise < 3.0 and params.shifted_bars == 0.0:
             for name in parts[0][1]:
                 error = np.concatenate([part[1][name] for part in parts])
-                out.append(row(f'{title}error of the sine\'s period, {name}', rms(error), ' px',
+                out.append(row(f"{title}error of the sine's period, {name}", rms(error), ' px',
                                digits=4))
     return out
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Mounts that are no alt-azimuth ones: exactness, measured runs, blind effects.
 
     python benchmarks/equatorial.py [--data FOLDER] [--only PART ...] [--trials N] [--nights N]
@@ -107,7 +121,7 @@ def measured(table, args, _):
     if path.is_file():
         run = read_run(path)
         left = fit_terms(run).rms_arcsec(rejected=False)
-        table.row(f'amateur\'s German mount, {left.n} of {len(run)} rows: seven terms, radial',
+        table.row(f"amateur's German mount, {left.n} of {len(run)} rows: seven terms, radial",
                   f'{left.radial:.1f}"', '', 'both sides, elsewhere: 86"; '
                   + next(note for note in run.meta['notes'] if 'equinox' in note))
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The executor of the nodes beside those of rclpy: `SingleThreadedExecutor`, `EventsExecutor`.
 
     python benchmarks/executor.py                  all of it, about 10 minutes on two cores
@@ -41,7 +55,7 @@ EXECUTORS = (OURS, *OTHERS)
 RATES = (100, 1000)
 #: what takes the place of msg_tools/executor.py in the copy for a night
 SHIMS = {
-    'single': '''import rclpy.node
+    'single': """import rclpy.node
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import SingleThreadedExecutor as NodeExecutor
 _serve = rclpy.node.Node.create_service
@@ -50,8 +64,8 @@ def create_service(self, *args, callback_group=None, **options):
     return _serve(self, *args, callback_group=callback_group or ReentrantCallbackGroup(), **options)
 
 rclpy.node.Node.create_service = create_service
-''',
-    'events': '''import inspect
+""",
+    'events': """import inspect
 import rclpy.node
 import rclpy.service
 from benchmarks_executor import Spinning as NodeExecutor
@@ -88,7 +102,7 @@ _serve = rclpy.node.Node.create_service
 rclpy.node.Node.create_subscription = create_subscription
 rclpy.node.Node.create_service = create_service
 rclpy.service.Service.send_response = send_response
-''',
+""",
 }
 
 

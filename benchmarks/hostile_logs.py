@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Logs that somebody made with intent, for `log_fuzz.py`."""
 
 import json
@@ -8,14 +22,14 @@ import lz4.frame
 import zstandard
 
 MAGIC = b'\x89MCAP0\r\n'
-DEFINITION = b'''int32 id
+DEFINITION = b"""int32 id
 string name
 float64[] values
 Inner[<=5] inner
 ================================================================================
 MSG: odd_msgs/Inner
 uint8[3] raw
-'''
+"""
 QOS = '- {history: keep_last, depth: 5, durability: transient_local}'
 
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A league of ways to predict stars that a fit has not seen, on all measured telescopes.
 
     python benchmarks/league.py [--data FOLDER] [--only NAME] [--json FILE]
@@ -132,7 +146,8 @@ class League:
 
     def partial(self, rows, test):
         """Of the rows' terms alone: what they leave, the pool beyond them, and at the test rows
-        the prediction and the pool beyond."""
+        the prediction and the pool beyond.
+        """
         q = np.linalg.lstsq(self.terms[:, rows].T, np.column_stack(
             (self.b[rows], self.pool[:, rows].T)), rcond=None)[0]
         known, across = q[:, 0], q[:, 1:]

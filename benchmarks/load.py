@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The graph under load: encoders at up to 1 kHz beside the night's nodes, and a flood to the log.
 
     python benchmarks/load.py                        two rates, within 40 s on free cores
@@ -114,7 +128,8 @@ def _flooded():
 
 def processor_time(pid):
     """Seconds that a process has run: its main thread, all others (those of DDS, mostly); and that
-    its main thread was ready and waited for a core."""
+    its main thread was ready and waited for a core.
+    """
     out = [0.0, 0.0, 0.0]
     for task in Path(f'/proc/{pid}/task').iterdir():
         ran, waited, _ = map(int, (task / 'schedstat').read_text().split())

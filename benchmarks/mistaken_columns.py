@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Columns that are not what they are named: named or refused, and right ones never.
 
     python benchmarks/mistaken_columns.py [--data ../shared/data] [--nights N] [--full]
@@ -59,7 +73,7 @@ def cases(columns):
     x, y = wrap(az_enc - az), el_enc - el
     for where, given in (('coordinates', x), ('on the sky', x * np.cos(el))):
         for unit, factor in (('degrees', 1.0), ('arcseconds', 3600.0)):
-            yield ('offsets', f'{unit}, {where}', 'offsets in place of the encoders\' readings, in '
+            yield ('offsets', f'{unit}, {where}', "offsets in place of the encoders' readings, in "
                    + unit + ' on the sky' * (where == 'on the sky'),
                    (az, el, factor * given, factor * y))
     yield 'mount and catalogue exchanged', '', 'mount and catalogue exchanged', (

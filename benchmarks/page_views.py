@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Each page in a real browser, on a phone and on a desk, light and dark.
 
     python benchmarks/page_views.py [PAGE ...]
@@ -23,12 +37,12 @@ from page_audit import ALL_DRAWN, WIDTHS, audit
 ROOT = Path(__file__).resolve().parents[1]
 
 #: words with a letter, in sight and all
-_WORDS = '''(() => {
-  ''' + ALL_DRAWN + '''
+_WORDS = """(() => {
+  """ + ALL_DRAWN + """
   const count = text => text.split(/\\s+/).filter(w => /\\p{L}/u.test(w)).length;
   const main = document.querySelector('main'), open = main.innerText;
   document.querySelectorAll('details').forEach(e => { e.open = true });
-  return [count(open), count(main.innerText)] })()'''
+  return [count(open), count(main.innerText)] })()"""
 
 
 def night_of_rows(rng, n, begin=1.7e9, step=0.0):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """How large the page of a long run is, how fast a browser opens it, and refits excluded rows.
 
     python benchmarks/pages.py
@@ -52,9 +66,9 @@ def a_run(n, seed=1):
 def seconds_of_clicks(browser, lines):
     """Longest of the times to exclude rows one after the other, each until it is laid out, s."""
     browser.wait('performance.now() > 1000')
-    return 1e-3 * max(browser.run(f'''(() => {{ const begin = performance.now();
+    return 1e-3 * max(browser.run(f"""(() => {{ const begin = performance.now();
         refitPreview.exclude({lines[:i + 1]}); document.body.offsetHeight;
-        return performance.now() - begin }})()''') for i in range(len(lines)))
+        return performance.now() - begin }})()""") for i in range(len(lines)))
 
 
 def apart(browser, again):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A model to predict on simulated runs: never worse than the terms, and as sure as it says.
 
     python benchmarks/prediction.py [--part clean|sure ...] [--runs N] [--first N]
@@ -117,7 +131,7 @@ def main():
               f'{100 * beyond.mean():.1f} %', flush=True)
     if 'sure' in args.part:
         each = [sure(seed) for seed in seeds]
-        for i, name in enumerate(('random', 'blocks of time', 'beyond the rows\' sky')):
+        for i, name in enumerate(('random', 'blocks of time', "beyond the rows' sky")):
             z = np.concatenate([one[i] for one in each])
             z = z[np.isfinite(z)]
             print(f'stated sigma, {len(each)} runs, {name}: {100 * np.mean(z < 1.0):.1f} % within '

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A night ended by signals, however it was started: is all gone, is the log whole?
 
     python benchmarks/stops.py [--times N] [--seed N] [--ways command,executables,run,launch]
@@ -75,7 +89,8 @@ def executable(name):
 
 def _listens():
     """A benchmark in the background of a script ignores Ctrl-C, and under nohup SIGHUP, and so
-    would its children."""
+    would its children.
+    """
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
 
@@ -150,7 +165,8 @@ class Started:
 
     def send(self, number):
         """A signal to what was started alone; but Ctrl-C, which a terminal gives to all of a group
-        and `ros2 run` does not pass on, to its nodes, too."""
+        and `ros2 run` does not pass on, to its nodes, too.
+        """
         if number == signal.SIGINT and self.way == 'run':
             for pid in self.processes():
                 with suppress(ProcessLookupError):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A model that follows the mount, against truth and against simpler ways.
 
     python benchmarks/tracking.py [--nights N] [--only PART] [--full]
@@ -31,8 +45,7 @@ LIMIT_D = {10: 0.75, 5: 0.55, 2: 0.45}
 
 
 def follow(night, expect=False, noise=None):
-    """Run a tracker through a night: terms in force before each star, what it heard, RMS expected.
-    """
+    """Run a tracker through a night: terms before each star, what it heard, RMS expected."""
     tracker = Tracker(night.model(), 0)
     terms, heard, expected = [], [], []
     where = sky(np.random.default_rng(5), PLACES)

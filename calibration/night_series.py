@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Nights in a row: the zero and the stars of each are tested by the model of an earlier one.
 
 Paper 000, section 2: coefficients of two nights before correct the stars of tonight, before and
@@ -291,4 +305,3 @@ def _budget(model, zero, exposed, stars):
     variance = np.diag(exposures) + np.diag(change @ model.covariance @ change.T) + scatter
     sigma = np.sqrt(np.maximum(variance, 0.0)) / ARCSEC
     return {'az_sigma_arcsec': float(sigma[0]), 'el_sigma_arcsec': float(sigma[1])}
-

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Scenario files: what is wrong with the simulated mount, as YAML.
 
 Only the simulator reads them. What a file does not name stays at the value of the scenario it is
@@ -258,7 +272,8 @@ def _is_name(text):
 
 def _parsed(text, own):
     """YAML of a scenario; one of the package's `own` by libyaml, ten times as fast, which a file
-    of a user's that is nested deep enough would crash."""
+    of a user's that is nested deep enough would crash.
+    """
     import yaml
     return yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader) if own
                      else yaml.SafeLoader)

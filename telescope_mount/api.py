@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """For Python programs: read a pointing run, fit it, diagnose it, apply a model. No ROS needed.
 
 ::
@@ -43,7 +57,8 @@ __all__ = ['Fit', 'Run', 'RunDiagnosis', 'apply', 'diagnose', 'fit', 'read_run']
 
 def _one_thread(work):
     """With matrices as small as ours threads of BLAS stand in each other's way: a diagnosis of 80
-    rows takes four times as long, and its last bits are others than the command's."""
+    rows takes four times as long, and its last bits are others than the command's.
+    """
     @wraps(work)
     def limited(*args, **options):
         with threadpool_limits(1):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The parser of the command line, and what it says of words that it does not know."""
 
 import argparse
@@ -21,6 +35,7 @@ RENAMED = {
 
 
 class _Parser(argparse.ArgumentParser):
+
     def error(self, message):
         # one line: what is wrong and where to read on
         print(f'error: {_with_hint(message)} (see {self.prog} --help)', file=sys.stderr)

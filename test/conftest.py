@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """How the suite runs in parallel, and the fixtures of the tests with ROS nodes.
 
 Each process of the suite has a ROS domain of its own, each test a private context in it.
@@ -46,7 +60,8 @@ MOST_WORKERS = 8  # the slowest file takes an eighth of all
 def pytest_cmdline_main(config):
     """A process for each core and two more (tests of nodes wait, too), a file at a time, if
     pytest-xdist is there and more is asked for than a file. In no option of pyproject.toml: a
-    machine with ROS may lack pytest-xdist."""
+    machine with ROS may lack pytest-xdist.
+    """
     if WORKER:
         return
     option = config.option
@@ -60,7 +75,8 @@ def pytest_cmdline_main(config):
 
 def pytest_configure(config):
     """Each process begins its collection at another folder, so that it finds most files compiled
-    by the others: to rewrite the assertions of all takes 5 s. What it collects is no garbage."""
+    by the others: to rewrite the assertions of all takes 5 s. What it collects is no garbage.
+    """
     if WORKER:
         gc.disable()
     places = [Path(arg) for arg in config.args]
@@ -82,7 +98,8 @@ def pytest_collection_finish():
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Files with whole graphs first, then those with nodes, of each kind the long ones first: the
-    last to end are short ones."""
+    last to end are short ones.
+    """
     files = {}
     for item in items:
         needs = files.setdefault(item.path, set())
@@ -286,7 +303,8 @@ def graph(ros_domain):
 @pytest.fixture
 def process(ros_domain, tmp_path):
     """Start ``process(executable, name=value, ...)``: a node with parameters, as its installed
-    script does; ended after the test."""
+    script does; ended after the test.
+    """
     import yaml
     started = []
 
@@ -360,7 +378,8 @@ def one_parser():
 def short_diagnosis(monkeypatch):
     """Diagnoses of the dictionary alone: no cross-validation, no curves without a cause, no
     periods, no alternatives in models of their own. A quarter of the time, where a test asks what
-    becomes of the result; how it is found the tests of calibration/analysis/diagnosis ask."""
+    becomes of the result; how it is found the tests of calibration/analysis/diagnosis ask.
+    """
     from calibration.analysis.diagnosis import alternatives, diagnosis, discrimination, run_problem
     from calibration.estimation.periodogram import PeriodBank
     monkeypatch.setitem(diagnosis.diagnose.__kwdefaults__, 'cross_validation', False)

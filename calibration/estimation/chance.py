@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """How large a candidate's score is by chance: sign flips of leverage-corrected residual pairs."""
 
 from functools import cached_property
@@ -214,8 +228,7 @@ class Chance:
         return self._rng.standard_normal((SIMULATIONS, 2 * self._n))
 
     def p_beyond_memory(self, problem, chosen, bank, groups, g):
-        """`MemoryTest.p` of a group among those of its share, beside a choice of the same problem.
-        """
+        """`MemoryTest.p` of a group among those of its share, beside one choice of the problem."""
         # a curve without a cause, or that an effect changes, says no more than such noise
         if bank is not problem.dictionary:
             return 1.0

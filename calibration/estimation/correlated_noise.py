@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Noise that remembers: white noise and, beside it, a process with exponential memory.
 
 The noise of an axis is white plus a stationary process with the correlation exp(-dt / tau)
@@ -23,7 +37,6 @@ _ABOUT = np.array([(longer, larger) for longer in (-0.5, 0.0, 0.5) for larger in
                    if longer or larger])
 #: numbers in the columns of the noises that are tried at a time
 AT_ONCE = 200_000
-
 
 
 class Sequence:

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Rows of several instruments or objects in one fit: each group has its own noise.
 
 How large the white noise of a group is its own rows tell. How the noise remembers, one arc of a
@@ -185,4 +199,3 @@ def white_sigmas(root):
     """Median sigma of x and y of the rows with weight, shape (2,)."""
     return np.array([1.0 / np.median(part[part > 0.0]) if np.any(part > 0.0) else 0.0
                      for part in np.split(root, 2)])
-

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Waves of unknown period: a periodogram of what a fit leaves, beyond the columns that are fitted.
 
 A wave in an angle u has the columns f cos(r u) and f sin(r u), f being what a change of the driver
@@ -63,7 +77,8 @@ class WaveScan:
     @classmethod
     def over(cls, angle, factor, low, high, effect):
         """With rates from `low` to `high`, as close as the length of the angle asks for, of which
-        `_FEWEST_WAVES` are within it; None where there are none."""
+        `_FEWEST_WAVES` are within it; None where there are none.
+        """
         known = angle[np.isfinite(angle)]
         turns = float(np.ptp(known)) / (2.0 * np.pi) if len(known) else 0.0
         low = max(low, _FEWEST_WAVES / turns) if turns > 0.0 else np.inf
@@ -243,7 +258,8 @@ class PeriodBank(CandidateBank):
 
     def offer(self, scores, without=()):
         """Of the first shape the group that gains most, but of the scans of some groups; -1 where
-        chance alone would make some as large."""
+        chance alone would make some as large.
+        """
         line, gains = self.line[:self.count], scores.delta_bic[:self.count]
         # what grows toward the end of a scan has its peak beyond it, and is another thing
         edge = np.diff(line, prepend=-1, append=-1) != 0

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A model that is to predict, and names no cause: several ways to one, and their mixture.
 
 Each way is fitted without blocks of time, one after the other; the mixture is the one that would
@@ -292,7 +306,8 @@ def _ways(problem, beyond):
 
 def _shares(left):
     """Shares, not negative and of sum 1, of ways whose mixture leaves least (Breiman 1996,
-    Machine Learning 24, 49)."""
+    Machine Learning 24, 49).
+    """
     from scipy.optimize import nnls
     left = np.array([one.ravel() for one in left])
     squares = left @ left.T
@@ -343,7 +358,8 @@ def _between(ways, shares):
 
 def _calibrated(problem, left, scale, covariance, blocks):
     """Noise of a new star, and the factor of the coefficients' errors: what is likeliest by rows
-    left out."""
+    left out.
+    """
     squares, known = [], []
     for one, block in zip(covariance[1:], blocks):
         both = np.concatenate((block, block + problem.n))

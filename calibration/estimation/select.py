@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Forward choice of groups of columns that a fit lacks, and how each stands.
 
 A candidate is added while the largest standardised score of all candidates is beyond chance
@@ -155,8 +169,7 @@ def _mask(problem, choice, bank):
 
 
 def _masked(problem, choice, bank, mask, g, alpha, chance):
-    """Groups that noise with memory explains as well as chance: `g` and all weaker ones, or none.
-    """
+    """Groups that noise with memory explains as well as chance: `g` and all weaker, or none."""
     if not mask.covers(g):
         return ()
     if mask.scores.dof[g] == 0:

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the stars were missed by: maps, target, order of time, against the axes, table of stars."""
 
 from collections.abc import Sequence
@@ -269,7 +283,8 @@ def sky_maps(data):
 
 def targets(data):
     """All residuals as hits on a target, with the circle of the noise, before and after on one
-    scale; after once more, larger, if it is small."""
+    scale; after once more, larger, if it is small.
+    """
     if not data.used.any():
         return ''
     noise = float(np.hypot(*data.noise)) if data.noise is not None else None

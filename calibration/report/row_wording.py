@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Words for rows: how many were used, which were left out, and why."""
 
 from pathlib import PurePath
@@ -26,7 +40,6 @@ _TAKEN = {
     'images': 'the keywords were taken as the mapping names them'}
 #: times the noise between visits, from where what terms leave is more than noise
 _MORE = 1.3
-
 
 
 def used_sentence(counts):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Writes the pages of nodes and topics and the pictures of the graph, from what the nodes declare.
 
     .venv/bin/python docs/make/nodes.py
@@ -27,11 +41,11 @@ TOPICS = {
     'truth/joint_states': 'true angles of the axes, rad; for simulated hardware alone',
     'truth/incremental_zero': 'true zero of the incremental encoder, rad',
     'truth/scenario': 'what is wrong with the simulated mount, JSON',
-    'incremental/joint_states': 'readings of the axes\' encoders, rad and rad/s; NaN: not homed',
+    'incremental/joint_states': "readings of the axes' encoders, rad and rad/s; NaN: not homed",
     'incremental/homing': 'how each reference mark was met, one row an axis',
     'absolute/joint_states': 'readings of the absolute encoders, rad; NaN: no reading',
     'absolute/sigma': 'standard error of these readings as the image gives it, rad',
-    'absolute/frame': 'image of the discs\' bars, one row an axis',
+    'absolute/frame': "image of the discs' bars, one row an axis",
     'camera/miss_distance': 'star − boresight in the frame of the tube, rad; NaN: no star',
     'ambient/temperature': 'air temperature, °C; the simulator gives it in scenarios with '
                            '`weather` alone, else a driver of yours may',
@@ -41,7 +55,7 @@ TOPICS = {
     'offset': 'encoder − catalogue of the last star, on the sky, rad',
     'observer/status': 'the step of the plan, and what holds it up',
     'observer/checks': 'results of the steps `check` and `clocks`, JSON',
-    'zero': 'the encoders\' zero with its standard error, rad, and what it goes with',
+    'zero': "the encoders' zero with its standard error, rad, and what it goes with",
     'zero/expected_change': 'by how much the zero will have changed, rad, before a star tells',
     'model': 'the pointing model, JSON',
     'diagnosis': 'what the model lacks, JSON',

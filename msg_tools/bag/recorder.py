@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Where the messages that a logger receives go: two bags, by way of clock, pause and snapshot."""
 
 import json
@@ -92,8 +106,7 @@ class Recorder:
             'snapshot' if self._ring is not None else 'recording')
 
     def add_topic(self, name, type_name, offers, hash_):
-        """Declare a topic, with the arguments of `BagWriter.add_topic`, which says what it raises.
-        """
+        """Declare a topic: arguments and errors are those of `BagWriter.add_topic`."""
         bag = self.bag
         if is_truth(name):
             if self._truth_bag is None:

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The graduation of an encoder: subdivision of its lines or bars, and slips by whole ones."""
 
 import numpy as np
@@ -158,7 +172,8 @@ def propose(context, lacking, own):
 
 def _not_spread(word, graduation, place, reading, period):
     """Why a subdivision cannot be seen: where the reading moves through the period by its own
-    error alone, that would be taken for its cause."""
+    error alone, that would be taken for its cause.
+    """
     words = _ALL[graduation]
     if abs(np.mean(np.exp(2j * np.pi / period * np.mod(place, period)))) >= 0.8:
         return f'the stars stand at nearly the same place between two {words}'

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What follows a temperature: late, by a thermometer on the mount, at the secondary mirror.
 
 The temperature of a heavy part follows that of the air as q' = (T - q) / tau (Newton's law of
@@ -91,7 +105,7 @@ def _lagged(of, tau, driver='temperature', origin=0.0, within=None, start=True, 
 
     return Effect(f'{what.partition(" of the ")[0].replace(" ", "_")}_with_{driver}_late',
                   f'{what} follows {driver_word(driver)} with a lag',
-                  f'{term.name} x q, q\' = (T - q) / tau' + (', exp(-t / tau)' if start else ''),
+                  f"{term.name} x q, q' = (T - q) / tau" + (', exp(-t / tau)' if start else ''),
                   driver, axes, ('slope', 'start') if start else ('slope',), columns, wording,
                   'what is heavy and slow to cool: mirror, cell, truss, pier; open the dome long '
                   'before the first star',

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A pointing run: what was asked of the sky, what the encoders read, and what else was known."""
 
 from dataclasses import dataclass, field
@@ -35,9 +49,9 @@ COLUMNS = {
     'temperature': ('temperature_c', 1.0, 'air temperature, degrees Celsius'),
     'pressure': ('pressure_hpa', 1.0, 'air pressure, hPa'),
     'magnitude': ('magnitude', 1.0, 'magnitude of the star'),
-    'encoder_start': ('encoder_start', 1.0, 'when the encoder\'s power-on began, UTC seconds since '
+    'encoder_start': ('encoder_start', 1.0, "when the encoder's power-on began, UTC seconds since "
                       '1970-01-01; it names the power-on'),
-    'absolute_start': ('absolute_start', 1.0, 'when the absolute encoder\'s power-on began, UTC '
+    'absolute_start': ('absolute_start', 1.0, "when the absolute encoder's power-on began, UTC "
                        'seconds since 1970-01-01; it names the power-on'),
     'block': ('block', 1.0, 'step of the observing plan that took the row'),
     'exposure': ('exposure_s', 1.0, 'length of the exposure over which the readings were averaged, '

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command ``satellite``: a model, a clock and orbits from tracks of satellites."""
 
 from pathlib import Path
@@ -27,7 +41,7 @@ def add(commands):
                         'of the terms, with its covariance; the zeros of the axes are fitted anew')
     parser.add_argument('--terms', type=options.names, help='comma-separated (default: the seven '
                         'physical terms of the mount, or those of the model)')
-    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help="what is "
+    parser.add_argument('--clock', type=options.real(0.0, 1e4, 's'), metavar='S', help='what is '
                         "known of the station's clock, 1 sigma; 0: it is right (default: nothing)")
     parser.add_argument('--time-bias', action='append', default=[], metavar='ID', help='a '
                         'satellite whose time along its orbit is not known, whatever its orbit '

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command ``season``."""
 
 
@@ -10,7 +24,7 @@ _MOST = {'found': 4, 'note': 1}
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'season', help='the terms night by night, what moves them, and what tonight\'s will be',
+        'season', help="the terms night by night, what moves them, and what tonight's will be",
         description='Fit the pointing runs of many nights (any kind that fit takes). Print how the '
         'terms drift, what moves them (temperature, time, an unreported step) and the terms '
         'predicted for a night to come.')

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The course of the axes: what a mount was sent, or will be, and where it leads at a time."""
 
 from typing import NamedTuple
@@ -94,8 +108,7 @@ class Course(NamedTuple):
 
 
 def moves_onto(cubic, state, axes):
-    """Of each axis the `Move` onto a track, with `SHARE` of what it can; None where there is none.
-    """
+    """Of each axis the `Move` onto a track, with `SHARE` of its limits; None where none is."""
     return [plan_move(state.angles[i], state.rates[i], cubic, i, SHARE * axis.rate,
                       SHARE * axis.acceleration, 1e-9) for i, axis in enumerate(axes)]
 

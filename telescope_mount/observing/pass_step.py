@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The step ``pass`` of a plan: wait for a satellite, follow it, lose as little as can be."""
 
 import numpy as np
@@ -117,8 +131,7 @@ def observe_pass(night, step):
 
 
 def _wait_for(night, stamp, name):
-    """Nothing is commanded before a stamp, ns; on a clock that goes on by itself it is waited for.
-    """
+    """Nothing is commanded before a stamp, ns; a clock that goes on by itself is waited for."""
     night.exposer.earliest = stamp
     if _goes_on(night):
         yield from night.until(lambda: night.out.now() >= stamp, name)

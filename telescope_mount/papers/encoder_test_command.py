@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command ``encoder-test``."""
 
 
@@ -9,9 +23,9 @@ from ..commands import options
 def add(commands):
     """Add the parser."""
     parser = commands.add_parser(
-        'encoder-test', help='the 23-face test of the absolute encoder, beside the paper\'s',
+        'encoder-test', help="the 23-face test of the absolute encoder, beside the paper's",
         description='Turn the simulated disc of the absolute encoder to 23 standard angles. Read '
-        'it by the paper\'s method, its two rivals and ours, and compare with the printed values.')
+        "it by the paper's method, its two rivals and ours, and compare with the printed values.")
     options.add_out(parser, 'encoder_test', 'the page')
     options.add_json(parser, 'all figures')
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command ``experiment``."""
 
 from ..commands import options
@@ -12,7 +26,7 @@ def add(commands):
         'experiment', help='the eleven nights and the GPS satellite of paper 000',
         description='Observe thirteen nights through the node graph: a power-on each, 30 stars, '
         'Polaris, 30 stars. The model of two nights before corrects tonight, before and after the '
-        'zero calibration. On one night a GPS satellite is tracked. Prints the paper\'s table 1 '
+        "zero calibration. On one night a GPS satellite is tracked. Prints the paper's table 1 "
         'with ours beside it, and what the zeros follow: temperature, supply, time, side of the '
         'mark.')
     options.add_out(parser, 'experiment', 'tables, log and page')
@@ -22,10 +36,10 @@ def add(commands):
     what = parser.add_mutually_exclusive_group()
     options.add_scenario(
         what, help='errors of the simulated mount, instead of the drifts: a '
-                      'season (season_temperature, season_trend, '
-                      'season_none), or a YAML file; list: print their names')
+                   'season (season_temperature, season_trend, '
+                   'season_none), or a YAML file; list: print their names')
     what.add_argument('--drifts', choices=('paper', 'random'), default='paper',
-                        help='of the zero at each power-on: those that give the paper\'s errors '
+                        help="of the zero at each power-on: those that give the paper's errors "
                         'before calibration (default), or random ones of that scatter')
     parser.add_argument('--stars', type=options.whole(8, 500), default=30,
                         help='in each of the two blocks of a night (default: 30)')

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The simulated bench of paper 001, section 3: an indexing table turns the disc to 23 angles.
 
 There the paper compares its own method with two others, which are here too.
@@ -217,6 +231,7 @@ class IndexingTable:
 
 
 class _DisplacedBars(LinearCCD):
+
     def __init__(self, params, disc, seed, shift):
         self._shift = shift
         super().__init__(params, disc, seed)

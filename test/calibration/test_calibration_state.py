@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import json
 
 import numpy as np
@@ -313,7 +327,8 @@ def test_a_table_with_more_power_ons_than_are_kept_is_taken_once():
 @pytest.mark.parametrize('power_ons', [0, 2])
 def test_rows_that_were_lost_come_with_the_table(power_ons):
     """Whether they are the last ones, or of a new power-on with fewer rows than the one that goes,
-    or some in between."""
+    or some in between.
+    """
     blocks, whole = many_power_ons(3), CalibrationState(power_ons=power_ons)
     blocks[5] = blocks[5].select(slice(0, 6))
     for number, block in enumerate(blocks, 1):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import json
 
 import numpy as np
@@ -26,7 +40,8 @@ SITE = {'latitude': 34.3 * DEG, 'longitude': 109.0 * DEG}
 
 def block(n, seed, *, run=1, zero=(0.0, 0.0), eccentric=0.0, check=0.0, polaris=False, order=1):
     """Stars (or Polaris) through `MOUNT`, whose azimuth disc lies off its axis (arcsec), or reads
-    so much too much `order` times a turn."""
+    so much too much `order` times a turn.
+    """
     rng = np.random.default_rng(seed)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))
     if polaris:
@@ -60,7 +75,8 @@ def session(*blocks, fit=True, **options):
 @pytest.fixture(autouse=True)
 def often_short(request):
     """The nights of `eccentric` and `amended` are diagnosed in full. Rows kept out, or left out by
-    turns, judge all the same."""
+    turns, judge all the same.
+    """
     if not {'eccentric', 'amended'} & set(request.fixturenames):
         request.getfixturevalue('short_diagnosis')
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Mounts whose first axis does not stand upright: geometry, names, both sides of the pier."""
 
 from dataclasses import replace
@@ -135,11 +149,11 @@ def test_a_free_frame_that_is_the_horizon_is_an_alt_azimuth_mount():
 
 
 def test_words_of_the_mount_in_the_file(tmp_path):
-    made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, '''  me_arcsec_per_hour: 2
+    made = scenario(tmp_path, 'fork', {'MA': 12.0, 'NP': 5.0}, """  me_arcsec_per_hour: 2
   ma_arcsec_per_degc: 3
   backlash_hour_angle_arcsec: 4
 drives: {declination: {gain_per_s: 5}}
-''')
+""")
     assert made.mount.kind == 'equatorial' and made.mount.names.keys == (
         'hour_angle', 'declination')
     assert made.mount.npae == pytest.approx(5.0 * ARCSEC)

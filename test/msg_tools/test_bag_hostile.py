@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Files that are damaged or made with intent: a clear error or a counted skip, in bounds.
 
 ``benchmarks/log_fuzz.py`` gives each input 2 s of processor time and 500 MB, and judges it; here
@@ -35,7 +49,7 @@ def test_nothing_escapes(what):
 
 def test_the_judge_can_find_something(tmp_path):
     """A reader that fails, hangs or writes elsewhere is caught."""
-    code = f'''
+    code = f"""
 import sys
 from pathlib import Path
 sys.path.insert(0, {str(FUZZ.parent)!r})
@@ -56,7 +70,7 @@ def talks(path, scratch):
     yield step
 for wrong in (fails, hangs, writes, eats, talks):
     assert log_fuzz.survives(Path('x'), wrong), wrong
-'''
+"""
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
 

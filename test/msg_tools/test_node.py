@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import subprocess
 import sys
 
@@ -156,6 +170,7 @@ def test_bad_messages_are_counted_and_the_node_lives_on(graph):
 
 def test_a_callback_that_fails_otherwise_is_not_hidden(graph):
     class Broken(Sample):
+
         def _on_incremental(self, message):
             raise TypeError('a bug')
     graph.add(Broken)

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Rows of a mount whose terms drift."""
 
 import numpy as np
@@ -28,4 +42,3 @@ def rows(n, seed=0, run=1.0, zero=(0.0, 0.0), begin=0, drift=0.0, second=None, *
     if second is not None:
         out['az_abs'], out['el_abs'] = enc + ARCSEC * (second + 0.3 * rng.standard_normal((2, n)))
     return PointingRun(out | columns)
-

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A night of two encoders and the sky, one of which moves."""
 
 import numpy as np
@@ -38,7 +52,6 @@ def night(seed, inc=(0.0, 0.0), second=(0.0, 0.0), run=1, stars=30, polaris=16, 
         'time': start + 1.8e9 + 40.0 * np.arange(n), 'run': np.full(n, float(run)), 'star': star,
         'az': az, 'el': el, 'az_enc': enc[0], 'el_enc': enc[1], 'az_abs': other[0],
         'el_abs': other[1]})
-
 
 
 def cross_check(rows, *args, **kwargs):

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A mount that does what it is told, with a guard before it."""
 
 import numpy as np
@@ -71,4 +85,3 @@ def off(mount):
     t = (mount.now - mount.asked.start) * 1e-9
     want = [np.interp(t, mount.asked.times, angle) for angle in mount.asked.angles.T]
     return np.abs(mount.here - want).max() / DEG * 3600.0
-

@@ -1,15 +1,29 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What is wrong with a page in a browser: cut, too long, too faint, a script that failed."""
 
 WIDTHS = 390, 1280
 
 #: what a browser leaves out until it is scrolled into sight is drawn too
-ALL_DRAWN = '''const all = document.createElement('style');
+ALL_DRAWN = """const all = document.createElement('style');
   all.textContent = '* { content-visibility: visible !important }';
-  document.head.append(all);'''
+  document.head.append(all);"""
 
 #: opens all parts, then looks at every text that is drawn: contrast after WCAG 2.1 (1.4.3, AA), and
 #: whether it reaches out of the window or of a box that cuts it
-_AUDIT = '(() => {' + ALL_DRAWN + r'''
+_AUDIT = '(() => {' + ALL_DRAWN + r"""
   document.querySelectorAll('details').forEach(e => { e.open = true });
   const canvas = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
   const known = {};
@@ -70,7 +84,7 @@ _AUDIT = '(() => {' + ALL_DRAWN + r'''
       out.push(`cut by its drawing: ${text.slice(0, 40)}`) }
   }
   return [...new Set(out)];
-})()'''
+})()"""
 
 
 def audit(browser, path, width, dark):

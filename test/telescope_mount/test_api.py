@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What a Python program imports gives what the commands print, in the units that its names say."""
 
 import json
@@ -55,7 +69,7 @@ def test_to_import_the_package_is_light():
 
 def test_what_needs_no_ros_asks_for_none(tmp_path):
     """Neither rclpy nor a message is imported on the way from a file or a log to what is found."""
-    code = f'''
+    code = f"""
 import sys
 class NoRos:
     def find_spec(self, name, path=None, target=None):
@@ -74,7 +88,7 @@ for command in (["fit", {str(LOG)!r}], ["info", {str(LOG)!r}],
                 ["track", {str(MMT)!r}]):
     codes.append(cli.main(command))
 print(codes)
-'''
+"""
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, cwd=ROOT)
     assert done.stdout.startswith('80\n'), done.stderr
     assert done.stdout.splitlines()[-1] == '[0, 0, 0, 0, 0]', done.stderr

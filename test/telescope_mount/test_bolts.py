@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The command ``bolts``: of a model, of a run, and image by image."""
 
 import json
@@ -146,12 +160,12 @@ def solved(place, moment, hour):
                   'CRPIX2': 2.5, 'CD1_1': -3e-4, 'CD1_2': 0.0, 'CD2_1': 0.0, 'CD2_2': 3e-4}
 
 
-YAML = '''\
+YAML = """\
 site: {latitude_deg: 34.3, longitude_deg: 109.0, height_m: 500}
 time_is: start
 encoders_at: start
 keywords: {time: DATE-OBS, ha_enc_deg: HA, dec_enc_deg: DEC}
-'''
+"""
 
 
 @pytest.mark.skipif(find_spec('astropy') is None, reason='needs astropy')
@@ -168,12 +182,12 @@ def test_an_image_that_the_quick_way_does_not_solve_is_solved_the_other(tmp_path
     fits.Header({'SIMPLE': True, 'BITPIX': 8, 'NAXIS': 0, 'IMAGEW': 4, 'IMAGEH': 4,
                  **wcs}).tofile(tmp_path / 'truth.wcs')
     program = tmp_path / 'solve-field-fake'
-    program.write_text(f'''#!/bin/sh
+    program.write_text(f"""#!/bin/sh
 echo "$@" >> {tmp_path}/called
 case "$*" in *--no-remove-lines*) exit 0;; esac
 while [ $# -gt 1 ]; do [ "$1" = --dir ] && dir=$2; shift; done
 cp {tmp_path}/truth.wcs "$dir/solved.wcs"
-''')
+""")
     program.chmod(0o755)
     folder = LiveFolder(tmp_path, Namespace(
         keywords=None, solver=str(program), scale=None, latitude=None,

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import csv
 import struct
 import sys
@@ -9,7 +23,7 @@ from telescope_mount.cli import main
 from telescope_mount.commands.export import export_run, export_topics, time_of
 
 START = 1_768_482_000_000_000_000  # 2026-01-15T13:00:00
-JOINTS = b'''int32 id
+JOINTS = b"""int32 id
 string name
 float64[] position
 uint8[100] raw
@@ -17,7 +31,7 @@ Inner inner
 ================================================================================
 MSG: odd_msgs/Inner
 bool good
-'''
+"""
 
 
 def joints(i, n):

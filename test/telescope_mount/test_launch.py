@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The launch files: the graphs they describe, and how they end; with a stand-in for launch."""
 
 import importlib.util
@@ -197,12 +211,12 @@ def test_a_process_of_a_launch_or_of_ros2_run_ends_with_it(tmp_path, words, mark
     script = tmp_path / 'driver.py'
     script.write_text('import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(600)\n')
     starter = tmp_path / words[0]
-    starter.write_text(f'''
+    starter.write_text(f"""
 import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen([sys.executable, '-m', 'telescope_mount.parent', {str(script)!r}]).wait()
-''')
+""")
     launch = subprocess.Popen([sys.executable, str(starter), *words[1:]], cwd=ROOT,
                               stdout=subprocess.PIPE, text=True)
     driver = int(launch.stdout.readline())
@@ -219,14 +233,14 @@ def test_a_process_that_begins_when_its_starter_has_ended_ends(
     script = tmp_path / 'driver.py'
     script.write_text('print("begun")\n')
     starter = tmp_path / 'starter.py'
-    starter.write_text(f'''
+    starter.write_text(f"""
 import os, subprocess, sys
 if {marked}:
     os.environ[{PARENT!r}] = str(os.getpid())
 subprocess.Popen(['sh', '-c', 'echo; read word; exec env "$@"', 'sh',
                   '_=' + {shell_says!r}, sys.executable, '-m', 'telescope_mount.parent',
                   {str(script)!r}]).wait()
-''')
+""")
     starts = subprocess.Popen([sys.executable, str(starter)], cwd=ROOT, stdin=subprocess.PIPE,
                               stdout=subprocess.PIPE, text=True)
     starts.stdout.readline()

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import json
 import struct
 from types import SimpleNamespace
@@ -33,7 +47,8 @@ pytestmark = pytest.mark.usefixtures('ros_domain')
 
 def rewrite(source, out, change, leave_out=(), late=()):
     """A copy of a log; ``change(topic, data)`` gives the bytes of each message, those on topics
-    `late` are logged after all others."""
+    `late` are logged after all others.
+    """
     log = BagReader(source)
     with BagWriter(out) as new:
         kept = [topic for topic in log.topics if topic.name not in leave_out]
@@ -281,7 +296,8 @@ def differences(rows):
 
 def stars(n, climb=0.0, checks=0, spread=1.0):
     """A run without ROS, whose elevation zero climbs by ``climb`` (arcsec, of each row), in a part
-    of all elevations."""
+    of all elevations.
+    """
     mount = PointingModel(dict(zip(PHYSICAL, np.array([310, -170, 46, -23, 37, -21, 15]) * ARCSEC)))
     rng = np.random.default_rng(1)
     az, el = rng.uniform(0, 2 * np.pi, n), np.arcsin(rng.uniform(0.35, 0.99, n))

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A folder of images through a plate solver: one that fails in every way, and the real one."""
 
 import json
@@ -50,6 +64,7 @@ def cards(number, **more):
 def folder(tmp_path):
     """``folder(names)``: images of these names with solutions beside them, and a fake solver."""
     from astropy.io import fits
+
     def make(*names):
         for i, name in enumerate(names):
             fits.writeto(tmp_path / f'img_{i}_{name}.fits', np.zeros((4, 4), np.int16),

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A whole night in processes."""
 
 import csv
@@ -167,7 +181,8 @@ def nodes_of(pid):
 
 def segments_of(pid):
     """Names in `/dev/shm` that a process has locked: its own. Ports from 7000 on are those of all
-    graphs of the machine, and of other tests."""
+    graphs of the machine, and of other tests.
+    """
     links = [os.readlink(link) for link in Path(f'/proc/{pid}/fd').iterdir()]
     return {Path(link).name for link in links if link.startswith('/dev/shm/')
             and link.endswith('_el') and '_port' not in link}
@@ -340,7 +355,8 @@ def test_what_the_nodes_do_not_keep_comes_from_the_log(cli, tmp_path):
 
 def test_a_night_read_from_frames_is_the_same_night(night, other_night):
     """The same seed is the same night, and images over DDS and their reader give what the
-    simulated encoder reads by itself."""
+    simulated encoder reads by itself.
+    """
     name = 'observations.csv'
     assert (other_night / name).read_bytes() == (night / name).read_bytes()
     ours, theirs = (PointingModel.load(folder / 'model.json') for folder in (night, other_night))

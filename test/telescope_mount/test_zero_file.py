@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import numpy as np
 import pytest
 
@@ -39,8 +53,8 @@ def test_zeros_that_follow_nothing(tmp_path):
 
 def test_columns_of_each_axis_and_the_order_of_time(tmp_path):
     file = tmp_path / 'zeros.csv'
-    file.write_text('run,time,zero_az_arcsec,zero_el_arcsec,temperature_az_c,temperature_el_c,side\n'
-                    '8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
+    file.write_text('run,time,zero_az_arcsec,zero_el_arcsec,temperature_az_c,temperature_el_c,'
+                    'side\n8,2000,2,20,5,6,above\n7,1000,1,10,3,4,below\n9,3000,,10,3,4,1\n')
     season, tonight, notes = read_zeros(file)
     assert notes == [f'{file}, line 4 left out: one of zero_az_arcsec and zero_el_arcsec is empty; '
                      'a power-on counts with both']

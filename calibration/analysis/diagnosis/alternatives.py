@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Alternatives to what was found: whole models, what the choice left open, and each cause's model.
 
 What else is in the model was chosen with a found effect in, and makes up for what that one does
@@ -167,8 +181,7 @@ def near_alternatives(problem, choice, i):
 
 
 def signal_shares(problem, choice, i):
-    """Part of the signal of one of a choice, beyond the base, that each candidate takes up alone.
-    """
+    """Part of the signal of one of a choice, beyond the base, that each candidate explains."""
     noise, bank = choice.fit.noise, problem.dictionary
     own = choice.chosen[i].columns(problem)
     p, _ = problem.design([*choice.without(i), choice.chosen[i]]).solver(noise)(problem.b)

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Diagnosis of a pointing run: what the declared model lacks, how sure that is, what it gains."""
 
 from functools import partial
@@ -161,8 +175,7 @@ def diagnose(runs, base='physical', alpha=0.01, *, holdout=None, own_terms=None,
 
 
 def _moves(obs, base, residual):
-    """Findings on places visited again: of steps that began sessions, and of the rows as they are.
-    """
+    """Findings on places visited again: of steps that began sessions, and of the given rows."""
     rows = ResidualRows(obs.context, obs.label, obs.lines, residual, row_word(obs.run))
     again = visit_findings(rows, rows.visits(base.terms or obs.run.mount.names.index))
     known = [one for one in obs.notes if isinstance(one, Finding)]

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The terms of a mount fitted to the rows of a file in other readings than as they are written."""
 
 from dataclasses import dataclass, replace
@@ -309,7 +323,8 @@ class ReadingFits:
 
 def scatter(values, dof):
     """Robust noise with little noise of its own: root mean square, of large ones 3 times the MAD
-    (a tau scale, Yohai and Zamar 1988)."""
+    (a tau scale, Yohai and Zamar 1988).
+    """
     if not len(values):
         return np.nan
     middle = max(float(sigma_of(values)), 1e-5 * ARCSEC)

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the columns of a pointing run may be mistaken for: readings other than as written."""
 
 from dataclasses import dataclass
@@ -177,7 +191,7 @@ class Reading:
                     text = f'azimuth {where} counted from the south through east'
             parts.append(text)
         if self.offsets:
-            parts.append(f'offsets in place of the encoders\' readings, in {self.offsets}')
+            parts.append(f"offsets in place of the encoders' readings, in {self.offsets}")
         if self.exchanged:
             parts.append('mount and catalogue exchanged')
         if south and not reversed_here and not self.offsets:

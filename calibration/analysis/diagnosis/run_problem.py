@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A run in the form of the search, and the exact fit and the model that come out of it."""
 
 from itertools import product
@@ -71,7 +85,8 @@ class EffectVariants:
     def finer(self, group, level=0):
         """Of a scan the `CandidateBank` of its members from the one that is tried before to the one
         after it, of a step at all places between rows; None of other effects. At each `level` four
-        times as near to it."""
+        times as near to it.
+        """
         bank, e = self._dictionary, self._dictionary.effects[group]
         if not e.searched:
             return None

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Tables of cells as people and spreadsheets write them: one set of rules for every file.
 
 A row whose cells are not as many as the header's costs that row; most rows of another length, or a
@@ -129,7 +143,7 @@ def plain_text(cell):
 
 
 def safe_text(text):
-    """A text that no spreadsheet runs and no terminal obeys.
+    r"""A text that no spreadsheet runs and no terminal obeys.
 
     What looks like a formula gets an apostrophe before it, which `plain_text` takes off;
     characters that a terminal obeys are spelt as ``\\x1b``. Numbers are as they are.

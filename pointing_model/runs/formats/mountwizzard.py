@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Model files of MountWizzard4: the solved images of a 10micron mount, as JSON."""
 
 import json
@@ -63,7 +77,7 @@ def read(path, lines):
     values = {name: np.array([_number(point.get(name)) for point in points])
               for name in (*_NUMBERS, 'scaleS', 'latitude')}
     names = [PurePath(str(point.get('imagePath') or '')).name for point in points]
-    meta = {'format': 'mountwizzard4', 'time_note': 'time: of the mount\'s sidereal clock',
+    meta = {'format': 'mountwizzard4', 'time_note': "time: of the mount's sidereal clock",
             'notes': [],
             'site': {'latitude': _latitude(path, values['latitude'])}, 'mount_declared': 'german',
             'sidereal_clock': True, 'sky_frame': ICRS,

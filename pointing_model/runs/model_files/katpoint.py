@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """katpoint's `PointingModel` (ska-sa/katpoint, katpoint/pointing.py): P1 to P22 of an alt-az dish.
 
 Its offset is added to the requested angles, so encoder - catalogue, in first order at the catalogue
@@ -123,7 +137,7 @@ def _line(path, text):
                         if line.strip() and not line.startswith('#'))
     words = _words(line)
     if len(words) > _COUNT:
-        raise ValueError(f'{path}, row {number}: {len(words)} numbers; katpoint\'s pointing model '
+        raise ValueError(f"{path}, row {number}: {len(words)} numbers; katpoint's pointing model "
                          f'has {_COUNT}')
     return {f'P{i}': (number, word) for i, word in enumerate(words, 1)}
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A satellite's positions at epochs, and between them: the one thing that is asked of an orbit.
 
 Between epochs a polynomial goes through the nearest: 14 of them where they are a quarter of an hour
@@ -245,8 +259,7 @@ class Orbit:
         return self._by_arc(time, rest, lambda arc, at: arc.sigma(at)[:, None], 1)[..., 0]
 
     def has(self, time):
-        """Whether a time is in an arc, bool or ndarray of bool; light that it sends is seen then.
-        """
+        """Whether a time is in an arc, bool or ndarray of bool; light sent then is seen."""
         tai = np.asarray(time, float) + leap_seconds(time)
         return np.any([(tai >= arc.begin + 1.0) & (tai <= arc.end) for arc in self.arcs], axis=0)
 

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The page of a diagnosis: what it says, that it stands alone, that no name in it can do harm."""
 
 import re
@@ -474,6 +488,7 @@ def test_a_map_of_an_altazimuth_mount_has_none():
 def test_next_observations_of_an_equatorial_mount():
     row = {'az_deg': 90.0, 'el_deg': 30.0, 'approach_az': -1, 'approach_el': 1,
            'through_pole': True, 'separates': ['a', 'b']}
+
     def text_of(row):
         return next_observations(proposal_groups([row], 'german'), GERMAN)
     text = text_of(row)

@@ -1,6 +1,21 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Pages of a night and of a fit: what they say, how a browser shows them, that none does harm.
 
-How fast one opens `benchmarks/pages.py` says."""
+How fast one opens `benchmarks/pages.py` says.
+"""
 
 import itertools
 import json
@@ -284,9 +299,9 @@ def test_what_is_cut_or_faint_is_found(browser, tmp_path):
 def test_in_a_browser_its_numbers_are_those_of_the_json(browser, night):
     browser.window(1000)
     browser.show(night.path)
-    cells = browser.run('''Array.from(document.querySelectorAll('section')).map(s => [
+    cells = browser.run("""Array.from(document.querySelectorAll('section')).map(s => [
         s.querySelector('h2').textContent, Array.from(s.querySelectorAll('tbody tr')).map(
-        r => Array.from(r.cells).map(c => c.textContent.replace('\\u2212', '-')))])''')
+        r => Array.from(r.cells).map(c => c.textContent.replace('\\u2212', '-')))])""")
     tables = dict(cells)
     terms = {row[0]: row for row in tables['Terms of the model'] if len(row) == 5}
     for term in night.report['terms']:
@@ -321,38 +336,38 @@ def test_in_a_browser_what_is_touched_lights_up(browser, night):
     worst = run('document.activeElement.dataset.i')
     assert set(run(lit)) == {worst} and len(run(lit)) >= 7
     assert 'rejected: an outlier' in run('document.getElementById("told").textContent')
-    run('''document.activeElement.dispatchEvent(
-        new KeyboardEvent("keydown", {key: "ArrowDown", bubbles: true}))''')
+    run("""document.activeElement.dispatchEvent(
+        new KeyboardEvent("keydown", {key: "ArrowDown", bubbles: true}))""")
     second = run('document.activeElement.dataset.i')
     assert second != worst and set(run(lit)) == {second}
     # a mark by the pointer: in the table
-    mark = run('''(() => { const svg = document.querySelectorAll("svg.link")[3];
+    mark = run("""(() => { const svg = document.querySelectorAll("svg.link")[3];
         svg.scrollIntoView(); const p = svg.querySelector("[data-i]");
         const b = p.getBoundingClientRect();
         svg.dispatchEvent(new MouseEvent("click", {bubbles: true,
-            clientX: b.x + b.width / 2, clientY: b.y + b.height / 2})); return p.dataset.i })()''')
+            clientX: b.x + b.width / 2, clientY: b.y + b.height / 2})); return p.dataset.i })()""")
     assert set(run(lit)) == {mark} and run('document.querySelectorAll("tr.lit").length') == 1
     # where its table was folded, its row is in sight once that opens
-    run('''window.box = document.querySelector("table.stars").closest(".tall");
+    run("""window.box = document.querySelector("table.stars").closest(".tall");
         box.style.maxHeight = "90px"; box.scrollTop = 0;
-        box.closest("details").open = false''')
+        box.closest("details").open = false""")
     run('box.closest("details").open = true')
-    assert run('''(() => { const row = box.querySelector("tr.lit").getBoundingClientRect();
+    assert run("""(() => { const row = box.querySelector("tr.lit").getBoundingClientRect();
         const seen = box.getBoundingClientRect();
-        return row.top >= seen.top && row.bottom <= seen.bottom })()''')
+        return row.top >= seen.top && row.bottom <= seen.bottom })()""")
     run('document.dispatchEvent(new KeyboardEvent("keydown", {key: "Escape"}))')
     assert run(lit) == []
     # before or after alone, and one power-on
     run('document.querySelector("input[value=after]").click()')
     assert run('getComputedStyle(document.querySelector("figure.when-before")).display') == 'none'
     assert run('getComputedStyle(document.querySelector("figure.when-after")).display') != 'none'
-    run('''(() => { const g = document.getElementById("group"); g.value = "2";
-        g.dispatchEvent(new Event("change")) })()''')
+    run("""(() => { const g = document.getElementById("group"); g.value = "2";
+        g.dispatchEvent(new Event("change")) })()""")
     assert run('document.querySelectorAll("tr[data-i]:not(.off)").length') == 20
     assert run('document.getElementById("told").textContent').startswith('power-on 2: ')
     # a heading sorts, numbers as numbers
     run('document.querySelectorAll("table.stars th button")[4].click()')
-    shown = run('''Array.from(document.querySelectorAll("table.stars tbody tr")).map(
-        r => Number(r.cells[4].textContent))''')
+    shown = run("""Array.from(document.querySelectorAll("table.stars tbody tr")).map(
+        r => Number(r.cells[4].textContent))""")
     assert shown == sorted(shown, reverse=True)
     assert browser.complaints == []

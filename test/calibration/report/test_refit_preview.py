@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Rows excluded on a page: its refit in a real browser beside the command's; zoom and export."""
 
 import xml.etree.ElementTree as ElementTree
@@ -61,18 +75,18 @@ def apart(browser, again):
 
 def click(browser, find):
     """A click with the mouse on an element, which is scrolled into sight."""
-    x, y = browser.run(f'''(() => {{ const e = {find}; e.scrollIntoView({{block: 'center'}});
+    x, y = browser.run(f"""(() => {{ const e = {find}; e.scrollIntoView({{block: 'center'}});
         const b = e.getBoundingClientRect();
-        return [b.x + b.width / 2, b.y + b.height / 2] }})()''')
+        return [b.x + b.width / 2, b.y + b.height / 2] }})()""")
     for kind in ('mousePressed', 'mouseReleased'):
         browser.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
 
 
 def drawn(browser):
     """Coordinates of all marks that a refit moves."""
-    return browser.run('''Array.from(document.querySelectorAll("g[data-arrows] g[data-i] path,"
+    return browser.run("""Array.from(document.querySelectorAll("g[data-arrows] g[data-i] path,"
         + "g[data-when] path[data-i]")).map(
-        e => e.getAttribute("d").match(/-?[0-9.]+/g).map(Number))''')
+        e => e.getAttribute("d").match(/-?[0-9.]+/g).map(Number))""")
 
 
 def button(word):
@@ -168,8 +182,8 @@ def test_plots_zoom_and_are_saved(browser, tmp_path, run):
     click(browser, button('Reset'))
     assert list(map(float, browser.run(f'{plot}.getAttribute("viewBox")').split())) == \
         list(map(float, whole.split()))
-    browser.run('''window.saved = []; HTMLAnchorElement.prototype.click = function () {
-        saved.push([this.download, this.href]) }''')
+    browser.run("""window.saved = []; HTMLAnchorElement.prototype.click = function () {
+        saved.push([this.download, this.href]) }""")
     click(browser, button('SVG'))
     click(browser, button('PNG'))
     browser.wait('saved.length === 2')

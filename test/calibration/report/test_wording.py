@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """No sentence for people is made where rows are judged: a `Finding` has its words in the report."""
 
 import ast
@@ -14,8 +28,7 @@ _LOGGED = {'debug', 'info', 'warning', 'error', 'exception'}
 
 
 def sentences(tree):
-    """Texts with a space and more than 25 characters that are no docstring, no key and not raised.
-    """
+    """Texts with a space, beyond 25 characters, that are no docstring, no key and not raised."""
     skipped, joined = set(), []
     for node in ast.walk(tree):
         if isinstance(node, ast.Dict):

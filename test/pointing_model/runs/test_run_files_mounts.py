@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Runs of mounts that are no alt-azimuth ones, from files."""
 
 
@@ -145,7 +159,7 @@ def test_sidereal_clock_tells_the_moment():
     assert np.abs(wrap(np.diff(lst)[:1] - 1000.0 * 2 * np.pi / 86164.0905)).max() < 1e-7
 
 
-EXPORT = '''!TheSky
+EXPORT = """!TheSky
 mount
 :NODA
 :EQUAT
@@ -154,7 +168,7 @@ mount
 05 38 55.5074 +79 14 20.514 05 40 49.7057 +77 16 22.670  10 24.698
 13 09 54.1067 -02 29 58.054 01 20 42.9578 -179 35 24.588  11 30.611
 08 40 12.7451 +01 36 46.380 08 48 18.3774 -00 21 46.814  10 58.004
-'''
+"""
 
 
 def test_export_of_thesky(read):

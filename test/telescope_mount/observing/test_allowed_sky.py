@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the guard allows, known where stars are chosen."""
 
 from dataclasses import replace
@@ -142,6 +156,7 @@ def test_where_no_other_star_is_left_the_plan_goes_on_with_fewer():
                                      if n < len(bench.commands)))
 
     class Sky:  # of which nothing is left once the mount has been commanded
+
         def __call__(self, time, az, el):
             return np.full(len(el), not bench.commands)
 

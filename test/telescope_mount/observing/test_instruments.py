@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Which power-on a reading is of, and who has fallen silent."""
 
 import numpy as np
@@ -11,6 +25,7 @@ HERE, LOST = (1.0, 0.5), (np.nan, np.nan)
 
 
 class Encoder:
+
     def __init__(self, first_run=1):
         self.instruments, self.stamp = Instruments(first_run), 0
 

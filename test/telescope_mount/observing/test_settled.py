@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """Exposures on a mount that swings: they count when it was on its track all the time."""
 
 from functools import cached_property
@@ -37,7 +51,8 @@ class SoftMount(Live):
     @cached_property
     def _swing(self):
         """Position and velocity a step later: each the sum of so much of both, and of the drive
-        before and after."""
+        before and after.
+        """
         position, velocity, before, driven = np.eye(4)
         omega, h = 2.0 * np.pi * self.frequency, STEP / SUB
         for i in range(SUB):

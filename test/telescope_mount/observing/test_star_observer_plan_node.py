@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The star observer's plan: services, checks, models, a start in the middle of a night."""
 
 import json
@@ -258,6 +272,7 @@ def test_it_waits_for_the_nodes_that_it_was_told_of(graph):
     from msg_tools.node import MountNode
 
     class Archive(MountNode):
+
         def __init__(self, **kwargs):
             super().__init__('archive', **kwargs)
     graph.add(Archive)

@@ -1,5 +1,20 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The experiment of paper 000 through the graph: few nights, few stars, and marks that move with
-temperature and supply. That the scenario's own drifts are the printed ones test_papers.py holds."""
+temperature and supply. That the scenario's own drifts are the printed ones test_papers.py holds.
+"""
 
 import csv
 import json
@@ -45,7 +60,8 @@ def test_plan():
 @pytest.fixture(scope='module')
 def moved(experiment):
     """How far the simulated zeros stand from those of the reference, two nights before, arcsec:
-    rows of nights 1, 2, ..."""
+    rows of nights 1, 2, ...
+    """
     zeros = np.array([message.data.position for message in BagReader(
         experiment / 'bag_truth').messages('/mount/truth/incremental_zero', decode=True)])
     assert len(zeros) == NIGHTS + 3

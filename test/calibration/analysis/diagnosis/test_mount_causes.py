@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What mounts do beyond their terms, made by the simulator's geometry, is in the set and said."""
 
 from dataclasses import replace
@@ -67,8 +81,7 @@ def test_a_scenario_is_named(name):
 
 
 def test_the_mean_of_two_cameras_is_told_with_their_angle():
-    """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan of the elevation.
-    """
+    """Places of cameras 1.2 degrees left and right of the tube leave c^2 / 2 tan E."""
     mount = MountErrors(ie=40.0 * ARCSEC, an=30.0 * ARCSEC)
     runs = [made(replace(mount, ca=side * 1.2 * DEG), 60) for side in (-1.0, 1.0)]
     away = np.mod(runs[1]['az'] - runs[0]['az'] + np.pi, 2.0 * np.pi) - np.pi

@@ -1,3 +1,17 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 import numpy as np
 import pytest
 from encoder_night import cross_check
@@ -145,7 +159,8 @@ def test_noise_that_soon_forgets_is_no_walk():
 
 def test_a_walk_in_doubt_is_not_told_where_no_star_shows_it():
     """Noise with a memory of three rows, half of a second of arc: in these nights likelier a walk
-    than not, and not a hundred times."""
+    than not, and not a hundred times.
+    """
     for seed in (19, 20):
         memory = np.random.default_rng(seed + 900).normal(size=106)
         memory *= np.sqrt(1.0 - 0.7**2)
