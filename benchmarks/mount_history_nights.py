@@ -17,7 +17,7 @@
 import numpy as np
 from mount_cause_nights import Cause, U, _first, _second
 
-from msg_tools.units import DEG, wrap
+from msg_tools.units import DEG
 
 _STEP = 20.0  # s of the log of temperatures
 
@@ -82,7 +82,7 @@ def _slip(c, mount, rng):
 def _long_slews(c, mount, rng):
     """A friction wheel slips in slews of more than some length, against the motion."""
     axis = ('az', 'el')[rng.integers(0, 2)]
-    way = wrap(np.diff(c[axis], prepend=c[axis][0]))
+    way = np.diff(c[axis], prepend=c[axis][0])  # as the sides of approach say
     count = rng.integers(4, len(way) // 3)
     slips = np.cumsum(np.sign(way) * (np.abs(way) >= np.sort(np.abs(way))[-count]))
     return _first(c, U * slips) if axis == 'az' else _second(U * slips)

@@ -412,10 +412,13 @@ class Context:
         if angle is None or np.ndim(angle) == 0 or len(self) < 2:
             return None
         angle = np.asarray(angle, float)
-        # encoders that read whole turns know which way it went
-        short = wrap if np.ptp(angle) <= _TURN else np.asarray
-        way = self._from_before(lambda rows, last: short(angle[rows] - angle[last]))
         side = self.get(f'approach_{axis}')
+        way = self._from_before(lambda rows, last: angle[rows] - angle[last])
+        # encoders that read whole turns know which way it went; a mount that never goes through the
+        # end of its circle came from the side that this takes
+        far = np.abs(way) > 0.5 * _TURN
+        if np.ptp(angle) <= _TURN and (side is None or not (side * way)[far].min(initial=1.0) > 0.0):
+            way = wrap(way)
         # more than half a turn, where the side from which it came says so
         round_ = 0.0 if side is None or axis == 'el' else np.nan_to_num(side * way < 0.0) * (
             np.abs(way) > 0.25 * _TURN)

@@ -284,6 +284,18 @@ def test_hysteresis_and_its_memory():
     assert np.allclose(cosine, plain * np.cos(0.7))
 
 
+def test_a_slew_goes_the_way_from_which_it_came():
+    az = np.array([10.0, 350.0, 20.0, 60.0]) * DEG
+    for side, expected in (
+            (None, [-20.0, 30.0, 40.0]),  # an encoder of one turn: the short way
+            ([1.0, 1.0, -1.0, 1.0], [340.0, -330.0, 40.0]),  # never through the end of its circle
+            ([1.0, -1.0, 1.0, 1.0], [-20.0, 30.0, 40.0]),
+            ([1.0, 1.0, 1.0, 1.0], [-20.0, 30.0, 40.0])):  # the last degrees, always from there
+        columns = {'az_enc': az} | ({} if side is None else {'approach_az': np.array(side)})
+        slew = Context(az, np.full(4, 0.7), columns).get('slew_az')
+        assert slew[1:] / DEG == pytest.approx(expected)
+
+
 def test_the_line_of_sight_turns_with_the_mirror_that_bends_it():
     # a beam that leaves the azimuth axis' plane by an angle that goes twice round a turn
     rng = np.random.default_rng(8)
