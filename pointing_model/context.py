@@ -417,7 +417,7 @@ class Context:
         # encoders that read whole turns know which way it went; a mount that never goes through the
         # end of its circle came from the side that this takes
         far = np.abs(way) > 0.5 * _TURN
-        if np.ptp(angle) <= _TURN and (side is None or not (side * way)[far].min(initial=1.0) > 0.0):
+        if np.ptp(angle) <= _TURN and not (side is not None and (side * way > 0.0)[far].all()):
             way = wrap(way)
         # more than half a turn, where the side from which it came says so
         round_ = 0.0 if side is None or axis == 'el' else np.nan_to_num(side * way < 0.0) * (

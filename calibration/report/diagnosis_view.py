@@ -23,6 +23,7 @@ from calibration.analysis.diagnosis.residual_patterns import PATTERNS
 from msg_tools.units import ARCSEC
 from pointing_model.effects.base import coefficient_word, readable
 from pointing_model.mounts import is_beyond
+from pointing_model.runs.formats.run_table import AS_NAMED
 
 from . import figure_wording, observation_wording, row_wording
 from .cause_wording import open_causes, plain_name, short_cause, still_open
@@ -209,7 +210,7 @@ def view_of(diagnosis, document=None):
         expected=row_wording.expected_sentence(document),
         notes=list(dict.fromkeys(map(wording, diagnosis.notes))), page_notes=_page_notes(diagnosis),
         signs=row_wording.signs_sentences(diagnosis.columns_alike, context.mount.names,
-                                          obs.run.meta.get('format')),
+                                          obs.run.meta.get('taken', AS_NAMED)),
         left_out=row_wording.left_out_lines(diagnosis.excluded, len(obs.runs) > 1,
                                             document['rows_are']),
         proposals=observation_wording.proposal_groups(

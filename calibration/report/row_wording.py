@@ -21,23 +21,13 @@ import numpy as np
 from calibration.analysis.diagnosis.readings import MIRRORED, Reading, without_signs
 from pointing_model.effects.base import arcsec
 from pointing_model.mount_kinds import kind_of
+from pointing_model.runs.formats.run_table import AS_NAMED
 
 _NAMED = 5  # outliers in a sentence, at most
 _REASONS = 12  # lines of rows left out, at most
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
 #: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
 _BY_CHANCE = 0.05
-#: what was taken for the catalogue and for the mount, by the format of the file
-_AS_NAMED = 'the columns were taken as the file names them'
-_TAKEN = {
-    'tpoint': 'this format names no columns. First come the catalogue (observed places if it has '
-              'no right ascensions), then the mount',
-    'iram': 'the pointing offsets of the log were taken as what the mount reads too much',
-    'gpoint': 'the columns were taken as this format has them',
-    'mountwizzard4': 'the keys were taken as this format has them',
-    'mmt': 'RAA, with the refraction in it, was taken for the catalogue and TAA for the mount',
-    'unam': 'the columns were taken as this format has them',
-    'images': 'the keywords were taken as the mapping names them'}
 #: times the noise between visits, from where what terms leave is more than noise
 _MORE = 1.3
 
@@ -148,7 +138,7 @@ def columns_alike(readings):
             + '. Or: '.join(readings))
 
 
-def signs_sentences(alike, names, written=None):
+def signs_sentences(alike, names, taken=AS_NAMED):
     """What no fit can see of the columns, in words of what it means.
 
     Parameters
@@ -156,8 +146,8 @@ def signs_sentences(alike, names, written=None):
     alike : sequence of str
         `Diagnosis.columns_alike`.
     names : mount_kinds.MountKind
-    written : str, optional
-        Format of the file, as ``meta['format']`` of its run.
+    taken : str
+        As ``meta['taken']`` of the run.
 
     Returns
     -------
@@ -166,7 +156,7 @@ def signs_sentences(alike, names, written=None):
     sentences, mirrored = [], MIRRORED.text(names=names)
     mirror = f', or {mirrored}' if mirrored in alike else ''
     if Reading(exchanged=True).text() in alike or mirror:
-        sentences.append(f'signs: {_TAKEN.get(written, _AS_NAMED)}, and fit so; positive: the '
+        sentences.append(f'signs: {taken}, and fit so; positive: the '
                          'encoder reads too much. No run can confirm the signs. Check that mount '
                          f'and catalogue are not exchanged in the file{mirror}')
     rest = without_signs(alike, names)

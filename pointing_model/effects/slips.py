@@ -31,6 +31,9 @@ from .drifts import clock
 _FEWEST, _MOST, _TRIED = 3, 0.7, 24
 #: least length of a slew: what an axis turns by less may be its error itself
 _SLEW = 1.0 * DEG
+#: by which the longer slews are longer: on a grid of equal steps it is the error that tells which
+#: are, and "slips" would follow it
+_LONGER = 0.1 * DEG
 
 
 @form
@@ -94,6 +97,8 @@ def _of_lengths(axis, way, when, driver):
         least = 0.5 * float(longest[count - 1] + longest[count])
         if least < _SLEW:
             break
+        if longest[count - 1] - longest[count] < _LONGER:
+            continue
         slipped = length > least
         signs = np.sign(way[slipped])
         # before the row that the slew ends at

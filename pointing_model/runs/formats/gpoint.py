@@ -141,4 +141,5 @@ def _time(rows, dates):
     return seconds
 
 
-FORMAT = RunFormat('input of gpoint', looks_like, read)
+FORMAT = RunFormat('input of gpoint', looks_like, read,
+                   'the columns were taken as this format has them')

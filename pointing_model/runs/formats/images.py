@@ -77,6 +77,7 @@ def read_images(path):
                          f'({files[0].name}: {reasons[0]})')
     refuse_absent(path, absent, headers)
     meta = {'format': 'images', 'notes': [],
+            'taken': 'the keywords were taken as the mapping names them',
             'row_names': {i: file.name for i, file in enumerate(files, 1)}}
     for name, value in common_site(path, mapping, headers).items():
         declare(meta, name, value, str(path))

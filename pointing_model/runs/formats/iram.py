@@ -108,4 +108,5 @@ def _table(rows, cells):
     return Table(columns, rows.lines, {'format': 'iram', 'notes': notes}, rows.reasons)
 
 
-FORMAT = RunFormat('an IRAM log (# id ...)', looks_like, read)
+FORMAT = RunFormat('an IRAM log (# id ...)', looks_like, read, (
+    'the pointing offsets of the log were taken as what the mount reads too much'))

@@ -104,4 +104,5 @@ def _hours(clock):
     return hours if 0.0 <= hours < 24.0 else np.nan
 
 
-FORMAT = RunFormat('a raw MMT night (CAT:, RAA:, TAA:)', looks_like, read)
+FORMAT = RunFormat('a raw MMT night (CAT:, RAA:, TAA:)', looks_like, read, (
+    'RAA, with the refraction in it, was taken for the catalogue and TAA for the mount'))

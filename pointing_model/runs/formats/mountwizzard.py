@@ -135,4 +135,5 @@ def _latitude(path, values):
     return float(np.median(known)) * DEG
 
 
-FORMAT = RunFormat('a model of MountWizzard4', looks_like, read)
+FORMAT = RunFormat('a model of MountWizzard4', looks_like, read,
+                   'the keys were taken as this format has them')

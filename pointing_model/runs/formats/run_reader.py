@@ -188,7 +188,9 @@ def _read_table(path, encoder):
     lines = read_lines(path)
     for one in FORMATS:
         if one.looks_like(lines):
-            return one.read(path, lines, encoder) if one.of_encoder else one.read(path, lines)
+            table = one.read(path, lines, encoder) if one.of_encoder else one.read(path, lines)
+            table.meta['taken'] = one.taken
+            return table
     body = content(lines)
     for delimiter in (',', ';', '\t', None):
         cells = [cell.strip() for cell in body[0][1].split(delimiter)] if body else []

@@ -46,6 +46,10 @@ class NoObservations(ValueError):
     """A sound file that holds no row."""
 
 
+#: of a file that names its columns
+AS_NAMED = 'the columns were taken as the file names them'
+
+
 class RunFormat(NamedTuple):
     """A format of run files, which a module of this package declares as `FORMAT`.
 
@@ -57,6 +61,8 @@ class RunFormat(NamedTuple):
         Whether lines are of it.
     read : callable
         `Table` of path and lines; with `of_encoder` also of which encoder is wanted.
+    taken : str
+        What was taken for the catalogue and for the mount, for people.
     rank : int
         Formats of lower rank are tried first: 0 for what a log or program writes, and no other.
     """
@@ -64,6 +70,7 @@ class RunFormat(NamedTuple):
     wording: str
     looks_like: Callable
     read: Callable
+    taken: str = AS_NAMED
     rank: int = 0
     of_encoder: bool = False
 

@@ -101,4 +101,5 @@ def _commented(lines):
     return [number for number, row in rows if _is_row(row)]
 
 
-FORMAT = RunFormat('a log of the UNAM control system', looks_like, read)
+FORMAT = RunFormat('a log of the UNAM control system', looks_like, read,
+                   'the columns were taken as this format has them')

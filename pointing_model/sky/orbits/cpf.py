@@ -113,4 +113,4 @@ def _second(path, at, words):
     return tuple(word for word in words[:3] if word.strip('0')), frame
 
 
-ORBIT_FORMAT = OrbitFormat('CPF', looks_like, read)
+ORBIT_FORMATS = (OrbitFormat('CPF', looks_like, read),)

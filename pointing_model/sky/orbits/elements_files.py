@@ -171,5 +171,5 @@ def _elements(path, table):
     return satellite
 
 
-TWO_LINES = OrbitFormat('two-line elements', _two_lines, _read_lines)
-MESSAGES = OrbitFormat('OMM', _is_message, _read_messages)
+ORBIT_FORMATS = (OrbitFormat('OMM', _is_message, _read_messages),
+                 OrbitFormat('two-line elements', _two_lines, _read_lines))

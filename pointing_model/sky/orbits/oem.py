@@ -202,4 +202,4 @@ def _about_z(angle):
                      np.stack([zero, zero, zero + 1.0], -1)], -2)
 
 
-ORBIT_FORMAT = OrbitFormat('OEM', looks_like, read)
+ORBIT_FORMATS = (OrbitFormat('OEM', looks_like, read),)

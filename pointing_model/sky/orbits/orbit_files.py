@@ -14,18 +14,23 @@
 
 """Orbits from one or several files, whatever their kinds: known by content, joined by satellite."""
 
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 import numpy as np
 
 from ..elements import Satellite
-from . import cpf, elements_files, oem, sp3
+from .elements_files import ElementSets
 from .ephemeris import Orbit
 from .time_scales import utc_text
 from .unix_compress import read_text
 
-FORMATS = (sp3.ORBIT_FORMAT, cpf.ORBIT_FORMAT, oem.ORBIT_FORMAT, elements_files.MESSAGES,
-           elements_files.TWO_LINES)
+_MODULES = [import_module(f'.{name}', __package__) for name in sorted(
+    module.name for module in iter_modules([str(Path(__file__).parent)]))
+    if name != Path(__file__).stem]
+#: what modules of this package declare
+FORMATS = [one for module in _MODULES for one in getattr(module, 'ORBIT_FORMATS', ())]
 #: m, from which on a jump where files overlap is reported
 _JUMP = 1.0
 
@@ -94,7 +99,7 @@ class Orbits:
         elements = [one for _, one in found if isinstance(one, Satellite)]
         precise = [(path, one) for path, one in found if not isinstance(one, Satellite)]
         if not precise:
-            return elements[0] if len(elements) == 1 else elements_files.ElementSets(elements)
+            return elements[0] if len(elements) == 1 else ElementSets(elements)
         if elements:
             self.notes.append(f'{name}: positions of files are taken in place of elements')
         arcs = sorted((arc for path, one in precise for arc in one.arcs(path, self.notes)),

@@ -176,4 +176,4 @@ def _is_number(text):
         return False
 
 
-ORBIT_FORMAT = OrbitFormat('SP3', looks_like, read)
+ORBIT_FORMATS = (OrbitFormat('SP3', looks_like, read),)

@@ -37,6 +37,7 @@ from calibration.report.verdict_wording import Statement, verdict_sentences, ver
 from pointing_model.effects import effect
 from pointing_model.mount_kinds import KINDS
 from pointing_model.mounts import ALTAZ
+from pointing_model.runs.formats import mmt, tpoint_data
 from pointing_model.runs.formats.mmt import _WANTED as WANTED
 
 WAVE = Statement('The error has a wave (3.50″ RMS on the sky).')
@@ -249,8 +250,8 @@ def test_signs_in_words():
     assert signs_sentences([], ALTAZ.names) == []
     # a format of fixed columns names none
     assert WANTED['RAA'] == ('az', 'el') and WANTED['TAA'] == ('az_enc', 'el_enc')
-    text, = signs_sentences([mirror], ALTAZ.names, 'mmt')
+    text, = signs_sentences([mirror], ALTAZ.names, mmt.FORMAT.taken)
     assert 'RAA, with the refraction in it, was taken for the catalogue and TAA for the' in text
-    text, = signs_sentences([mirror], ALTAZ.names, 'tpoint')
+    text, = signs_sentences([mirror], ALTAZ.names, tpoint_data.FORMAT.taken)
     assert 'First come the catalogue' in text and 'the file names' not in text
     assert 'zenith distance' in signs_sentences(['zenith distance in place'], ALTAZ.names)[0]

@@ -31,6 +31,7 @@ from pointing_model.effects import (
     dictionary,
     effect,
     effect_from_document,
+    slips,
     smooths,
     steps,
     to_document,
@@ -294,6 +295,18 @@ def test_a_slew_goes_the_way_from_which_it_came():
         columns = {'az_enc': az} | ({} if side is None else {'approach_az': np.array(side)})
         slew = Context(az, np.full(4, 0.7), columns).get('slew_az')
         assert slew[1:] / DEG == pytest.approx(expected)
+
+
+def test_the_long_slews_of_a_grid_are_not_those_that_the_error_makes_longest():
+    el = np.concatenate([np.linspace(20.0, 80.0, 8)[::turn] for turn in (1, -1) * 6]) * DEG
+    reading = el + 3.0 * ARCSEC * np.random.default_rng(3).normal(size=len(el))
+    grid = {'el_enc': reading, 'time': 60.0 * np.arange(len(el))}
+    az = np.repeat(np.arange(12) * 30.0, 8) * DEG
+    assert not [one for offer in slips.propose(Context(az, el, grid), (), ())
+                for one in offer.effects if one.axes == 'el']
+    apart = np.random.default_rng(4).uniform(20.0, 80.0, len(el)) * DEG
+    assert [one for offer in slips.propose(
+        Context(az, apart, grid | {'el_enc': apart}), (), ()) for one in offer.effects]
 
 
 def test_the_line_of_sight_turns_with_the_mirror_that_bends_it():

@@ -173,7 +173,7 @@ PLAIN = sp3(EPOCHS, velocities=False)
     (oem(EPOCHS).replace('EARTH', 'MOON'), None, 'positions from MOON'),
     (cpf(EPOCHS, frame=2), None, 'its frame is inertial, mean of J2000; give a prediction in the'),
     (edited(cpf(EPOCHS), 8, lambda row: row[:25]), None, 'line 8: a position of 3 numbers'),
-    ('a,b\n1,2\n', None, 'orbit.txt is no orbit; known are SP3, CPF, OEM, OMM, two-line elements'),
+    ('a,b\n1,2\n', None, 'orbit.txt is no orbit; known are CPF, OMM, two-line elements, OEM, SP3'),
 ])
 def test_bad_input_is_one_line(tmp_path, text, name, message):
     with pytest.raises(ValueError) as error:
