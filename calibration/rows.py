@@ -24,14 +24,14 @@ from pointing_model.runs.run import PointingRun
 from pointing_model.zero import MARK, NO_ZERO, is_for_zero, is_marked
 
 from .distrust import distrusted
-from .estimation.robust import BISQUARE
+from .estimation.robust import GROSS
 
 #: why a row is left out that no encoder angles belong to
 UNREACHABLE = 'the model cannot point there'
 #: the same of a fitted model
 BEYOND_COLLIMATION = 'nearer to the zenith than the collimation lets the mount look'
 #: of one that the robust fit of a diagnosis gives no weight
-OUTLIER = (f'outlier: more than {BISQUARE:g} times the noise away from the model, and not by '
+OUTLIER = (f'outlier: more than {GROSS:g} times the noise away from the model, and not by '
            'whole lines of the encoder')
 #: rad: a sigma below was not measured, and its weight is no number
 LEAST_SIGMA = 1e-12 * ARCSEC

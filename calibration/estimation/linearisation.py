@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .robust import BISQUARE, LOSS
+from .robust import LOSS
 
 
 class Linearisation(NamedTuple):
@@ -98,8 +98,8 @@ class Linearisation(NamedTuple):
 def _scales(found):
     """Scales by which the rows of an `Estimate` have their weights: (r_x / s_x)^2 + ... = u^2."""
     rows = (found.weights > 0.0) & np.isfinite(found.residual).reshape(2, -1).all(axis=0)
-    u = BISQUARE * np.sqrt(1.0 - np.sqrt(found.weights[rows]))
     squares = np.square(found.residual.reshape(2, -1)[:, rows])
     size = squares.max(axis=1, initial=1e-300)
-    inverse = np.linalg.lstsq((squares / size[:, None]).T, u**2, rcond=None)[0] / size
+    inverse = np.linalg.lstsq((squares / size[:, None]).T,
+                              LOSS.squared_distance(found.weights[rows]), rcond=None)[0] / size
     return tuple((1.0 / np.sqrt(inverse)).tolist()) if (inverse > 0.0).all() else ()

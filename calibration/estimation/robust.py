@@ -41,6 +41,8 @@ BISQUARE = 7.0
 HAMPEL = (3.0, 12.0, 25.0)
 #: radial distance from which a row is gross: where the bisquare gives none of it any weight
 GROSS = BISQUARE
+#: distance beyond which no table of weights goes, and steps of one
+_FARTHEST, _STEPS = 14.0, 28_000
 _TINY = 1e-12  # of the scale, below which a value counts as so much
 
 
@@ -87,6 +89,26 @@ class Loss(NamedTuple):
         total, slope = chance @ w, chance @ (w * square)
         return cls(weights, float(slope / total),
                    float(chance @ (w**2 * square) / slope**2 * total))
+
+    def table(self, count):
+        """The distance from where weights are zero (or `_FARTHEST`), and weights up to there.
+
+        Returns
+        -------
+        reach : float
+        weights : ndarray, shape (count,)
+            At even steps from 0 to `reach`.
+        """
+        far = np.linspace(0.0, _FARTHEST, _STEPS + 1)
+        gone = self.weights(far) <= 0.0
+        reach = float(far[int(np.argmax(gone))]) if gone.any() else _FARTHEST
+        return reach, self.weights(np.linspace(0.0, reach, count))
+
+    def squared_distance(self, weights):
+        """The way back from weights above 0 to u^2, same shape."""
+        reach, table = self.table(_STEPS)
+        u = np.linspace(0.0, reach, _STEPS)
+        return np.interp(weights, table[::-1], np.square(u[::-1]))
 
 
 #: that of fits

@@ -20,6 +20,7 @@ data.models.forEach(function (m) {
   m.residual = m.residual.map(function (one) { return half(one) || new Float64Array(n); });
   m.weights = m.weights ? m.weights.map(function (one) { return new Float32Array(bytes(one)); })
     : null;
+  if (m.loss) { m.loss.weights = new Float32Array(bytes(m.loss.weights)); }
   m.now = { values: m.values || [], sigmas: [], residual: m.residual };
 });
 /* inverse of a symmetric positive matrix, by Cholesky of unit diagonal; null: singular */
@@ -100,9 +101,9 @@ function sums(weights, residual, all) {
     squares[1] += weights[0][i] * residual[1][i] ** 2; } }
   return { total: total, squares: squares };
 }
-/* the bisquare of the radial distance, at scales that follow the rows that stay */
+/* weights of the radial distance, at scales that follow the rows that stay */
 function reweighted(model) {
-  var c = model.loss[0], s = model.loss.slice(1), k = model.of.length, found = null, round, i;
+  var table = model.loss.weights, most = table.length - 1, s = model.loss.scales, k = model.of.length, found = null, round, i;
   var weights = model.weights, before = sums(weights, model.residual, true);
   function spread(total) { return total / Math.max(total - k / 2, 1); }
   for (round = 0; round < 40; round++) {
@@ -113,8 +114,10 @@ function reweighted(model) {
     var scale = s.map(function (v, m) { return v * Math.sqrt(now.squares[m] / now.total
       / (before.squares[m] / before.total) * spread(now.total) / spread(before.total)); });
     for (i = 0; i < n; i++) {
-      var u = (r[0][i] / scale[0]) ** 2 + (r[1][i] / scale[1]) ** 2;
-      row[i] = model.weights[0][i] > 0 || u < c * c / 4 ? Math.max(1 - u / c / c, 0) ** 2 : 0;
+      var place = Math.hypot(r[0][i] / scale[0], r[1][i] / scale[1]) / model.loss.reach * most;
+      var at = Math.min(Math.floor(place), most - 1);
+      var w = place < most ? table[at] + (place - at) * (table[at + 1] - table[at]) : table[most];
+      row[i] = model.weights[0][i] > 0 || w > 0.5 ? w : 0;
     }
     if (last && found.step.every(function (v, m) { return Math.abs(v - last.step[m]) < 1e-8; })) {
       break; }

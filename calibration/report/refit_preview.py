@@ -19,7 +19,7 @@ from base64 import b64encode
 
 import numpy as np
 
-from calibration.estimation.robust import BISQUARE
+from calibration.estimation.robust import LOSS
 from msg_tools.units import ARCSEC
 
 from .drawing import clean
@@ -28,6 +28,8 @@ from .residual_figures import MAX_POINTED
 
 #: steps of the largest number: those of a refit, and of what is only drawn
 _STEPS = {4: 2**31 - 1, 2: 2**15 - 1}
+#: distances at which the page knows the weight of a row: between them it is good to 1e-7
+_DISTANCES = 2049
 
 
 def preview(data, fits, rows, command, file=''):
@@ -81,7 +83,13 @@ def _model(fit, names, residual, columns):
             'residual': [_scaled(v) for v in fit.residual / ARCSEC],
             'weights': _weights(fit),
             'given': fit.given, 'consistency': fit.consistency, 'inflation': fit.inflation,
-            'loss': [BISQUARE, *(s / ARCSEC for s in fit.scales)] if fit.scales else None}
+            'loss': {'scales': [s / ARCSEC for s in fit.scales], **_loss()} if fit.scales else None}
+
+
+def _loss():
+    """Weights by the distance, up to where they are zero."""
+    reach, weights = LOSS.table(_DISTANCES)
+    return {'reach': reach, 'weights': _packed(weights, '<f4')}
 
 
 def _weights(fit):
