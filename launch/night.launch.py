@@ -14,6 +14,7 @@
 
 """A simulated night under ROS launch: the same graph as `telescope-mount night`."""
 
+from pointing_model.mount_kinds import kinds_text
 from telescope_mount.graph import night_graph
 from telescope_mount.launch_actions import description, started
 from telescope_mount.observing.plan import night_plan, parse_plan
@@ -22,7 +23,7 @@ from telescope_mount.simulation import kind_of_mount
 ARGUMENTS = (
     ('bag', 'bag', 'folder of the log; it must not exist'),
     ('scenario', 'default', 'what is wrong with the simulated mount: a name or a YAML file'),
-    ('mount', '', 'altaz, equatorial, german, xy, free:AZ,EL; empty: what the scenario has'),
+    ('mount', '', f'{kinds_text()}; empty: what the scenario has'),
     ('seed', '1', 'of every random number'),
     ('plan', '', 'steps of the observer; empty: a night of the following two'),
     ('stars', '30', 'in each of the two blocks'),

@@ -16,6 +16,7 @@
 
 from pathlib import Path
 
+from pointing_model.mount_kinds import kinds_text
 from telescope_mount.graph import real_graph
 from telescope_mount.launch_actions import description, started
 from telescope_mount.observing.plan import parse_plan, real_plan
@@ -25,7 +26,7 @@ SAMPLES = ','.join(str(EXAMPLES / f'{name}.py') for name in (
     'toy_telescope', 'mount_driver', 'encoder_driver', 'camera_driver'))
 ARGUMENTS = (
     ('bag', 'bag', 'folder of the log; it must not exist'),
-    ('mount', 'altaz', 'altaz, equatorial, german, xy, free:AZ,EL'),
+    ('mount', 'altaz', kinds_text()),
     ('drivers', SAMPLES, 'Python files to start, separated by commas; none: they run already'),
     ('absolute_encoder', 'false', 'whether a driver publishes absolute/joint_states'),
     ('inclinometer', 'false', 'whether a driver publishes inclinometer'),

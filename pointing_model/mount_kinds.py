@@ -202,3 +202,9 @@ KINDS = {
 def kind_of(document):
     """The `MountKind` that a document of results says; by default an alt-azimuth one."""
     return KINDS[document.get('mount') or USUAL]
+
+
+def kinds_text():
+    """How kinds are written, for people: altaz, equatorial, ..."""
+    return ', '.join(name + (':AZ,EL[,ROLL]' if kind.pole == 'given' else '[:AZ]' if isinstance(
+        kind.pole, tuple) else '') for name, kind in KINDS.items())

@@ -39,7 +39,7 @@ import numpy as np
 
 from msg_tools.units import DEG, wrap
 
-from .mount_kinds import KINDS, USUAL
+from .mount_kinds import KINDS, USUAL, kinds_text
 
 #: frames that differ by less are one, rad: 0.0002", where a latitude has been rounded
 SAME = 1e-9
@@ -394,9 +394,7 @@ def parse_mount(text, latitude=None):
     kind, _, numbers = text.strip().lower().partition(':')
     kind = next((name for name, one in KINDS.items() if kind in one.aliases), kind)
     if kind not in KINDS:
-        known = ', '.join(name + (':AZ,EL[,ROLL]' if one.pole == 'given' else '[:AZ]' if isinstance(
-            one.pole, tuple) else '') for name, one in KINDS.items())
-        raise ValueError(f'unknown mount {text!r}; choose from {known} (degrees)')
+        raise ValueError(f'unknown mount {text!r}; choose from {kinds_text()} (degrees)')
     pole = KINDS[kind].pole
     if pole == 'given':
         try:

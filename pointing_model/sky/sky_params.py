@@ -17,12 +17,13 @@
 from msg_tools.node import Param
 from msg_tools.units import DEG
 
+from ..mount_kinds import kinds_text
 from ..mounts import parse_mount
 from .places import DEFAULT_SITE, DEFAULT_WEATHER, Site, Weather
 
 KIND_OF_MOUNT = Param(
-    'mount', 'altaz', 'kind of mount: altaz, equatorial, german, xy, or free:AZ,EL[,ROLL], where '
-    'its first axis points [deg]', check=lambda text: parse_mount(text, 0.0), fixed=True)
+    'mount', 'altaz', f'kind of mount: {kinds_text()}; where the first axis points [deg]',
+    check=lambda text: parse_mount(text, 0.0), fixed=True)
 
 #: in the order of the fields of `Site` and `Weather`
 SKY_PARAMS = (

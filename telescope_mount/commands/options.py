@@ -21,11 +21,14 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from msg_tools import NAMESPACE
+from pointing_model.mount_kinds import kinds_text
 
 from ..night_files import log_of, model_of
 
 #: types for ``add_argument``: a log or run, and a model; a night's folder stands for both
 log_path, model_path = log_of, model_of
+#: kinds of mounts, of every command
+MOUNT_KINDS = f'{kinds_text()} (where the first axis points, degrees)'
 #: suffixes of models and pages
 MODELS, PAGES = ('.json', '.yaml', '.yml'), ('.html', '.htm')
 
@@ -113,8 +116,7 @@ SHARED = {
     'exclude': {'action': 'append', 'default': [], 'metavar': 'ROWS',
                 'help': 'rows to leave out: numbers as they are printed (30), ranges (45-48), '
                 'conditions (el<20, star=HIP 5447), with commas or again'},
-    'mount': {'metavar': 'KIND', 'help': 'altaz, equatorial, german, xy, or free:AZ,EL[,ROLL] '
-              '(where the first axis points, degrees), instead of that of the file'},
+    'mount': {'metavar': 'KIND', 'help': f'{MOUNT_KINDS}, instead of that of the file'},
     'pressure': {'type': real(0.0, 1200.0, 'hPa'), 'metavar': 'HPA',
                  'help': 'for runs in right ascension; 0: no refraction'},
     'temperature': {'type': real(-90.0, 60.0, 'degrees Celsius'), 'metavar': 'C',
@@ -140,12 +142,9 @@ SHARED = {
 }
 
 
-MOUNT_OF_DRIVERS = ('altaz (default), equatorial, german, xy, or free:AZ,EL[,ROLL] (where the '
-                    'first axis points, degrees)')
+MOUNT_OF_DRIVERS = f'{MOUNT_KINDS} (default: altaz)'
 RUNNING_DOMAIN = 'ROS domain (default: ROS_DOMAIN_ID, or 0)'
-MOUNT_OF_NIGHT = ('kind of the mount: altaz, equatorial, german, xy, or '
-                  'free:AZ,EL[,ROLL] (where the first axis points, degrees); default: that of the '
-                  'scenario')
+MOUNT_OF_NIGHT = f'kind of the mount: {MOUNT_KINDS}; default: that of the scenario'
 SERVER_OF_NIGHT = ('; or indi:HOST[:PORT[:KIND]] or alpaca:HOST[:PORT[:KIND]]: a mount of an INDI '
                    'or Alpaca server in place of the simulated one, on the clock of this machine')
 

@@ -21,6 +21,7 @@ import numpy as np
 from calibration.analysis.harmonic_fit import rows_of_terms
 from calibration.estimation.correlated_noise import WhiteNoise
 from msg_tools.units import ARCSEC, DEG
+from pointing_model.mount_kinds import KINDS
 
 #: standard errors from where a value is no zero
 _SURE = 3.0
@@ -29,7 +30,7 @@ _SURE = 3.0
 _WRONG_AIR = 20.0
 #: arcsec: axes and tubes are built square, and stiff, to minutes of arc
 _SQUARE = DEG / ARCSEC
-_OF_SHAPE = ('TF', 'CA', 'NPAE', 'CH', 'NP', 'C1', 'N12', 'CXY', 'NXY')
+_OF_SHAPE = {kind.named(name) for kind in KINDS.values() for name in ('TF', 'CA', 'NPAE')}
 
 
 def suspicious(terms):
