@@ -218,7 +218,7 @@ def at_rate(rate, seconds):
             return {**{name.rsplit('/', 1)[1]: count for name, count in lost.items()},
                     'this reader': sum(counter.gaps for counter in counters)}
         watcher.node.create_subscription(
-            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, note, topics.DIAGNOSTICS.qos)
+            topics.ENDPOINTS.message, topics.ENDPOINTS.name, note, topics.ENDPOINTS.qos)
         specs = real_graph(bag=f'{folder}/bag', absolute_encoder=True,
                            sky={'latitude_deg': 34.3, 'longitude_deg': 109.0})
         try:

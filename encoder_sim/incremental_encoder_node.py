@@ -141,15 +141,14 @@ class IncrementalEncoders(MountedDevice):
 
     def details(self):
         """Resolution and power-ons, and of each axis how it was homed."""
-        rows = [('homed', str(self._homed)), ('power-on', str(self._encoders[0].power_on)),
-                ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}')]
+        rows = [('power-on', str(self._encoders[0].power_on)),
+                ('resolution [arcsec]', f'{self._encoders[0].count_angle / ARCSEC:.4f}'),
+                ('supply [V]', ', '.join(f'{e.status.supply:.3f}' for e in self._encoders))]
         for axis, encoder in zip(self.words, self._encoders):
             status, width = encoder.status, encoder.params.pulse_width / ARCSEC
             rows += [(f'{axis} homed', str(status.homed)),
                      (f'{axis} mark met from', status.side),
                      (f'{axis} mark width [arcsec]', f'{width:.2f}'),
                      (f'{axis} missed marks', str(status.missed_marks)),
-                     (f'{axis} passages of the mark', str(status.passages)),
-                     (f'{axis} mark error [counts]', f'{status.mark_error:.0f}'),
-                     (f'{axis} supply [V]', f'{status.supply:.3f}')]
+                     (f'{axis} mark error [counts]', f'{status.mark_error:.0f}')]
         return rows

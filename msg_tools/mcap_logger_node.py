@@ -158,7 +158,8 @@ class McapLogger(MountNode):
             self.destroy_subscription(sub)
             raise
         self._recorded[name] = sub, counter
-        if name != topics.DIAGNOSTICS.name:  # it never comes to rest, so its count says nothing
+        # these never come to rest, so their counts say nothing
+        if name not in (topics.DIAGNOSTICS.name, topics.ENDPOINTS.name):
             self._subscriptions_of[name] = [(sub, counter)]
 
     def _type_hash(self, name, type_name):
@@ -288,12 +289,14 @@ class McapLogger(MountNode):
     def details(self):
         """Where the log is, and what was lost of whom."""
         recorder = self._recorder
-        rows = [('folder', Path(recorder.bag.folder).name), ('file', recorder.bag.file.name),
-                ('messages written', str(recorder.written)), ('state', recorder.state),
-                (AWAITED, str(len(self._collector.awaited)))]
-        return rows + [
+        return [('folder', Path(recorder.bag.folder).name), ('file', recorder.bag.file.name),
+                ('messages written', str(recorder.written)), ('state', recorder.state)]
+
+    def reported(self):
+        """Nodes whose parameters are awaited, and what was lost of whom."""
+        return [(AWAITED, str(len(self._collector.awaited))), *(
             (f'lost {name}', f'{counter.gaps} of {counter.sequence.publishers} publishers')
-            for name, (_, counter) in self._recorded.items() if counter.gaps]
+            for name, (_, counter) in self._recorded.items() if counter.gaps)]
 
     def finish(self):
         """Write index and metadata; needs no ROS. OSError where the log is not whole."""

@@ -35,7 +35,7 @@ from .parameter_events import ParameterNode
 from .params import BadInput, Param
 from .readiness import LAST, PUBLISHED, PUBLISHES, RESTS, SUBSCRIBES, GraphReports, is_count
 from .service_retry import Answers
-from .topics import CLOCK, DIAGNOSTICS
+from .topics import CLOCK, DIAGNOSTICS, ENDPOINTS
 
 __all__ = ['BadInput', 'Counter', 'MountNode', 'NO_PUBLISHER_EVENTS', 'NO_SUBSCRIPTION_EVENTS',
            'Param']
@@ -130,9 +130,10 @@ class MountNode(ParameterNode):
         self._last_counts, self._rests = None, False
         self._published_connections = self._published_counts = None
         self._unmatched, self._warned = set(), set()
-        self._diagnostics = self.create_publisher(
-            DIAGNOSTICS.message, DIAGNOSTICS.name, DIAGNOSTICS.qos,
-            event_callbacks=NO_PUBLISHER_EVENTS)
+        self._diagnostics, self._reports_of_endpoints = (
+            self.create_publisher(topic.message, topic.name, topic.qos,
+                                  event_callbacks=NO_PUBLISHER_EVENTS)
+            for topic in (DIAGNOSTICS, ENDPOINTS))
         # diagnostics go on while simulated time stands still
         self.every(0.1, self._diagnose)
         self.every(DUPLICATES, self._look_for_duplicates)
@@ -252,12 +253,12 @@ class MountNode(ParameterNode):
         GraphReports
         """
         reports = GraphReports(self.get_namespace())
-        self._subscribe_diagnostics(reports.take)
+        self._subscribe_endpoints(reports.take)
         return reports
 
-    def _subscribe_diagnostics(self, call):
-        return self.create_subscription(DIAGNOSTICS.message, DIAGNOSTICS.name, call,
-                                        DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+    def _subscribe_endpoints(self, call):
+        return self.create_subscription(ENDPOINTS.message, ENDPOINTS.name, call, ENDPOINTS.qos,
+                                        event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     # --- one graph in a namespace -----------------------------------------------------------
 
@@ -267,7 +268,7 @@ class MountNode(ParameterNode):
         crowd = (any(self.count_publishers(topic) > 1 for topic in self._sole)
                  or self.get_node_names_and_namespaces().count(own) > 1)
         if crowd and self._watched is None:
-            self._watched = self._subscribe_diagnostics(self._on_status)
+            self._watched = self._subscribe_endpoints(self._on_status)
         elif not crowd and self._watched is not None:
             self.destroy_subscription(self._watched)
             self._watched = None
@@ -297,7 +298,11 @@ class MountNode(ParameterNode):
         return []
 
     def details(self):
-        """Further (key, value) rows of the diagnostics; for subclasses."""
+        """Further (key, value) rows of the diagnostics, 13 at most; for subclasses."""
+        return []
+
+    def reported(self):
+        """Further (key, value) rows for programs, beside the endpoints; for subclasses."""
         return []
 
     def waiting_for(self):
@@ -329,9 +334,9 @@ class MountNode(ParameterNode):
 
     def endpoints(self):
         """Matched and counted endpoints as (key, value) rows; `msg_tools.readiness` reads them."""
-        # whoever begins to listen to the diagnostics changes this row, and so is told at once
-        rows = [(f'{PUBLISHES} {DIAGNOSTICS.name}',
-                 str(self._diagnostics.get_subscription_count()))]
+        # whoever begins to listen to these changes its row, and so is told at once
+        rows = [(f'{PUBLISHES} {topic.name}', str(pub.get_subscription_count())) for topic, pub in
+                ((DIAGNOSTICS, self._diagnostics), (ENDPOINTS, self._reports_of_endpoints))]
         for name, (pub, counter) in self._publishers_of.items():
             rows.append((f'{PUBLISHES} {name}', str(pub.get_subscription_count())))
             rows.append((f'{PUBLISHED} {name}', str(counter.count)))
@@ -360,7 +365,7 @@ class MountNode(ParameterNode):
             self.announce()
 
     def announce(self):
-        """Publish the diagnostics now."""
+        """Publish the diagnostics, and beside them the endpoints for programs, now."""
         from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
         rows = self.endpoints()
         elapsed = time.monotonic() - self._announced_at
@@ -386,18 +391,22 @@ class MountNode(ParameterNode):
         refused = sum(count for count, _ in self.rejected.values())
         if refused:
             issues.append((DiagnosticStatus.WARN, f'{refused} messages refused'))
-        status = DiagnosticStatus(
-            level=max((level for level, _ in issues), default=DiagnosticStatus.OK),
-            name=self.get_fully_qualified_name(),
-            message='; '.join(text for _, text in issues) or 'ok',
-            hardware_id=self._hardware_id)
+        details = [*self.details(), *(
+            (f'messages {kind}', str(sum(int(n) for key, n in rows if key.startswith(kind))))
+            for kind in (PUBLISHED, 'received'))]
         rows = [(INSTANCE, self._instance), (RESTS, str(self._rests)), *rows, *rates,
                 *((f'refused {source}', f'{count} (last: {reason})')
-                  for source, (count, reason) in self.rejected.items())]
-        status.values = [KeyValue(key=k, value=v) for k, v in [*rows, *self.details()]]
-        message = DIAGNOSTICS.message(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+                  for source, (count, reason) in self.rejected.items()), *self.reported()]
+        stamp = self.get_clock().now().to_msg()
+        for pub, values in (self._diagnostics, details), (self._reports_of_endpoints, rows):
+            message = DIAGNOSTICS.message(status=[DiagnosticStatus(
+                level=max((level for level, _ in issues), default=DiagnosticStatus.OK),
+                name=self.get_fully_qualified_name(),
+                message='; '.join(text for _, text in issues) or 'ok',
+                hardware_id=self._hardware_id,
+                values=[KeyValue(key=key, value=value) for key, value in values])])
+            message.header.stamp = stamp
+            pub.publish(message)
 
     # --- the end ----------------------------------------------------------------------------
 

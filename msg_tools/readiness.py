@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Are all the nodes of a graph connected, and has the log everything? Read from diagnostics.
+"""Are all the nodes of a graph connected, and has the log everything? Read from `/endpoints`.
 
 Discovery between processes takes from 0.3 s to several seconds, and one side of a connection
-may see it before the other; a message sent in between is lost. So each node says in its
-diagnostics how many endpoints it is matched with, and whoever starts the work compares.
+may see it before the other; a message sent in between is lost. So each node says on
+`/endpoints` how many endpoints it is matched with, and whoever starts the work compares.
 """
 
 import time

@@ -15,7 +15,7 @@
 """The rows of status messages that programs read: one description for writers and readers.
 
 Whatever else is in a DiagnosticStatus is for people and may be worded anew at any time. The
-rows about endpoints, which `/diagnostics` carries, are those of `readiness`.
+rows about endpoints, which `/endpoints` carries, are those of `readiness`.
 """
 
 import json

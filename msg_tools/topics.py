@@ -149,6 +149,8 @@ DEMAND_SIGMA = Topic('demand_sigma', 'geometry_msgs/msg/Vector3Stamped', RELIABL
 ACTIVE = Topic('in_force', 'std_msgs/msg/String', LATCHED, computed=True)
 DIAGNOSTICS = Topic(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True, computed=True)
+ENDPOINTS = Topic(
+    '/endpoints', 'diagnostic_msgs/msg/DiagnosticArray', RELIABLE, many=True, computed=True)
 
 ALL = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 

@@ -60,8 +60,8 @@ class Watcher(GraphClient):
         self.reports = GraphReports(self.node.get_namespace())
         self._keep(self.KEPT)
         self.node.create_subscription(
-            topics.DIAGNOSTICS.message, topics.DIAGNOSTICS.name, self.reports.take,
-            topics.DIAGNOSTICS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
+            topics.ENDPOINTS.message, topics.ENDPOINTS.name, self.reports.take,
+            topics.ENDPOINTS.qos, event_callbacks=NO_SUBSCRIPTION_EVENTS)
 
     def _keep(self, kept):
         for topic in kept:

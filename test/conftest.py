@@ -167,11 +167,17 @@ class Graph:
         self.nodes = []
         self.publishers, self.subscriptions = [], []
         self.reports = {}
-        self.listen(topics.DIAGNOSTICS, call=self._on_diagnostics)
+        self._rows = {}
+        for topic in (topics.DIAGNOSTICS, topics.ENDPOINTS):
+            self.listen(topic, call=functools.partial(self._on_diagnostics, topic))
 
-    def _on_diagnostics(self, message):
+    def _on_diagnostics(self, topic, message):
         for status in message.status:
-            self.reports[status.name.rsplit('/', 1)[-1]] = status
+            name = status.name.rsplit('/', 1)[-1]
+            rows = self._rows.setdefault(name, {})
+            rows[topic] = list(status.values)
+            status.values = [row for one in rows.values() for row in one]
+            self.reports[name] = status
 
     def add(self, make, **overrides):
         """A node under test with parameters `overrides`; its constructor's errors pass."""

@@ -70,7 +70,8 @@ TOPICS = {
     'demand': 'the same as encoder angles and rates, rad and rad/s',
     'demand_sigma': 'how far it is expected to be off, on the sky, rad; NaN: not known',
     'in_force': 'zero and model that are applied, as one JSON text',
-    '/diagnostics': 'health of each node, once a second',
+    '/diagnostics': 'health of each node, once a second: at most 15 values',
+    '/endpoints': 'of each node: endpoints matched, messages counted, for programs',
     'robot_description': 'the mount as URDF, for RViz and Foxglove',
     'joint_states': 'the joints of that model, rad',
     'markers': 'where the mount looks and where it is sent, for RViz and Foxglove',
@@ -311,6 +312,8 @@ def topics_page(found):
                           if topic.name in found[name][kind]) for kind in ('publishes',
                                                                            'subscribes')]
         if topic.name == '/diagnostics':
+            ends = ['every node', '[mcap_logger](nodes/mcap_logger.md)']
+        if topic.name == '/endpoints':
             ends = ['every node', ', '.join(f'[{name}](nodes/{name}.md)' for name in (
                 'mcap_logger', 'star_observer', 'mcap_replay', 'run_player'))
                 + ' (the last three until the others are connected)']
@@ -349,7 +352,7 @@ def picture(found, names, title, drivers=False, every=False):
                  if not topic.startswith(('truth', '/clock'))} | {'inclinometer'}
         nodes = {'your drivers': {'publishes': gives, 'subscribes': {'command'}}, **nodes}
     columns = [name for name in nodes if name != 'mcap_logger']
-    rows = [topic for topic in TOPICS if topic != '/diagnostics' and (
+    rows = [topic for topic in TOPICS if topic not in ('/diagnostics', '/endpoints') and (
         any(topic in nodes[name]['publishes'] for name in columns))
         and (every or any(topic in nodes[name]['subscribes'] for name in columns)
              or topic in ('offset', 'demand', 'demand_sigma', 'calibration/report', 'diagnosis'))]

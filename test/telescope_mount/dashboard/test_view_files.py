@@ -23,9 +23,11 @@ import yaml
 from places import ROOT
 
 from msg_tools import NAMESPACE, topics
+from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.mount_shape import ROOT as FRAME
 from telescope_mount.dashboard.graph_state import full_name
+from telescope_mount.graph import NIGHT, NODES
 
 CONFIG = ROOT / 'config'
 BY_NAME = {full_name(NAMESPACE, topic): topic for topic in (
@@ -120,3 +122,27 @@ def test_displays_of_rviz():
         assert heard['Reliability Policy'] == 'Reliable' and topic.quality.reliable
         found.add(kind)
     assert found == set(types)
+
+
+# --- diagnostic_aggregator ----------------------------------------------------------------------
+
+
+def groups_of(name):
+    """Analyzers of the aggregator that take a status: the rule of its GenericAnalyzer."""
+    text = (CONFIG / 'diagnostic_aggregator.yaml').read_text(encoding='utf-8')
+    analyzers = [value for value in yaml.safe_load(text)['/**']['ros__parameters'].values()
+                 if isinstance(value, dict)]
+    assert {one['type'] for one in analyzers} == {'diagnostic_aggregator/GenericAnalyzer'}
+    return [one['path'] for one in analyzers if any(part in name for part in one['contains'])]
+
+
+def test_the_aggregator_has_one_group_for_each_node():
+    assert {name: len(groups_of(f'/north/{name}')) for name in NODES} == dict.fromkeys(NODES, 1)
+    assert groups_of('/north/disk') == []
+
+
+def test_the_aggregator_knows_each_status_of_a_night(night):
+    told = {status.name for message in BagReader(night / 'bag').messages(
+        '/diagnostics', decode=True) for status in message.data.status}
+    assert len(told) >= len(NIGHT)
+    assert [name for name in told if len(groups_of(name)) != 1] == []

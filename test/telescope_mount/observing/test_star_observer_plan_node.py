@@ -293,7 +293,7 @@ def test_nothing_begins_before_a_guard_has_said_whether_the_mount_may_move(graph
 def test_foreign_diagnostics_do_no_harm(graph):
     from diagnostic_msgs.msg import DiagnosticArray, KeyValue
     night = Night(graph, 'stars 1', wait_for_nodes=['/mount/star_observer'])
-    pub = graph.publisher(topics.DIAGNOSTICS)
+    pub = graph.publisher(topics.ENDPOINTS)
     graph.wait_for(lambda: pub.get_subscription_count() >= 2)
     pub.publish(DiagnosticArray(status=[DiagnosticStatus(
         name='disk', values=[KeyValue(key='published /x', value='many')])]))
