@@ -21,8 +21,10 @@ import time
 import uuid
 from inspect import iscoroutinefunction
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.time_source import TimeSource
@@ -91,6 +93,25 @@ class Counter:
             self.sequence.add(number)
 
 
+class CountedPublisher(Publisher):
+    """A publisher that counts, and tells the executor of its process what need not be waited for.
+
+    Attributes
+    ----------
+    counter : Counter
+    """
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.counter, self._full_name = Counter(), self.topic_name
+
+    def publish(self, msg):
+        """As rclpy's."""
+        self.counter.count += 1
+        super().publish(msg)
+        published(self._full_name)
+
+
 class MountNode(ParameterNode):
     """A node of the graph.
 
@@ -145,19 +166,11 @@ class MountNode(ParameterNode):
         # rclpy writes overrides into the profile that it is given; topics share theirs
         pub = self.create_publisher(
             topic.message, topic.name, copy.copy(topic.qos), event_callbacks=NO_PUBLISHER_EVENTS,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
-        counter, topic_name = Counter(), pub.topic_name
-        self._publishers_of[topic_name] = (pub, counter)
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            publisher_class=CountedPublisher)
+        self._publishers_of[pub.topic_name] = pub, pub.counter
         if not topic.many:
-            self._sole.append(topic_name)
-        publish = pub.publish
-
-        def counted(message):
-            counter.count += 1
-            publish(message)
-            published(topic_name)
-
-        pub.publish = counted
+            self._sole.append(pub.topic_name)
         return pub
 
     def publisher_count(self, topic):
@@ -240,8 +253,10 @@ class MountNode(ParameterNode):
         async def answer_later(_, response):
             response.success, response.message = await call()
             return response
-        service = self.create_service(
-            Trigger, name, answer_later if iscoroutinefunction(call) else answer)
+        # one that awaits leaves the node's group to the others, and answers whoever asks meanwhile
+        service = self.create_service(Trigger, name, answer_later, callback_group=(
+            ReentrantCallbackGroup())) if iscoroutinefunction(call) else (
+                self.create_service(Trigger, name, answer))
         if not once:
             delattr(service, ANSWERS)
 

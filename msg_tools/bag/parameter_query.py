@@ -104,7 +104,8 @@ class _NodeQuery:
         def send():
             # the first answer counts, to whichever question
             client.call_async(request).add_done_callback(
-                lambda future: client is self._client and then(future.result()))
+                lambda future: client is self._client and self._node.executor.create_task(
+                    then, future.result()))
         self._send = send
         self._ask()
 

@@ -21,6 +21,7 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed (./install.sh ros)',
                     exc_type=ImportError)
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import String
@@ -155,24 +156,36 @@ def test_a_callback_that_awaits_is_finished_later(graph, node):
     assert got == ['begin', 'end']
 
 
-def test_a_service_that_awaits_answers_later_and_others_go_on_meanwhile(graph, node):
-    gate = Future(executor=graph.executor)
+@pytest.mark.parametrize('group', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup])
+def test_while_a_callback_awaits_its_group_says_who_goes_on(graph, node, group):
+    gate, group = Future(executor=graph.executor), group()
 
     async def serve(request, response):
         response.message = await gate
         return response
 
-    node.create_service(Trigger, 'ask', serve)
+    node.create_service(Trigger, 'ask', serve, callback_group=group)
     client = graph.tester.create_client(Trigger, 'ask')
     graph.wait_for(client.service_is_ready)
-    answer = client.call_async(Trigger.Request())
-    ticks = []
-    node.create_timer(0.001, lambda: ticks.append(1))
-    graph.wait_for(lambda: len(ticks) > 5)
-    assert not answer.done()
+    answers = [client.call_async(Trigger.Request())]
+    graph.wait_for(lambda: graph.executor._waiting, 'the service to wait')
+    ticks, others, got = [], [], []
+    node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
+    node.create_timer(0.001, lambda: others.append(1))
+    node.create_subscription(String, 'text', lambda message: got.append(len(others)), 10,
+                             callback_group=group)
+    pub = graph.tester.create_publisher(String, 'text', 10)
+    matched(graph, node, pub)
+    pub.publish(String())
+    answers.append(client.call_async(Trigger.Request()))
+    before = len(others)
+    graph.wait_for(lambda: len(others) > before + 20)
+    alone = isinstance(group, MutuallyExclusiveCallbackGroup)
+    assert not any(answer.done() for answer in answers)
+    assert bool(ticks) is bool(got) is not alone
     gate.set_result('opened')
-    graph.wait_for(answer.done)
-    assert answer.result().message == 'opened'
+    graph.wait_for(lambda: all(answer.done() for answer in answers) and ticks and got)
+    assert [answer.result().message for answer in answers] == ['opened'] * 2
 
 
 def test_a_task_runs_in_the_thread_that_spins(graph):

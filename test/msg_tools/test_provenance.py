@@ -32,6 +32,7 @@ class Asker:
 
     def __init__(self, unready=0, lost=0):
         self.unready, self.lost, self.asked, self.clients = unready, lost, [], 0
+        self.executor = SimpleNamespace(create_task=lambda call, *args: call(*args))
 
     def get_fully_qualified_name(self):
         return '/mount/log'

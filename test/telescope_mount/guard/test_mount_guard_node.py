@@ -134,7 +134,7 @@ def test_services_of_the_guard_stop_the_mount_and_park_it(graph):
     guard._supervisor._set_state('aborted', 2, 'the azimuth is 3.0 deg from where it was sent: '
                              'stopped; look at its drive and encoder, and call resume')
     mount.until('aborted', 'look at its drive')
-    graph.tester.destroy_subscription(graph.subscriptions.pop(1))
+    graph.tester.destroy_subscription(graph.subscriptions.pop(2))
     assert 'no driver follows command: start it' in mount.until('aborted', 'no driver').message
 
 
