@@ -121,6 +121,10 @@ OBSERVATIONS = Topic('observations', 'sensor_msgs/msg/PointCloud2', LATCHED)
 OFFSET = Topic('offset', 'geometry_msgs/msg/Vector3Stamped', RELIABLE)
 OBSERVER_STATUS = Topic(
     'observer/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
+PLAN_STATUS = Topic(
+    'observer/plan/status', 'action_msgs/msg/GoalStatusArray', LATCHED, computed=True)
+PLAN_FEEDBACK = Topic(
+    'observer/plan/feedback', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED, computed=True)
 ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
 # by how much the zero will have changed since the power-on before, before Polaris is seen

@@ -42,6 +42,7 @@ from .instrument_health import CLOCK_JUMP
 from .instruments import ABSOLUTE, CAMERA, MOUNT, Instruments
 from .night_file import NightFile
 from .night_memory import NightMemory
+from .plan_topics import PlanTopics
 from .sequencer import Sequencer
 from .star_observer_params import PARAMS
 
@@ -84,6 +85,7 @@ class StarObserver(MountNode):
         self._offset_pub = self.publisher(topics.OFFSET)
         self._status_pub = self.publisher(topics.OBSERVER_STATUS)
         self._checks_pub = self.publisher(topics.CHECKS)
+        self._plan_topics = PlanTopics(self, self._begin_goal)
         self._instruments = Instruments(self.value('first_run'), now=self.now,
                                         absolute=self.value('absolute_encoder'),
                                         live=self._live, axes=self._mount.names.axes)
@@ -268,6 +270,9 @@ class StarObserver(MountNode):
             f'{verb} {self.value("polaris_exposures")}, calibrate_zero',
             f'started: {{}}; progress on {topics.OBSERVER_STATUS.name}')
 
+    def _begin_goal(self, plan):
+        return self._begin(plan, f'plan started: {{}}; progress on {topics.PLAN_FEEDBACK.name}')
+
     def _begin(self, plan, answer, anew=True):
         why = 'a plan is under way' if self._sequencer.busy else self.guard.ends
         if not why:
@@ -318,6 +323,7 @@ class StarObserver(MountNode):
         self._status_pub.publish(convert.status(
             LEVELS.get(progress.state, least), self.get_fully_qualified_name(),
             text, **progress.rows(), refusal=self._sequencer.night.refusal))
+        self._plan_topics.publish(progress, self._sequencer.busy)
 
     # --- diagnostics --------------------------------------------------------------------------
 

@@ -302,7 +302,7 @@ def test_every_topic_of_the_graph_is_measured_or_made_anew_by_a_replay():
     assert set(by) == set(declared)
     # what others say of themselves is of no use, and of the clock there is one
     own = {'/clock', '/diagnostics', '/endpoints', 'observer/status', 'observer/checks',
-           'guard/status'}
+           'observer/plan/status', 'observer/plan/feedback', 'guard/status'}
     computed = {name for name, nodes in by.items() if nodes and nodes <= COMPUTING} | own
     assert {topic.name for topic in topics.COMPUTED} == computed
 

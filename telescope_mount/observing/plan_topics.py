@@ -1,0 +1,136 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The plan as an action: goal, feedback and result as numbers and states of standard messages.
+
+ROS 2's actions need types that are built; `docs/ros.md` says which part of one each topic is.
+"""
+
+import uuid
+
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import SetParametersAtomically
+
+from msg_tools import convert, topics
+from msg_tools.status_rows import Progress
+
+from .plan import parse_plan
+
+#: state of a plan -> that of an action's goal
+STATES = {'waiting': GoalStatus.STATUS_ACCEPTED, 'observing': GoalStatus.STATUS_EXECUTING,
+          'done': GoalStatus.STATUS_SUCCEEDED, 'cancelled': GoalStatus.STATUS_CANCELED,
+          'failed': GoalStatus.STATUS_ABORTED}
+#: of `Progress`, what is a number
+NUMBERS = tuple(name for name, value in Progress().rows().items() if isinstance(value, int))
+_ENDED = GoalStatus.STATUS_SUCCEEDED
+_ARGUMENT = {
+    ParameterType.PARAMETER_NOT_SET: lambda value: '',
+    ParameterType.PARAMETER_INTEGER: lambda value: str(value.integer_value),
+    ParameterType.PARAMETER_STRING: lambda value: value.string_value,
+    ParameterType.PARAMETER_STRING_ARRAY: lambda value: ' '.join(value.string_array_value),
+}
+#: of verbs with two numbers: an array of them
+_PAIRS = {'track': '{0:g}arcsec {1:g}', 'tell_apart': '{0:g} {1:g}h'}
+
+
+def plan_of(steps):
+    """The plan that typed steps are.
+
+    Parameters
+    ----------
+    steps : sequence of rcl_interfaces.msg.Parameter
+        Of each the verb as its name, and the argument as its value: none, a count, two numbers
+        (`track`: arcsec, minutes; `tell_apart`: count, hours), or names.
+
+    Returns
+    -------
+    str
+        As `parse_plan` takes it.
+
+    Raises
+    ------
+    ValueError
+        A verb or an argument that no step has.
+    """
+    words = []
+    for step in steps:
+        value, verb = step.value, step.name
+        if value.type == ParameterType.PARAMETER_DOUBLE_ARRAY and verb in _PAIRS:
+            pair = value.double_array_value
+            if len(pair) != 2:
+                raise ValueError(f'plan step {verb}: give two numbers, not {len(pair)}')
+            argument = _PAIRS[verb].format(*pair)
+        elif value.type in _ARGUMENT:
+            argument = _ARGUMENT[value.type](value)
+        else:
+            raise ValueError(f'plan step {verb}: its argument has a type that no step takes')
+        if ',' in verb + argument:
+            raise ValueError(f'plan step {verb!r}: one step a parameter, without a comma')
+        words.append(f'{verb} {argument}'.strip())
+    plan = ', '.join(words)
+    parse_plan(plan)
+    return plan
+
+
+class PlanTopics:
+    """Publishes the states of goals and their feedback, and serves the typed goal.
+
+    Parameters
+    ----------
+    node : MountNode
+    begin : callable
+        ``begin(plan)`` gives whether it was taken up, and a sentence.
+    """
+
+    def __init__(self, node, begin):
+        self._node, self._begin, self._goal = node, begin, None
+        self._state_pub = node.publisher(topics.PLAN_STATUS)
+        self._feedback_pub = node.publisher(topics.PLAN_FEEDBACK)
+        node.create_service(SetParametersAtomically, '~/plan', self._on_goal)
+
+    def _on_goal(self, request, response):
+        result = response.result
+        try:
+            result.successful, result.reason = self._begin(plan_of(request.parameters))
+        except ValueError as error:
+            result.successful, result.reason = False, str(error)
+        return response
+
+    def publish(self, progress, busy):
+        """Say how far a plan is.
+
+        Parameters
+        ----------
+        progress : Progress
+        busy : bool
+            Whether it is under way; before the first plan there is no goal.
+        """
+        state, stamp = STATES[progress.state], self._node.now()
+        ended = self._goal is None or self._goal.status >= _ENDED
+        if ended and busy and state < _ENDED:
+            # the same night gives the same numbers
+            number = uuid.uuid5(uuid.NAMESPACE_OID, f'{stamp} {progress.plan}')
+            self._goal = GoalStatus(goal_info=GoalInfo(stamp=convert.to_stamp(stamp)))
+            self._goal.goal_info.goal_id.uuid = list(number.bytes)
+        if self._goal is None:
+            return
+        self._goal.status = state
+        self._state_pub.publish(GoalStatusArray(status_list=[self._goal]))
+        message = DiagnosticArray(status=[convert.status(
+            b'\0', 'plan', progress.step, state=state,
+            **{name: getattr(progress, name) for name in NUMBERS})])
+        message.header.stamp = convert.to_stamp(stamp)
+        self._feedback_pub.publish(message)
