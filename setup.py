@@ -61,6 +61,7 @@ setup(
         (f'share/{NAME}/launch', glob('launch/*.launch.py')),
         (f'share/{NAME}/examples', glob('examples/*.*')),
         (f'share/{NAME}/examples/simulated_servers', glob('examples/simulated_servers/*.py')),
+        (f'share/{NAME}/examples/ros2_control', glob('examples/ros2_control/*.*')),
         (f'share/{NAME}/config', glob('config/*.*')),
     ],
     python_requires='>=3.10',
