@@ -134,7 +134,7 @@ TABLES = {
                           (*FIT, 'calibration/report')),
     'harmonics': Table('harmonics.md', f'telescope-mount fit {MMT} --harmonics zenith --verbose',
                        FIT,
-                       ' model  ', '7 terms, then'),
+                       ' model  ', NOTES),
     'first_night': Table('first_night.md', 'telescope-mount night --out {out} --verbose',
                          NIGHT, 'Zero on Polaris', 'log '),
     'watch': Table('watch.md', 'telescope-mount watch examples/night',
