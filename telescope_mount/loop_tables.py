@@ -68,9 +68,9 @@ def short_tables(report):
         lines.append(f'{len(effects) - _EFFECTS} smaller effects')
     lines += [f'not published: {", ".join(map(readable, entry["effects"]))}'
               for entry in report['refused'][:1]]
-    lines += [_follows(axis) for axis in report['follows']]
-    if not effects and not report['refused'] and not report['follows']:
+    if not effects and not report['refused']:
         lines.append('nothing significant; the model stays as it was')
+    lines += [_follows(axis) for axis in report['follows']]
     same = report['paired']
     rows = '' if same['rows'] is None else f'{same["rows"]} '
     table = new_table('', f'RMS, arcsec, {rows}{same["of"]}', *kind_of(report).columns, 'radial')
