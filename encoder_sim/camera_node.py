@@ -48,14 +48,18 @@ class StarCamera(MountedDevice):
         self._samples = []
         self._without = 0
         self._wind = WindLoad(self.scenario.wind, self.value('seed'))
+        self._camera = None
         self._build()
         self._pub = self.publisher(topics.MISS_DISTANCE)
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth)
 
     def _build(self):
+        before = self._camera
         self._camera = Camera(self.scenario, self.value('seed'), *sky_of(self), self.start * 1e-9,
                               satellite_target(self.value('satellite')),
                               self.value('exposure_s'))
+        if before is not None:
+            self._camera.exposed = before.exposed
         self._geometry = MountGeometry(
             self.scenario.mount, self.start * 1e-9, self.value('seed'),
             self._camera.site.latitude)

@@ -462,7 +462,7 @@ class IncrementalEncoder:
             off = p.mark_angle - angle
             self.zero = float(off - _TURN * np.rint(off / _TURN))
             valid_from = row - known
-            met = int(stamps[valid_from])
+            met = (round(self.start) << 16) + self.power_on  # of this night
             noise = float(keyed_noise.normal(self.seed, self._device, 'thermometer', met))
             self._measured = (self._monitor(volts[valid_from], met),
                               float(temperature[valid_from]) + p.thermometer_noise * noise)

@@ -14,10 +14,11 @@
 
 """Random numbers that depend on what they are for, never on the order of the calls.
 
-Each number is a hash of (seed, device, purpose, key), where the key is the stamp of the sample or
-another integer of its own. The same night comes out whatever the load of the machine, and a node
-that starts late draws what it would have drawn. The generator is counter-based: SplitMix64
-(Steele, Lea & Flood 2014, OOPSLA), applied to the key and then to the counter.
+Each number is a hash of (seed, device, purpose, key), where the key is what is observed: the star
+and the number of its exposure, the power-on, of an encoder's sample its stamp. Stamps are on the
+cycles of the mount's servo (`mount.on_cycle`). So the same night comes out whatever the load of the
+machine, also when a slew takes some microseconds more or less. The generator is counter-based:
+SplitMix64 (Steele, Lea & Flood 2014, OOPSLA), applied to the key and then to the counter.
 """
 
 import hashlib

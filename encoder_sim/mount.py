@@ -14,6 +14,7 @@
 
 """The simulated mount's drives: axes, the servo that closes on the encoder, and homing."""
 
+import math
 from collections import OrderedDict
 
 import numpy as np
@@ -36,8 +37,15 @@ SENT = 10000
 #: of slow ones so many at least, and as long as they are that young, ns
 SENT_SLOWLY, SENT_NS = 200, 60_000_000_000
 STILL = [[0.0, 0.0]]
+#: the servo says that it has settled at its next cycle, s, or at one that is past by 10 us at most
+CYCLE = 0.1
 #: true angles a second that an exposure needs where an axis does not move smoothly, Hz
 RESTLESS_RATE = 10.0
+
+
+def on_cycle(seconds):
+    """The next cycle of the servo: a slew that takes a microsecond longer ends at the same one."""
+    return math.ceil(seconds / CYCLE - 1e-4) * CYCLE
 
 
 class SimulatedMount:
@@ -84,15 +92,15 @@ class SimulatedMount:
         Returns
         -------
         float
-            When both axes follow it, settled.
+            When both axes follow it, settled, at a cycle of the servo.
 
         Raises
         ------
         ValueError
             Outside the travel, or faster than an axis.
         """
-        return self._axes.follow(max(start, self._axes.leg.start),
-                                 Trajectory(times, positions, velocities))
+        return on_cycle(self._axes.follow(max(start, self._axes.leg.start),
+                                         Trajectory(times, positions, velocities)))
 
     def truth(self, times):
         """True axis angles (n, 2) in rad and rates (n, 2) in rad/s at `times` (n,)."""
@@ -176,7 +184,7 @@ class SimulatedMount:
                 start, Trajectory([first, first + span], [before, behind], [rate, rate]))
             if settled <= first:
                 break
-            first = settled + 1.0
+            first = on_cycle(settled) + 1.0
         self._axes.follow(start, Trajectory([first, first + span], [before, behind], [rate, rate]))
         last = first + span
         self._axes.follow(last, Trajectory([last + 1.0], [behind], STILL))

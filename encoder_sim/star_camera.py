@@ -14,6 +14,7 @@
 
 """The star camera: where the brightest star of the field lies on the chip."""
 
+from collections import Counter
 from dataclasses import astuple, dataclass, replace
 from typing import NamedTuple
 
@@ -105,6 +106,12 @@ class Camera:
         One more light in the sky, bright enough to be seen.
     exposure : float
         Length of an exposure, s, for the noise.
+
+    Attributes
+    ----------
+    exposed : collections.Counter
+        How often each star (its HIP number; 0: the satellite) was measured. The noise is drawn for
+        the star and that number, not for the time: it stays when slews take longer.
     """
 
     def __init__(self, scenario, seed, site=DEFAULT_SITE, weather=DEFAULT_WEATHER, start=0.0,
@@ -123,6 +130,7 @@ class Camera:
             scenario.layers, refraction_constant(self.weather), seed)
         self._stars = load_catalogue(self.params.mag_limit)
         self._coarse = None  # (time, unit vectors of all stars then)
+        self.exposed = Counter()
 
     def expose(self, stamps, frames, rotator=0.0):
         """Measure the brightest star of the field.
@@ -156,7 +164,7 @@ class Camera:
             chosen = order[first]
             hip[rows], mag[rows] = self._stars.hip[star[chosen]], self._stars.mag[star[chosen]]
             miss[rows] = self._measure(
-                stamps[rows], place[chosen], height[chosen], mag[rows])
+                hip[rows], place[chosen], height[chosen], mag[rows])
         return ExposureTimes(miss - self._middle(rotator), hip, mag)
 
     def _middle(self, rotator):
@@ -185,7 +193,8 @@ class Camera:
         time = stamps * 1e-9 + self.clock_offset
         place = self.satellite.place(time, self.site, self._air(time))
         inside, tangent = self._on_chip(self._refracted(time, place), frames)
-        miss[inside] = self._measure(stamps[inside], tangent[inside], place[1][inside])
+        miss[inside] = self._measure(
+            np.zeros(inside.sum(), int), tangent[inside], place[1][inside])
         return miss
 
     def _candidates(self, time, boresight):
@@ -237,7 +246,7 @@ class Camera:
         inside &= (towards[:, 2] > 0.0) & (rows[:, FORWARD] > 0.0)
         return inside, tangent
 
-    def _measure(self, stamps, place, elevation, mag=4.0):
+    def _measure(self, star, place, elevation, mag=4.0):
         """The camera's own scale, rotation, trail and noise."""
         p = self.params
         c, s = np.cos(p.rotation), np.sin(p.rotation)
@@ -250,8 +259,17 @@ class Camera:
                 self._seeing, elevation, mag, self._exposure,
                 1e-6 * self.weather.wavelength_um))[:, np.newaxis]
         if np.any(sigma):
-            noise = sigma * keyed_noise.normal(self.seed, 'camera', 'star', stamps, 2)
+            noise = sigma * keyed_noise.normal(
+                self.seed, 'camera', f'star, night of {self.start:.0f}', self._numbers(star), 2)
         return (1.0 + p.scale_error) * turned + noise
+
+    def _numbers(self, stars):
+        """Of exposures of `stars` (n,): the star and how often it was exposed, as one int each."""
+        out = []
+        for star in stars.tolist():
+            self.exposed[star] += 1
+            out.append((star << 32) + self.exposed[star])
+        return np.array(out, dtype=np.int64)
 
 
 def refraction_constant(weather):

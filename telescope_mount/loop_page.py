@@ -20,8 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from calibration.report.drawing import clean, limit_of
-from calibration.report.health_section import health_section
-from calibration.report.log_health import log_health
 from calibration.report.page_parts import (
     Markup,
     body_of,
@@ -76,11 +74,9 @@ def write_loop_page(folder, report, run):
     what = report['scenario'] or Path(str(report['source'])).name
     headline = f'{arcsec(after)} RMS on {label} with the new model, {arcsec(before)} with the old'
     alarms = [f'Alarm: {text}' for text in report['alarms']]
-    health, params = None, {}
+    params = {}
     with suppress(OSError, ValueError):
-        health = log_health(folder / 'bag') if report.get('undeclared') else None
         params = parameters_of(open_bag(folder / 'bag').metadata, '/star_observer') or {}
-    names = run.mount.names.axes
     hits = _targets(report, run)
     body = [
         '<h1>The loop closed</h1>',
@@ -99,8 +95,9 @@ def write_loop_page(folder, report, run):
         folded_section('Summary', listed(loop_sentences({**report, 'notes': [], 'alarms': []}))),
         folded_section('RMS', gains(_bars(report), report['noise_floor_arcsec'], 'noise floor')),
         folded_section('Diagnosis', body_of(diagnosis)),
-        health_section(health, run, names) if health else '',
-        folded_section('Notes', listed(report['notes'])),
+        folded_section('Notes', listed(
+            [*report['notes'], 'Encoders and instruments: telescope-mount info bag --report '
+             'night.html'])),
         provenance_section([
             ('scenario', report['scenario'] and f'{report["scenario"]} (simulated)'),
             ('run', report['source']), ('seed', str(report['seed'])), ('plan', report['plan']),

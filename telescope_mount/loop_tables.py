@@ -23,6 +23,8 @@ from pointing_model.mount_kinds import kind_of
 
 #: characters of an alarm in the table of all
 _ALARM = 36
+#: effects that are named at first
+_EFFECTS = 4
 #: part of the square of the misses from which on the drive is named
 _DRIVE = 0.25
 
@@ -44,6 +46,38 @@ def loop_tables(report):
     list of rich.table.Table
     """
     return [_effects(report), _errors(report)]
+
+
+def short_tables(report):
+    """The effects by name, and the error before and after on the same data: texts and a table.
+
+    Parameters
+    ----------
+    report : dict
+        Of `close_the_loop.close_the_loop`.
+
+    Returns
+    -------
+    list
+    """
+    effects = report['effects']
+    lines = [f'verdict: {report["verdict"]}', *(
+        f'{i}. {readable(effect["name"])}: RMS removed {number(effect["removes_rms_arcsec"])}″'
+        for i, effect in enumerate(effects[:_EFFECTS], 1))]
+    if effects[_EFFECTS:]:
+        lines.append(f'{len(effects) - _EFFECTS} smaller effects')
+    lines += [f'not published: {", ".join(map(readable, entry["effects"]))}'
+              for entry in report['refused'][:1]]
+    if not effects and not report['refused']:
+        lines.append('nothing significant; the model stays as it was')
+    lines += [_follows(axis) for axis in report['follows']]
+    same = report['paired']
+    rows = '' if same['rows'] is None else f'{same["rows"]} '
+    table = new_table('', f'RMS, arcsec, {rows}{same["of"]}', *kind_of(report).columns, 'radial')
+    for when in ('before', 'after'):
+        table.add_row(f'model {when}', *_rms(same[when]))
+    table.add_row('noise floor', '', '', decimals(report['noise_floor_arcsec']))
+    return [*lines, table]
 
 
 def effect_rows(effects):

@@ -183,7 +183,7 @@ def _read(path, site, mount):
         raise ValueError(f'{path}: no row has {", ".join(("time", *wanted[:2]))}')
     if not good.all():
         first = table.lines[np.flatnonzero(~good)[0]]
-        notes.append(f'{path}: {int((~good).sum())} rows left out, the first in line {first}')
+        notes.append(f'{path}: {int((~good).sum())} rows excluded, the first in line {first}')
     return _Part(path, {one: value[good] for one, value in read.items()}, names[good],
                  declared.get('site') or {}, mount or declared.get('mount_declared'),
                  keys, notes)

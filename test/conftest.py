@@ -441,7 +441,8 @@ def only_line(code, out, err):
 
 
 def _night_in(folder, cli, *more):
-    done = cli('night', '--out', folder / 'night', '--stars', 8, '--polaris', 4, '--seed', 3, *more)
+    done = cli('night', '--out', folder / 'night', '--stars', 8, '--polaris', 4, '--seed', 3,
+               '--verbose', *more)
     assert done.returncode == 0, (done.stdout, done.stderr)
     (folder / 'stdout').write_text(done.stdout)
     (folder / 'stderr').write_text(done.stderr)

@@ -27,6 +27,9 @@ from .residual_figures import controls, histograms, sky_maps, targets
 from .star_table import stars_table
 from .terms_section import correlation_table, terms_table
 
+#: effects that are drawn, with their causes and coefficients
+_DETAILED = 5
+
 
 def render(view, files=None):
     """The page as text: HTML that is well-formed XML too; it refers to nothing outside itself.
@@ -116,13 +119,16 @@ def _tpoint_signs(document):
 
 def _effects(view):
     parts = []
-    for effect in view.effects:
+    for effect in view.effects[:_DETAILED]:
         drawing = page.effect_figure(view, effect)
         kind = 'effect one' if drawing.count('<svg') == 1 else 'effect'
         parts.append(html.subsection(
             effect.name, f'<div class="{kind}"><div>{page.causes(effect.causes)}'
             f'{html.definitions(effect.facts)}</div>{drawing}</div>'))
-    return html.folded_section('Effects', *parts, note=view.axes_note)
+    left = len(view.effects) - _DETAILED
+    more = f'{left} smaller ones: formulas and coefficients in the JSON result.' if left > 0 else ''
+    return html.folded_section('Effects', *parts, note=' '.join(
+        filter(None, [view.axes_note, more])))
 
 
 def _offsets(view):

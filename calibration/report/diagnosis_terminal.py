@@ -20,7 +20,8 @@ from rich.text import Text
 from pointing_model.effects.base import driver_word
 
 from .diagnosis_summary import MOST_EFFECTS
-from .terminal_tables import decimals, height_of, new_table
+from .terminal_layers import height_of
+from .terminal_tables import decimals, new_table
 
 #: cautions that are listed; lines of the first layer, without first answer and page
 _MOST_CAUTIONS, _LINES = 4, 21

@@ -136,7 +136,7 @@ def axes_note(context):
     if names.columns[0] == 'ha':
         way = 'on either side of the pier' if context.mount.two_sided else \
             'through the pole or not'
-        text += (f': there the {first} of the axis is 12 h from that of the star. A value of the '
+        text += (f'. There the {first} of the axis is 12 h from that of the star. A value of the '
                  f'{first} is so one position of the {names.shafts[0]}, {way}')
     return f'{text}.'
 

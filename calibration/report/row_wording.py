@@ -28,6 +28,8 @@ _REASONS = 12  # lines of rows left out, at most
 _FOOT = 1.01  # times as far off, from where a row is said to be worse
 #: chance that the worst of all rows of noise alone is farther off: below that it is none to look at
 _BY_CHANCE = 0.05
+#: rows of one star that are listed
+_VISITS = 4
 #: times the noise between visits, from where what terms leave is more than noise
 _MORE = 1.3
 
@@ -282,6 +284,13 @@ def _visited_again(found):
             + (f'. The terms leave more, {more}, an error of the direction' if more else ''))
 
 
+def _together_again(rows):
+    """Rows of one star: the first and last of many."""
+    if len(rows) <= _VISITS:
+        return ' and '.join(map(str, rows))
+    return f'{rows[0]} to {rows[-1]} ({len(rows)})'
+
+
 def _moved(found):
     size = f'{found.size:+.2f}'.replace('-', '−')
     return (f'the zero of the {found["axis"]} moved by {size} ± {found.sigma:.2f}″ between '
@@ -333,7 +342,7 @@ KINDS = {
     'reading as good': _reading_as_good,
     'better reading': _better_reading,
     'star measured again': lambda found: (
-        f'{found["word"]}s {"; ".join(" and ".join(map(str, rows)) for rows in found["rows"])} are '
-        'repeated measurements of one star: they stay together in cross-validation. Their '
+        f'{found["word"]}s {"; ".join(map(_together_again, found["rows"]))} are repeated '
+        'measurements of one star. They stay together in cross-validation. Their '
         f'residuals differ by {arcsec(found.size)}, the centring noise'),
 }

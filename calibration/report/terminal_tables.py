@@ -14,7 +14,7 @@
 
 """What people see of a calibration on the terminal: tables."""
 
-from textwrap import wrap
+from itertools import zip_longest
 
 from pointing_model.effects.base import readable
 from pointing_model.mount_kinds import kind_of
@@ -23,12 +23,13 @@ from pointing_model.zero import BY_POLARIS
 from ..analysis.harmonic_fit import READ_AS
 from .alignment_wording import alignment_lines
 from .fit_wording import UNDETERMINED, origin_sentence
-from .night_document import RAW
-from .row_wording import left_out_lines, outlier_sentence, used_sentence
+from .night_document import RAW, steps_of
+from .row_wording import expected_sentence, left_out_lines, outlier_sentence, used_sentence
+from .terminal_layers import layered
 from .wording import wording
 
-#: parts of a prediction that are listed
-_PARTS = 8
+#: parts of a prediction that are listed; terms that are listed in one column
+_PARTS, _ONE_COLUMN = 8, 8
 
 
 def new_table(title, *columns):
@@ -49,8 +50,51 @@ def _angle(value, sigma):
     return f'{value:+9.2f} ± {sigma:.2f}'
 
 
+def night_parts(report):
+    """What the terminal has of a calibration report.
+
+    Parameters
+    ----------
+    report : dict
+        From `calibration.calibration_state.CalibrationState.fit`.
+
+    Returns
+    -------
+    first, more, rest : list
+        As of `terminal_layers.layered`: texts and tables.
+    """
+    names, first, more = kind_of(report), [], []
+    chosen = [step for step in steps_of(report) if step]
+    if chosen:
+        stars = chosen[-1]['held_out'].get('n')
+        held = new_table('', 'RMS on the sky, arcsec' + (
+            f', {stars} stars held out' if stars else ''), *names.columns, 'radial')
+        for step in chosen:
+            held.add_row(step['step'], *_rms_cells(step['held_out']))
+        first.append(held)
+    if report.get('expected'):
+        first.append(expected_sentence(report))
+    if report['zeros']:
+        zero = report['zeros'][-1]
+        first.append(f'zero of power-on {zero["run"]} by {zero.get("by", BY_POLARIS)}, arcsec: '
+                     + ', '.join(f'{axis} {_angle(zero[f"{key}_arcsec"], zero[sigma]).strip()}'
+                                 for axis, key, sigma in zip(
+                                     names.axes, ('az', 'el'),
+                                     ('sigma_az_arcsec', 'sigma_el_arcsec'))))
+    if report['terms']:
+        first.append(terms_table(report['terms']))
+    zeros = report['changes'] or report['zeros']
+    cross_check = report['witnesses']
+    more += [*(f'alarm: {line}' for line in cross_check['alarms']),
+             *(f'note: {line}' for line in (
+                 *(zero['statement'] for zero in zeros[-1:]), *report['notes'],
+                 *cross_check['notes']))]
+    rest = night_tables(report)
+    return first, more, rest
+
+
 def night_tables(report):
-    """The tables of a calibration report.
+    """All tables of a calibration report but that of the terms.
 
     Parameters
     ----------
@@ -90,8 +134,6 @@ def night_tables(report):
         for row in report['external_check']:
             check.add_row(row['check'], *_rms_cells(row), str(row['n']))
         tables.append(check)
-    if report['terms']:
-        tables.append(terms_table(report['terms']))
     if report.get('harmonics'):
         tables += harmonic_tables(report['harmonics'])
     return tables
@@ -149,17 +191,25 @@ def terms_table(terms):
     rich.table.Table
     """
     wide = any('within95_arcsec' in term for term in terms)
-    out = new_table('Terms, encoder − catalogue, arcsec', 'term', 'value', 'sigma',
-                    *(['95 % within'] * wide))
+    heads = ['arcsec', 'sigma', *(['95 % within'] * wide)]
+    cells = []
     for term in terms:
         sigma, within = term['sigma_arcsec'], term.get('within95_arcsec')
-        out.add_row(term['name'], f'{term["value_arcsec"]:+.2f}',
-                    UNDETERMINED if sigma is None else f'{sigma:.2f}',
-                    *(['–' if within is None else f'± {within:.2f}'] if wide else ()))
+        cells.append([term['name'], f'{term["value_arcsec"]:+.2f}',
+                      UNDETERMINED if sigma is None else f'{sigma:.2f}',
+                      *(['–' if within is None else f'± {within:.2f}'] if wide else ())])
+    if len(terms) <= _ONE_COLUMN:
+        out = new_table('', 'term, encoder − catalogue', *heads)
+        for row in cells:
+            out.add_row(*row)
+        return out
+    out, half = new_table('', 'encoder − catalogue', *heads, 'term', *heads), -(-len(cells) // 2)
+    for left, right in zip_longest(cells[:half], cells[half:], fillvalue=[''] * (1 + len(heads))):
+        out.add_row(*left, *right)
     return out
 
 
-def fit_tables(found, document, verbose=True):
+def fit_tables(found, document, verbose=True, files=0):
     """What the command says of a fit to a measured run.
 
     Parameters
@@ -169,6 +219,8 @@ def fit_tables(found, document, verbose=True):
         Of `documents.fit_document`.
     verbose : bool
         With all notes, and not only those for which 24 lines of 80 columns have room.
+    files : int
+        Lines that are printed after it.
 
     Returns
     -------
@@ -176,8 +228,7 @@ def fit_tables(found, document, verbose=True):
         What `rich.console.Console.print` takes: tables and lines of text.
     """
     run, result = found.run, found.terms
-    steps = new_table(f'RMS on the sky, arcsec, {document["rows_used"]} rows', 'correction',
-                      *run.mount.names.columns, 'radial')
+    steps = new_table('', 'RMS on the sky, arcsec', *run.mount.names.columns, 'radial')
     terms = f'{len(result.names)} terms'
     for label, when, key in (
             (RAW, 'before', 'rms'), (f'{terms}, fit residuals', 'after', 'rms'),
@@ -185,50 +236,40 @@ def fit_tables(found, document, verbose=True):
         values = [document[when][f'{key}_{axis}arcsec'] for axis in ('x_', 'y_', '')]
         if None not in values:
             steps.add_row(label, *(f'{value:.2f}' for value in values))
-    lines = [f'sigma from the {result.covariance_from.removeprefix("measured ")}; '
-             f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
-             f'{result.degrees_of_freedom} degrees of freedom']
-    strong = _strong_correlations(result)
-    if strong and verbose:
-        lines.append(f'correlations above 0.9: {strong}')
+    urgent = []
     if document['outliers']:
-        lines.append(outlier_sentence(document))
+        urgent.append(outlier_sentence(document))
     if found.few_used:
-        lines.append('more than a third of the rows is left out: see why before you use the terms')
-    lines += map(wording, result.open_directions)
-    lines += left_out_lines(document['excluded'], word=document['rows_are'])
-    notes = [f'note: {note}' for note in document['notes']]
-    tables = 12 + len(result.names)  # lines of both, with their heads
-    lines += notes if verbose else first_notes(notes, 23 - tables - sum(map(height_of, lines)))
-    if found.harmonics:
-        lines += harmonic_tables(found.harmonics)
-        lines.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
-                     'arcsec radial, fit residuals')
-        lines += [f'note: {note}' for note in document['harmonics']['notes']]
-    if found.predicted:
-        lines += predicting_tables(found.predicted, run.mount)
-    if found.origin is not None:
-        lines.append(f'sides of the pier: {origin_sentence(found.origin)}')
+        urgent.append('more than a third of the rows is left out: see why before you use the '
+                      'terms')
+    urgent += map(wording, result.open_directions)
     if document['polar_axis']:
-        lines += alignment_lines(document['polar_axis'])
+        urgent.append(' '.join(alignment_lines(document['polar_axis'])))
+    details = [*left_out_lines(document['excluded'], word=document['rows_are']),
+               *(f'note: {note}' for note in document['notes'])]
+    if found.origin is not None:
+        details.append(f'sides of the pier: {origin_sentence(found.origin)}')
+    strong = _strong_correlations(result)
+    details += [
+        f'sigma from the {result.covariance_from.removeprefix("measured ")}; '
+        f'condition {result.condition:.0f}, rank {result.rank} of {len(result.names)}, '
+        f'{result.degrees_of_freedom} degrees of freedom',
+        *([f'correlations above 0.9: {strong}'] if strong else [])]
+    tables = []
+    if found.harmonics:
+        urgent.append(f'{found.harmonics["label"]}: {found.harmonics["fitted"]["radial"]:.2f} '
+                      'arcsec radial, fit residuals')
+        tables += [*harmonic_tables(found.harmonics),
+                   *(f'note: {note}' for note in document['harmonics']['notes'])]
+    if found.predicted:
+        predicting = predicting_tables(found.predicted, run.mount)
+        urgent += [part for part in predicting if isinstance(part, str)]
+        tables += [part for part in predicting if not isinstance(part, str)]
     if found.base:
-        lines += [base_table(found.base, found.plain),
-                  *(f'note: {wording(note)}' for note in found.base.notes)]
-    return [used_sentence(document), terms_table(result.term_rows()), steps, *lines]
-
-
-def height_of(text):
-    """Lines of a text on a terminal of 80 columns."""
-    return len(wrap(text, 80)) or 1
-
-
-def first_notes(notes, room):
-    """Of some lines as many as have room, one at least; the others counted."""
-    shown = 0
-    while shown < len(notes) and (shown < 1 or sum(map(height_of, notes[:shown + 1])) <= room):
-        shown += 1
-    more = len(notes) - shown
-    return notes[:shown] + [f'{more} more note{"s" * (more > 1)}: --verbose'] * (more > 0)
+        tables += [base_table(found.base, found.plain),
+                   *(f'note: {wording(note)}' for note in found.base.notes)]
+    return layered([used_sentence(document), terms_table(result.term_rows()), steps],
+                   [*urgent, *tables, *details], verbose, files)
 
 
 def base_table(base, model):

@@ -29,7 +29,7 @@ from .page_parts import (
 )
 
 #: terms up to which every correlation is drawn; of more the strong pairs are listed
-_DRAWN = 24
+_DRAWN = 14
 
 
 def terms_table(terms):
@@ -66,7 +66,7 @@ def correlation_table(names, matrix):
                  for i in range(len(names)) for j in range(i) if abs(matrix[i, j]) > 0.7]
         rows = [[a, b, number(value, 3, True)] for _, a, b, value in sorted(pairs, reverse=True)]
         return subsection('Correlations', table(
-            ['term', 'term', 'correlation'], rows[:60], 'numbers')
+            ['term', 'term', 'correlation'], rows[:20], 'numbers')
             or paragraph('No correlation above 0.7.', 'note'))
     rows = []
     for i, name in enumerate(names):

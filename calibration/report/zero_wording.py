@@ -44,7 +44,7 @@ def _few(found):
 
 def _causes(found):
     if found['not_tried']:
-        return 'no cause can be looked for: ' + '; '.join(
+        return 'no cause can be looked for: ' + '.\n'.join(
             KINDS[one.kind](one) for one in found['not_tried'])
     return '; '.join(f'{name}: {KINDS[one.kind](one)}' for name, one in found['axes'].items())
 

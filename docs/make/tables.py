@@ -124,21 +124,25 @@ def measured_rows(_, printed):
                        for name in wanted] for row in (head, *rows)))
 
 
+#: what comes after the tables of a command
+NOTES = r'note|sigma from|\d+ more|lines? \d'
+
 TABLES = {
     'fit_mmt': Table('your_own_file.md', f'telescope-mount fit {MMT}', FIT, '80 of 80',
-                     'sigma from'),
+                     NOTES),
     'diagnose_mmt': Table('your_own_file.md', f'telescope-mount diagnose {MMT}',
                           (*FIT, 'calibration/report')),
-    'harmonics': Table('harmonics.md', f'telescope-mount fit {MMT} --harmonics zenith', FIT,
-                       ' model  ', '7 terms, then'),
-    'first_night': Table('first_night.md', 'telescope-mount night --out {out}', NIGHT,
-                         'Zero on Polaris', 'Terms, encoder'),
+    'harmonics': Table('harmonics.md', f'telescope-mount fit {MMT} --harmonics zenith --verbose',
+                       FIT,
+                       ' model  ', NOTES),
+    'first_night': Table('first_night.md', 'telescope-mount night --out {out} --verbose',
+                         NIGHT, 'Zero on Polaris', 'log '),
     'watch': Table('watch.md', 'telescope-mount watch examples/night',
                    ('examples/night/bag/*', 'telescope_mount/dashboard')),
     'encoder_test': Table('absolute_encoder.md', 'telescope-mount encoder-test --out {out}',
                           ('encoder_reading', 'encoder_sim/*.py', 'telescope_mount/papers'),
-                          ' arcsec  ', 'Table 2'),
-    'experiment': Table('zero_drift.md', 'telescope-mount experiment --out {out}',
+                          ' arcsec  ', NOTES),
+    'experiment': Table('zero_drift.md', 'telescope-mount experiment --out {out} --verbose',
                         (*NIGHT, 'telescope_mount/papers'), ' night  ', 'The same stars'),
     'loop': Table('closing_the_loop.md', 'telescope-mount close-the-loop --scenario all '
                   '--out {out}', NIGHT, rows=loop_rows),
@@ -147,7 +151,7 @@ TABLES = {
                       '60 of 60', 'note: '),
     'tutorial_altaz_fit': Table('tutorial_altaz.md', 'telescope-mount fit '
                                 'examples/tutorial/altaz_night1.csv', TUTORIAL, '60 of 60',
-                                'sigma from'),
+                                NOTES),
     'tutorial_altaz_diagnosis': Table(
         'tutorial_altaz.md', 'telescope-mount diagnose examples/tutorial/altaz_night1.csv '
         '--holdout examples/tutorial/altaz_night2.csv', TUTORIAL),

@@ -61,6 +61,7 @@ def add(commands):
                         'images after a turn, is as near to the pole (default: 10)')
     options.add(parser, 'encoder', 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height',
                 'pressure', 'temperature', 'equinox')
+    options.add_verbose(parser, 'notes')
     options.add_json(parser, 'where the axis points, and what to turn')
 
 
@@ -104,12 +105,14 @@ def run(args):
             raise ValueError(f'--{name} is of images: name their folder with --live')
     if args.file is None:
         raise ValueError('give a model or a run; or a folder of images with --live')
-    from .console import new_console, print_all, print_lines, write_outputs
+    from calibration.report.terminal_layers import layered
+
+    from .console import files_of, new_console, print_all, write_outputs
     model, notes, equinox = model_of(args)
     document, lines = alignment_of(model, args, equinox)
     console = new_console()
-    print_all(console, lines)
-    print_lines(console, 'note', notes)
+    print_all(console, layered(lines, [f'note: {note}' for note in notes], args.verbose,
+                               files_of(args)))
     write_outputs(console, args, {**document, 'lines': lines, 'notes': notes})
     return None
 

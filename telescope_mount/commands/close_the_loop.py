@@ -52,16 +52,18 @@ def add(commands):
                 'equinox')
     options.add(parser, 'mount', help=options.MOUNT_OF_NIGHT)
     options.add(parser, 'domain')
+    options.add_verbose(parser, 'tables and notes')
     options.add_json(parser, 'the report')
 
 
 def run(args):
     """Observe or take, diagnose, observe again, print, write."""
     from calibration.report.row_wording import expected_sentence, outlier_sentence, used_sentence
+    from calibration.report.terminal_layers import layered
 
     from ..loop import ALL, close_all, close_the_loop
-    from ..loop_tables import all_table, loop_sentences, loop_tables
-    from .console import ProgressLine, end_of_night, new_console, print_all, print_lines
+    from ..loop_tables import all_table, loop_sentences, loop_tables, short_tables
+    from .console import ProgressLine, end_of_night, new_console, print_all
     if options.is_list(args):
         return options.list_scenarios(args, 'loop_*', 'mount_*')
     if args.file is None:
@@ -87,8 +89,8 @@ def run(args):
     if 'scenarios' in report:
         console.print(all_table(report))
         return end_of_night(console, args.json, report)
-    console.print(used_sentence(report))
-    print_all(console, loop_tables(report))
-    print_lines(console, 'note', [text for text in (
-        expected_sentence(report), outlier_sentence(report)) if text] + loop_sentences(report))
+    notes = [expected_sentence(report), outlier_sentence(report), *loop_sentences(report)]
+    print_all(console, layered(
+        [used_sentence(report), *short_tables(report)], [f'note: {text}' for text in notes if text],
+        args.verbose, len(report['files']), loop_tables(report)))
     return end_of_night(console, args.json, report)

@@ -244,28 +244,33 @@ def print_files(console, files, width=13):
         console.print(f'{name:<{width}} {path}', soft_wrap=True)  # a path is for copying
 
 
-def print_calibration(console, report):
-    """A calibration report: its tables, notes and alarms."""
-    from calibration.report.row_wording import expected_sentence
-    from calibration.report.terminal_tables import night_tables
-    if 'steps' in report:
-        print_all(console, night_tables(report))
-        if report.get('expected'):
-            console.print(expected_sentence(report))
-        zeros = report['changes'] or report['zeros']
-        cross_check = report['witnesses']
-        print_lines(console, 'note', [*(zero['statement'] for zero in zeros[-1:]), *report['notes'],
-                                      *cross_check['notes']])
-        print_lines(console, 'alarm', cross_check['alarms'])
-    else:
-        print_lines(console, 'note', report['notes'])
+def files_of(args):
+    """How many of --json, --save and --report name a file: lines of `write_outputs`."""
+    return sum(isinstance(getattr(args, name, None), Path) for name in ('json', 'save', 'report'))
+
+
+def print_calibration(console, report, verbose=False, files=0):
+    """A calibration report: what it found; all tables and notes with `verbose`.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+    report : dict
+    verbose : bool
+    files : int
+        Lines that are printed after it.
+    """
+    from calibration.report.terminal_layers import layered
+    from calibration.report.terminal_tables import night_parts
+    first, more, rest = night_parts(report) if 'steps' in report else (
+        [], [f'note: {note}' for note in report['notes']], [])
     if 'tracking' in report:
         from calibration.report.track_page import tracking_lines
-        print_lines(console, 'tracked', tracking_lines(report['tracking']))
-    for check in report.get('checks', []):
-        if check['stars']:
-            console.print(f'{check["stars"]} fresh stars pointed at blind: '
-                          f'{check["rms_arcsec"]:.2f} arcsec radial RMS, {check["lost"]} lost')
+        more[:0] = [f'tracked: {line}' for line in tracking_lines(report['tracking'])]
+    first += [f'{check["stars"]} fresh stars pointed at blind: {check["rms_arcsec"]:.2f} arcsec '
+              f'radial RMS, {check["lost"]} lost'
+              for check in report.get('checks', []) if check['stars']]
+    print_all(console, layered(first, more, verbose, files, rest))
 
 
 def write_json(path, document):

@@ -44,7 +44,7 @@ def add(commands):
     parser.add_argument('--base', type=options.model_path, metavar='MODEL',
                         help='a model file, ours or of '
                         'another program: its terms are fitted anew, its values shown beside')
-    options.add_verbose(parser, 'notes')
+    options.add_verbose(parser, 'tables and notes')
     options.add_outputs(parser)
 
 
@@ -78,7 +78,7 @@ def _run(args):
     from calibration.report.terminal_tables import fit_tables
 
     from ..run_loader import load_run
-    from .console import new_console, print_all, write_outputs
+    from .console import files_of, new_console, print_all, write_outputs
     # in logs of ours the zeros of the power-ons are known, and taken off
     run = load_run(args.file, **options.place_of(args), exclude=args.exclude)
     run = one_of_runs(run, args.number, args.sessions != 0.0 or args.file.is_dir()
@@ -92,6 +92,6 @@ def _run(args):
                     source=args.file, sessions=args.sessions,
                     most_iterations=args.max_iterations)
     console, document = new_console(), fit_document(found)
-    print_all(console, fit_tables(found, document, args.verbose))
+    print_all(console, fit_tables(found, document, args.verbose, files_of(args)))
     write_outputs(console, args, document, model=found.model.save,
                   page=args.report and render_fit(found, document))

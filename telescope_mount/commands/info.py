@@ -33,15 +33,16 @@ def add(commands):
                         help='print the index, without reading the messages')
     parser.add_argument('--report', type=Path, metavar='FILE', help='write the page of the night '
                         'that it is the log of (.html)')
+    options.add_verbose(parser, 'topics, with types')
     options.add_json(parser, 'it')
 
 
 def run(args):
     """Read and print."""
-    from .console import new_console, print_all, write_outputs
+    from .console import files_of, new_console, print_all, write_outputs
     info = log_info(args.log, quick=args.quick)
     console = new_console()
-    print_all(console, info_tables(info))
+    print_all(console, info_parts(info, args.verbose, files_of(args)))
     page = None
     if args.report:
         from calibration.report.night_page import page_of_log
@@ -137,19 +138,51 @@ def _read_through(bag):
     return seen, odd
 
 
-def info_tables(info):
-    """What `log_info` tells, as rich tables and lines for the console."""
+def info_parts(info, verbose=True, files=0):
+    """What `log_info` gives, as lines and tables for the console.
+
+    Parameters
+    ----------
+    info : dict
+    verbose : bool
+        With all topics and their types, and not only those with most messages.
+    files : int
+        Lines that are printed after it.
+    """
+    from calibration.report.terminal_layers import LINES, MORE, height_of, layered, some_rows
+    from calibration.report.terminal_tables import new_table
+    *lines, problems = info_lines(info)
+    short = new_table('', f'{info["messages"]} messages', 'number', 'rate [Hz]', 'lost')
+    for row in sorted(info['topics'], key=lambda row: -row['count']):
+        short.add_row(row['name'], str(row['count']), _figure(row['rate_hz'], '.4g'),
+                      _figure(row['lost'], ''))
+    if verbose:
+        return [*lines, *problems, _topics(info)]
+    some = layered(problems[:3], problems[3:], files=LINES - 8)
+    room = LINES - files - sum(map(height_of, [*lines, *some])) - 4
+    left = some_rows(short, max(3, room))
+    return [*lines, *some, short, *([MORE.format(f'types, and {left} topics')] if left else [])]
+
+
+def _figure(value, form):
+    return '' if value is None else format(value, form)
+
+
+def _topics(info):
     from calibration.report.terminal_tables import new_table
     table = new_table(f'{info["path"]}: {info["messages"]} messages', 'topic', 'type', 'messages',
                       'rate [Hz]', 'publishers', 'lost')
     table.columns[1].justify = 'left'
     for row in info['topics']:
         table.add_row(
-            row['name'], row['type'], str(row['count']),
-            '' if row['rate_hz'] is None else f'{row["rate_hz"]:.4g}',
-            '' if row['publishers'] is None else str(row['publishers']),
-            '' if row['lost'] is None else str(row['lost']))
-    lines = [
+            row['name'], row['type'], str(row['count']), _figure(row['rate_hz'], '.4g'),
+            _figure(row['publishers'], ''), _figure(row['lost'], ''))
+    return table
+
+
+def info_lines(info):
+    """Files, time, programs and integrity of a log, a list of str; last the list of problems."""
+    return [
         f'files              {", ".join(info["files"])} ({info["size_bytes"] / 1e6:.2f} MB)',
         f'time               {info["start"]} to {info["end"]} ({info["duration_s"]:.1f} s)',
         *(f'{key:<18} {value}' for key, value in info['written_with'].items()),
@@ -158,5 +191,4 @@ def info_tables(info):
         'integrity          ' + (
             'damaged or not closed, see below' if info['problems'] or not info['complete'] else
             'whole, every checksum is right' if info['read_through'] else 'closed properly'),
-        *(f'problem: {problem}' for problem in info['problems'])]
-    return [table, *lines]
+        [f'problem: {problem}' for problem in info['problems']]]

@@ -62,6 +62,7 @@ def add(commands):
                         help='simulated seconds a second; 0 (default): as fast as the graph '
                         'answers')
     options.add(parser, 'domain')
+    options.add_verbose(parser, 'tables and notes')
     options.add_json(parser, 'the report')
 
 
@@ -112,5 +113,5 @@ def run(args):
                 args.out, polaris=args.polaris, scenario=args.scenario, start_time=args.date,
                 mount=args.mount or '', cycle=args.power_cycle, time_scale=args.time_scale,
                 absolute=args.absolute, progress=progress, **common)
-    print_calibration(console, report)
+    print_calibration(console, report, args.verbose, len(report['files']))
     return end_of_night(console, args.json, report)

@@ -51,6 +51,7 @@ def add(commands):
     options.add(parser, 'reference', help='model.json to begin with')
     options.add(parser, 'params', help='ROS parameter file, read by every node and driver')
     options.add(parser, 'domain', help=options.RUNNING_DOMAIN)
+    options.add_verbose(parser, 'tables and notes')
     options.add_json(parser, 'the report')
 
 
@@ -71,5 +72,5 @@ def run(args):
             reference=args.reference, domain_number=args.domain, params_file=args.params,
             progress=progress, hold_up=hold_up,
             note=console.print)
-    print_calibration(console, report)
+    print_calibration(console, report, args.verbose, len(report['files']))
     return end_of_night(console, args.json, report)

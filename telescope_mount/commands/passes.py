@@ -18,6 +18,9 @@ from pathlib import Path
 
 from . import options
 
+#: passes that are listed without --verbose
+_MOST = 15
+
 
 def add(commands):
     """Add the parser."""
@@ -42,11 +45,13 @@ def add(commands):
                         metavar='DEG_S2', help='of either axis, deg/s^2 (default: 2)')
     parser.add_argument('--day-too', action='store_true', help='also by day and in the shadow of '
                         'the Earth (lasers, radio)')
+    options.add_verbose(parser, 'passes, with phase, Sun and rates')
     options.add_json(parser)
 
 
 def run(args):
     """Read, search, print."""
+    from calibration.report.terminal_layers import some_rows
     from msg_tools.iso_time import iso_seconds
     from msg_tools.units import DEG
     from pointing_model.mounts import parse_mount
@@ -70,12 +75,30 @@ def run(args):
                                 low=args.lowest * DEG, dark=not args.day_too)
     found.sort(key=lambda one: one.start)
     console = new_console()
-    console.print(_table(found, mount))
+    table = _table(found, mount) if args.verbose else _short_table(found, mount)
+    left = 0 if args.verbose else some_rows(table, _MOST)
+    console.print(table)
+    if left:
+        console.print(f'{left} more, and phase, Sun and rates: --verbose')
     if not found:
         console.print('no pass in these hours' + ('' if args.day_too else ' that is in the Sun, '
                                                   'at night: --day-too has all'))
     print_lines(console, 'note', orbits.notes)
     write_outputs(console, args, [one.document() for one in found], 'passes')
+
+
+def _short_table(found, mount):
+    from datetime import datetime, timezone
+
+    from calibration.report.terminal_tables import new_table
+    from msg_tools.units import DEG
+    out = new_table(f'{len(found)} passes', 'satellite', 'UTC', 'min', 'highest', 'keyhole')
+    for one in found:
+        lost = ', '.join(f'{hole.lost:.0f} s of the {mount.names.axes[hole.axis]}'
+                         for hole in one.keyholes)
+        out.add_row(one.name, f'{datetime.fromtimestamp(one.start, timezone.utc):%Y-%m-%d %H:%M}',
+                    f'{(one.end - one.start) / 60.0:.1f}', f'{one.top_el / DEG:.0f}°', lost or '–')
+    return out
 
 
 def _table(found, mount):

@@ -32,6 +32,7 @@ def add(commands):
     options.add(parser, 'harmonics', default=None, help="paper 000's spherical harmonics in the "
                 'model, by how their E is read (default: as the night had them)')
     options.add(parser, 'harmonics-alone', 'harmonics-degree')
+    options.add_verbose(parser, 'tables and notes')
     options.add_outputs(parser, 'the report', report=False)
     options.add(parser, 'domain')
 
@@ -41,6 +42,7 @@ def run(args):
     from ..log_replay import replay_log
     from .console import (
         ProgressLine,
+        files_of,
         new_console,
         print_calibration,
         print_files,
@@ -57,7 +59,7 @@ def run(args):
     with ProgressLine(unit='rows') as progress:
         report = replay_log(args.log, reference=args.reference, seed=args.seed, out=args.save,
                             domain_number=args.domain, harmonics=harmonics, progress=progress)
-    print_calibration(console, report)
+    print_calibration(console, report, args.verbose, files_of(args) + 1)
     print_lines(console, 'problem', report['problems'])
     if report['diagnosis']:
         from pointing_model.effects.base import readable

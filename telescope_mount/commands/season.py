@@ -14,11 +14,7 @@
 
 """The command ``season``."""
 
-
 from . import options
-
-#: lines of each kind that are printed
-_MOST = {'found': 4, 'note': 1}
 
 
 def add(commands):
@@ -50,12 +46,13 @@ def run(args):
     from calibration.analysis.season.season_analysis import analyse_season
     from calibration.analysis.season.season_nights import nights_of
     from calibration.report.season_page import render_season
+    from calibration.report.terminal_layers import layered
     from calibration.report.wording import worded
     from msg_tools.iso_time import iso_seconds
     from pointing_model.runs.formats import NoObservations
 
     from ..run_loader import load_run
-    from .console import ProgressLine, new_console, print_lines, write_outputs
+    from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     declared = []
     for text in args.since:
         date, _, what = text.partition('=')
@@ -85,13 +82,11 @@ def run(args):
         progress('looking for what moves the terms')
         result = analyse_season(season, declared=declared, tonight=tonight, causes=causes)
     document = worded(result.document())
-    console.print(_table(document))
-    for word, lines in (('found', worded(result.findings())
-                         or ['the terms drift; no cause found']), ('note', document['notes'])):
-        most = len(lines) if args.verbose else _MOST[word]
-        print_lines(console, word, lines[:most])
-        if lines[most:]:
-            console.print(f'{len(lines) - most} more: --verbose')
+    print_all(console, layered(
+        [_table(document)],
+        [f'{word}: {line}' for word, lines in (
+            ('found', worded(result.findings()) or ['the terms drift; no cause found']),
+            ('note', document['notes'])) for line in lines], args.verbose, files_of(args)))
     write_outputs(console, args, document, model=result.model().save,
                   page=args.report and render_season(result, args.files))
 

@@ -33,6 +33,7 @@ def add(commands):
     parser.add_argument('--terms', type=options.names, help='comma-separated, of that fit')
     options.add(parser, 'azimuth-origin', 'mount', 'latitude', 'longitude', 'height', 'pressure',
                 'temperature', 'equinox')
+    options.add_verbose(parser, 'jumps and notes')
     options.add_outputs(parser, save='the model after the last star')
 
 
@@ -41,13 +42,14 @@ def run(args):
     if args.model and (args.first or args.terms):
         raise ValueError('--first and --terms are of a model that is fitted: leave out --model')
     from calibration.analysis.tracking.run_track import track_run
+    from calibration.report.terminal_layers import layered
     from calibration.report.terminal_tables import new_table
     from calibration.report.track_page import render_track, tracking_lines
     from calibration.report.wording import worded
     from pointing_model.model import PointingModel
 
     from ..run_loader import load_run
-    from .console import ProgressLine, new_console, print_lines, write_outputs
+    from .console import ProgressLine, files_of, new_console, print_all, write_outputs
     run = load_run(args.file, **options.place_of(args))
     model = args.model and PointingModel.load(args.model)
     with ProgressLine(unit='rows', first='following the mount') as progress:
@@ -59,10 +61,10 @@ def run(args):
     for name in ('model of the evening', 'tracked'):
         table.add_row(name, f'{missed[name]:.2f}', f'{missed[f"{name}, middle"]:.2f}')
     table.add_row('expected of the tracked', f'{missed["expected"]:.2f}', '')
-    console.print(table)
-    if tracked.fitted:
-        console.print(f'the model of the evening is of the first {tracked.fitted} stars')
-    print_lines(console, 'tracked', tracking_lines(summary))
-    print_lines(console, 'note', summary['notes'])
+    of = [f'the model of the evening is of the first {tracked.fitted} stars'] * bool(tracked.fitted)
+    print_all(console, layered(
+        [table, *of], [*(f'tracked: {line}' for line in tracking_lines(summary)),
+                       *(f'note: {note}' for note in summary['notes'])],
+        args.verbose, files_of(args)))
     write_outputs(console, args, summary, model=tracked.model.save,
                   page=args.report and render_track(tracked, [args.file]))

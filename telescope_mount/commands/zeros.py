@@ -27,18 +27,21 @@ def add(commands):
         'temperature_c, supply_v, since_h, side, time), and print what they follow. A last row '
         'without zeros is tonight: its zero is predicted.')
     parser.add_argument('file', type=Path, metavar='FILE')
+    options.add_verbose(parser, 'notes')
     options.add_outputs(parser, 'the verdict', save='', report=False)
 
 
 def run(args):
     """Read, test, print, write."""
+    from calibration.report.terminal_layers import layered
     from calibration.report.zero_season_report import season_lines, season_table
     from telescope_mount.zero_file import zero_file_causes
 
-    from .console import new_console, print_all, print_lines, write_outputs
+    from .console import files_of, new_console, print_all, write_outputs
     document = zero_file_causes(args.file)
     console = new_console()
-    console.print(season_table(document))
-    print_all(console, season_lines(document))
-    print_lines(console, 'note', document['notes'])
+    print_all(console, layered(
+        [season_table(document)],
+        [*season_lines(document), *(f'note: {note}' for note in document['notes'])],
+        args.verbose, files_of(args)))
     write_outputs(console, args, document, 'verdict')

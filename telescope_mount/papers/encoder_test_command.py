@@ -27,6 +27,7 @@ def add(commands):
         description='Turn the simulated disc of the absolute encoder to 23 standard angles. Read '
         "it by the paper's method, its two rivals and ours, and compare with the printed values.")
     options.add_out(parser, 'encoder_test', 'the page')
+    options.add_verbose(parser, 'tables and notes')
     options.add_json(parser, 'all figures')
     options.add(parser, 'seed', help='of disc, table and noise (default: 1)')
     parser.add_argument('--turns', type=options.whole(2, 1000), default=20,
@@ -37,14 +38,15 @@ def add(commands):
 
 def run(args):
     """Turn, read, print."""
+    from calibration.report.terminal_layers import layered
     from msg_tools.whole_files import write_text
 
     from ..commands.console import (
         ProgressLine,
+        files_of,
         new_console,
         print_all,
         print_files,
-        print_lines,
         write_outputs,
     )
     from . import encoder_test
@@ -54,8 +56,9 @@ def run(args):
     args.out.mkdir(parents=True, exist_ok=True)
     with ProgressLine(first='turning the disc') as progress:
         report = encoder_test.run(args.seed, args.turns, args.pitch, progress)
-    print_all(console, encoder_test.tables(report))
-    print_lines(console, 'note', encoder_test.notes(report))
+    first, *rest = encoder_test.tables(report)
+    print_all(console, layered([first], [f'note: {note}' for note in encoder_test.notes(report)],
+                               args.verbose, 1 + files_of(args), rest))
     write_outputs(console, args, report, 'figures')
     figures = [args.json] if isinstance(args.json, Path) else []
     write_text(page, render_encoder_test(report, figures))

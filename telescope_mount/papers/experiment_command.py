@@ -47,15 +47,17 @@ def add(commands):
     parser.add_argument('--satellite', type=options.whole(2, 200), default=20,
                         help='exposures of the satellite before and after (default: 20)')
     options.add(parser, 'domain')
+    options.add_verbose(parser, 'nights and tables')
     options.add_json(parser, 'the report')
 
 
 def run(args):
     """Observe, print, write."""
+    from calibration.report.terminal_layers import layered
     from calibration.report.zero_season_report import season_lines, season_table
-    from telescope_mount.papers.table_1 import experiment_tables
+    from telescope_mount.papers.table_1 import experiment_tables, short_lines, short_table
 
-    from ..commands.console import ProgressLine, end_of_night, new_console, print_all, print_lines
+    from ..commands.console import ProgressLine, end_of_night, new_console, print_all
     from .experiment import run_experiment
     if options.is_list(args):
         return options.list_scenarios(args, 'season_*')
@@ -65,8 +67,10 @@ def run(args):
             args.out, seed=args.seed, drifts=args.drifts, stars=args.stars, polaris=args.polaris,
             satellite=args.satellite, nights=args.nights, scenario=args.scenario,
             domain_number=args.domain, progress=progress)
-    print_all(console, experiment_tables(report))
-    console.print(season_table(report['zeros']))
-    print_lines(console, 'zeros', season_lines(report['zeros']))
-    print_lines(console, 'alarm', report['alarms'])
+    print_all(console, layered(
+        [short_table(report), *short_lines(report)], [
+            *(f'alarm: {line}' for line in report['alarms']),
+            *(f'zeros: {line}' for line in season_lines(report['zeros']))],
+        args.verbose, len(report['files']),
+        [*experiment_tables(report), season_table(report['zeros'])]))
     return end_of_night(console, args.json, report, 17)

@@ -135,6 +135,42 @@ def statistics(table):
 # --- for people -----------------------------------------------------------------------------------
 
 
+def short_table(report):
+    """Means of the nights before and after calibration, ours beside the paper's.
+
+    Parameters
+    ----------
+    report : dict
+        Of `compare_with_paper`.
+
+    Returns
+    -------
+    rich.table.Table
+    """
+    out = new_table('', f'{len(report["table1"])} nights, arcsec', 'before: az', 'paper', 'el',
+                    'paper', 'after: az', 'paper', 'el', 'paper')
+    _add_statistics(out, report)
+    return out
+
+
+def short_lines(report):
+    """The satellite and the power-on of the paper's section 1.1, a list of str."""
+    lines = []
+    if report['gps']:
+        lines.append('GPS satellite, mean on the sky, arcsec: ' + ', '.join(
+            f'{report["gps"][when]["az_sky_mean_arcsec"]:+.2f} and '
+            f'{report["gps"][when]["el_mean_arcsec"]:+.2f} {when} calibration'
+            for when in ('before', 'after')))
+    rows = [night.get('physical', {}) for night in report['nights']]
+    pairs = [[row[when]['radial_rms_arcsec'] for row in rows if row.get(when)]
+             for when in ('before', 'after')]
+    if all(pairs):
+        lines.append('radial RMS of a night, median: ' + ', '.join(
+            f'{np.median(values):.2f}″ {when}' for values, when in zip(
+                pairs, ('with the old zero', 'with the zero of Polaris'))))
+    return lines
+
+
 def experiment_tables(report):
     """Tables of `compare_with_paper`.
 
@@ -165,12 +201,16 @@ def _table_1(report):
             '' if row is None else f'{row[name]:+.1f}' if row is theirs else f'{row[name]:+.2f}'
             for name in COLUMNS[1:] for row in (ours, theirs)))
     out.add_section()
+    _add_statistics(out, report)
+    return out
+
+
+def _add_statistics(out, report):
     for key in ('mean', 'std', 'rms'):
         out.add_row(key.upper() if key == 'rms' else key, *(
             f'{which[name][key]:+.2f}' if key == 'mean' else f'{which[name][key]:.2f}'
             for name in COLUMNS[1:]
             for which in (report['statistics'], report['paper']['statistics'])))
-    return out
 
 
 def _kinds(report):

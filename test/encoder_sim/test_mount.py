@@ -51,6 +51,20 @@ def test_it_follows_a_command():
     np.testing.assert_array_equal(device.approach(np.array([settled])), [[1.0, 1.0]])
 
 
+def test_a_slew_that_takes_microseconds_longer_ends_at_the_same_cycle():
+    def ends(shift):
+        device, at, out = mount(), 0.0, []
+        for az, el in np.random.default_rng(2).uniform([10, 15], [350, 85], (30, 2)):
+            shift = -shift  # of every other place, deg: a slew is longer, the next shorter
+            at = held(device, az + shift, el + shift, at)
+            out.append(round(at * 1e9))
+        return out
+
+    assert ends(1e-5) == ends(-1e-5) == ends(0.0)  # some 5 us of a slew
+    assert all(end % 100_000_000 == 0 for end in ends(0.0))
+    assert ends(0.2) != ends(0.0)
+
+
 def test_a_track_is_followed_at_its_rate():
     device = mount()
     rate = np.array([0.004, -0.003]) * DEG

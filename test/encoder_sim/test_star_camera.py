@@ -128,7 +128,29 @@ def test_rotation_scale_and_noise(stars):
     error = (miss - Camera(Scenario(), 1).expose(stamps, frames).miss) / ARCSEC
     assert error.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.06)
     assert abs(np.corrcoef(error.T)[0, 1]) < 0.08
-    assert noisy.expose(stamps[77], frames[0]).miss[0] == pytest.approx(miss[77], abs=1e-15)
+    # the noise is of the star's exposures, one after the other, whatever their time
+    later = Camera(Scenario(camera=Params(star_noise=1 * ARCSEC)), 1)
+    for i in range(20):
+        alone = later.expose(stamps[i] + 700_000, frames[0])
+        plain = Camera(Scenario(), 1).expose(stamps[i] + 700_000, frames[0])
+        assert (alone.miss - plain.miss)[0] / ARCSEC == pytest.approx(error[i], abs=1e-9)
+    assert later.exposed == {int(alone.hip[0]): 20}
+
+
+def test_each_star_night_and_seed_has_its_own_noise(stars):
+    _, az, el = stars
+    frames = GEOMETRY.frames(az, el)
+
+    def noise(seed, start):
+        params = Params(star_noise=1 * ARCSEC)
+        return [Camera(Scenario(camera=one), seed, start=start).expose(
+            np.full(len(az), STAMP), frames).miss for one in (params, Params())]
+
+    found = [(noisy - plain) / ARCSEC for noisy, plain in (noise(1, 0.0), noise(2, 0.0),
+                                                           noise(1, 86400.0))]
+    assert all(abs(np.corrcoef(found[0].ravel(), other.ravel())[0, 1]) < 0.2
+               for other in found[1:])
+    assert len(np.unique(found[0])) == 2 * len(az)
 
 
 def test_clock_and_weather_of_the_truth(stars):

@@ -225,7 +225,7 @@ def test_fit_prints_the_terms_and_saves_the_model(ended, run_csv, tmp_path):
 def test_fit_adds_harmonics_and_says_what_they_are_worth(ended, run_csv, tmp_path):
     saved = tmp_path / 'model.json'
     code, out, err = ended('fit', run_csv, '--harmonics', 'zenith', '--harmonics-degree', 2,
-                           '--save', saved)
+                           '--save', saved, '--verbose')
     assert (code, err) == (0, '')
     model = PointingModel.load(saved)
     assert model.harmonics.degree == 2 and len(model.terms) == 7
@@ -237,7 +237,7 @@ def test_fit_adds_harmonics_and_says_what_they_are_worth(ended, run_csv, tmp_pat
     assert chosen.strip().startswith('7 terms, then 7 harmonics, E read as zenith distance')
     assert 'cross-validation prefers another model: 7 terms' in ' '.join(out.split())
     code, out, _ = ended('fit', run_csv, '--harmonics', 'printed', '--harmonics-alone', '--save',
-                         saved, '--overwrite')
+                         saved, '--overwrite', '--verbose')
     alone = PointingModel.load(saved)
     assert code == 0 and alone.terms == {} and alone.harmonics.interpretation == 'printed'
     assert 'chosen by cross-validation' in out

@@ -20,7 +20,7 @@ import pytest
 from msg_tools.bag import BagWriter
 from msg_tools.bag.sqlite import SqliteReader, open_bag
 from telescope_mount.cli import main
-from telescope_mount.commands.info import info_tables, log_info
+from telescope_mount.commands.info import info_parts, log_info
 
 START = 1_768_482_000_000_000_000
 DEFINITION = b'int32 data\n'
@@ -70,7 +70,7 @@ def test_quick_reads_no_message(log):
     assert quick['messages'] == 99 and quick['problems'] == []
     assert quick['topics'][0]['count'] == 98 and quick['topics'][0]['lost'] is None
     assert ['left out: 99 messages from' in problem for problem in full['problems']] == [True]
-    lines = [part for part in info_tables(full) if isinstance(part, str)]
+    lines = [part for part in info_parts(full) if isinstance(part, str)]
     assert any('damaged' in line for line in lines)
 
 

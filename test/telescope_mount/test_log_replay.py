@@ -31,7 +31,7 @@ def test_what_is_left_of_a_log_gives_the_same_model_to_the_bit(other_night, cli,
     assert not BagReader(file).complete
     before = file.read_bytes()
     out = tmp_path / 'model.json'
-    done = cli('replay', file, '--seed', 3, '--save', out)
+    done = cli('replay', file, '--seed', 3, '--save', out, '--verbose')
     assert (done.returncode, done.stderr) == (0, '')
     assert out.read_bytes() == (other_night / 'model.json').read_bytes()
     assert PointingModel.load(out).harmonics.interpretation == 'printed'

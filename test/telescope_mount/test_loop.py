@@ -52,7 +52,7 @@ class Loop:
 
     def __init__(self, cli, folder, *args):
         self.folder = folder
-        done = cli('close-the-loop', '--out', folder, *args)
+        done = cli('close-the-loop', '--out', folder, *args, '--verbose')
         assert done.returncode == 0, (done.stdout, done.stderr)
         assert done.stderr == ''
         self.text = done.stdout
@@ -177,7 +177,7 @@ def test_the_change_is_judged_before_and_after_it_is_published(german, ended):
 
 def test_what_is_printed_and_written(german):
     for words in ('Verdict: identified', 'MA by counterweight', ' ha ', ' dec ',
-                  'the same fresh stars, model before', 'noise floor', 'leans 15"',
+                  'the same fresh stars, model before', 'noise floor', 'tilts 15"',
                   'found: yes', f'{german.report["blind_after"]["rms_arcsec"]:.2f}'):
         assert words in german.text, words
     assert 'azimuth' not in german.text

@@ -103,7 +103,7 @@ def test_what_is_not_used_of_a_file_is_said(tmp_path, ended):
                    '2026-02-02T18:00:00,1,,9,5\n2026-02-03T18:00:00,,2,9,5\n'
                    '2026-02-04T18:00:00,,,10.0,5.0\n')
     file.write_text(file.read_text().replace('supply_v', 'suply_v'))
-    code, out, err = ended('zeros', file)
+    code, out, err = ended('zeros', file, '--verbose')
     out = ' '.join(out.split())
     assert (code, err) == (0, '') and 'tonight, predicted' in out
     assert 'lines 15-16 left out: one of' in out and 'line 14 left out: no zero' in out

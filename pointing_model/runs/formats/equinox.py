@@ -153,10 +153,10 @@ def sentence(found):
     by = (f'log-likelihood favours {found["likelier"]} by '
           f'{found["log_likelihood"]:.1f}, with drifting zeros and other terms in the model')
     if found['told']:
-        return f'{text}taken as {found["taken"]}; {by}, and {left}'
-    out = (f'{text}undetermined by the data, taken as {found["taken"]}, a guess; {left}')
+        return f'{text}taken as {found["taken"]}. Reason: {by}, and {left}'
+    out = f'{text}taken as {found["taken"]}, a guess, for the data do not decide. Then {left}'
     if found['left_arcsec']:
-        out += f'; {by} ({DECISIVE:g} would decide)'
+        out += f'. The {by} ({DECISIVE:g} would decide)'
     return f'{out}{_moved(found)}. Say it with --equinox j2000 or --equinox date'
 
 
@@ -166,7 +166,7 @@ def _moved(found):
     if set(polar) != {found['taken'], found['other']}:
         return ''
     taken, other = polar[found['taken']], polar[found['other']]
-    return f'; {found["other"]} would change ' + ', '.join(
+    return f'. {found["other"].capitalize()} would change ' + ', '.join(
         f'{name} by {(other[name] - value) / 60.0:+.1f} arcmin'
         for name, value in sorted(taken.items(), reverse=True))
 

@@ -24,7 +24,7 @@ from rich.console import Console
 from calibration.report.diagnosis_summary import DiagnosisSummary, EffectLine
 from calibration.report.diagnosis_terminal import summary_lines
 from calibration.report.terminal_layout import TerminalTable
-from calibration.report.terminal_tables import night_tables
+from calibration.report.terminal_tables import night_tables, terms_table
 
 LONG = 'model of power-on 1 on the stars of power-on 2, with the old zero'
 
@@ -89,7 +89,8 @@ def test_a_night_at_any_width():
               'external_check': [{'check': LONG, 'n': 30, **rms}],
               'terms': [{'name': 'IA', 'value_arcsec': 1209.15, 'sigma_arcsec': 0.82}]}
     for width in (120, 80, 60, 40):
-        text = ''.join(printed(one, width) for one in night_tables(report))
+        text = ''.join(printed(one, width) for one in (
+            *night_tables(report), terms_table(report['terms'])))
         assert text.count('268.96') == 3 and text.count('324.95') == 3
         assert '+1209.15' in text and '…' not in text
         assert max(map(len, text.splitlines())) <= width

@@ -270,7 +270,7 @@ def test_the_equinox_is_decided_with_wandering_zeros_in_the_model(swapped):
     polar = found['polar_axis_arcsec']
     assert abs(polar[names[1]]['ME'] - polar[names[0]]['ME']) > 300.0
     said = equinox.sentence(found)
-    assert f'taken as {names[0]}; ' in said and 'guess' not in said
+    assert f'taken as {names[0]}. ' in said and 'guess' not in said
 
 
 def test_rows_that_cannot_tell_the_equinox_say_so():
@@ -278,8 +278,8 @@ def test_rows_that_cannot_tell_the_equinox_say_so():
     found = equinox.comparison({'J2000': wrong, 'of date': right}, reading, time, GERMAN)
     assert not found['told'] and found['taken'] == 'J2000' and found['log_likelihood'] < 10.0
     said = equinox.sentence(found)
-    assert 'undetermined by the data, taken as J2000, a guess' in said
-    assert 'of date would change ME by' in said and '--equinox date' in said
+    assert 'taken as J2000, a guess, for the data do not decide' in said
+    assert 'Of date would change ME by' in said and '--equinox date' in said
     few = equinox.comparison({'J2000': tuple(v[:5] for v in right), 'of date': tuple(
         v[:5] for v in wrong)}, reading[:, :5], time[:5], GERMAN)
     assert not few['told'] and 'too few' in equinox.sentence(few)

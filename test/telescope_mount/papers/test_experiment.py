@@ -41,7 +41,7 @@ NIGHTS = SATELLITE_NIGHT
 def experiment(cli, tmp_path_factory):
     folder = tmp_path_factory.mktemp('experiment') / 'out'
     done = cli('experiment', '--out', folder, '--scenario', 'season_temperature', '--nights',
-               NIGHTS, '--stars', 8, '--polaris', 4, '--satellite', 3)
+               NIGHTS, '--stars', 8, '--polaris', 4, '--satellite', 3, '--verbose')
     assert done.returncode == 0, (done.stdout, done.stderr)
     assert done.stderr == ''
     (folder.parent / 'stdout').write_text(done.stdout)
