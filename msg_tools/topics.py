@@ -99,6 +99,8 @@ class Topic:
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE, computed=True)
 # what commanders ask for; the guard checks it, and it alone publishes `command`
 REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
+# who asks: its node, and the stamp of the request, ns
+REQUEST_OWNER = Topic('request/owner', 'diagnostic_msgs/msg/KeyValue', LATCHED, many=True)
 GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
@@ -160,4 +162,4 @@ MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE, compu
 COMPUTED = tuple(value for value in list(globals().values())
                  if isinstance(value, Topic) and value.computed)
 #: what a replay leaves out unless it is named: what is computed, and what would move a mount
-NOT_REPLAYED = (*COMPUTED, REQUEST, COMMAND)
+NOT_REPLAYED = (*COMPUTED, REQUEST, REQUEST_OWNER, COMMAND)

@@ -109,7 +109,7 @@ class PointingCorrector(MountNode):
         model = self._active.model
         self._open = model is not None and bool(model.is_open(sky[:, 0], sky[:, 1]).any())
         self._sigma_pub.publish(convert.vector(
-            stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
+            stamp, *self._sigma(stamp, sky, context)))
 
     def _names(self, message):
         """Of the joints of a target; ValueError where the model is of another mount."""

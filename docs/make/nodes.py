@@ -35,6 +35,7 @@ HEAD = '<!-- made by docs/make/nodes.py from what the nodes declare; do not edit
 #: what a topic carries; its unit
 TOPICS = {
     '/clock': 'the time of a simulated or replayed night',
+    'request/owner': 'node that asks, and the stamp of its request, ns',
     'request': 'where a commander wants the axes to be, encoder angles, rad',
     'guard/status': 'what the guard does and why; the sky that it allows',
     'command': 'where the axes must be in the next seconds, encoder angles, rad',
@@ -46,7 +47,7 @@ TOPICS = {
     'absolute/joint_states': 'readings of the absolute encoders, rad; NaN: no reading',
     'absolute/sigma': 'standard error of these readings as the image gives it, rad',
     'absolute/frame': "image of the discs' bars, one row an axis",
-    'camera/miss_distance': 'star − boresight in the frame of the tube, rad; NaN: no star',
+    'camera/miss_distance': 'star − boresight: x right, y down, rad; NaN: no star',
     'ambient/temperature': 'air temperature, °C; the simulator gives it in scenarios with '
                            '`weather` alone, else a driver of yours may',
     'inclinometer': 'what the base leans to the north (x) and west (y), rad',

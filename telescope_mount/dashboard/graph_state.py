@@ -295,7 +295,7 @@ class LastMessages:
     def _small(self, state):
         miss, air = self._get(topics.MISS_DISTANCE), self._get(topics.AMBIENT)
         if miss is not None:
-            state.miss_arcsec = _scaled((miss.vector.x, miss.vector.y), ARCSEC)
+            state.miss_arcsec = _scaled(convert.read_sky_vector(miss), ARCSEC)
         if air is not None:
             state.temperature_c = convert.read_temperature(air)[1]
 

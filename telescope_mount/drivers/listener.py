@@ -107,7 +107,7 @@ class Listener:
         self._keep(stream, message.header, values, rates, message.name)
 
     def _on_miss(self, stream, message):
-        self._keep(stream, message.header, (message.vector.x, message.vector.y))
+        self._keep(stream, message.header, convert.read_sky_vector(message))
 
     def _keep(self, stream, header, values, rates=(np.nan, np.nan), names=()):
         stream.take(time.time(), convert.from_stamp(header.stamp) * 1e-9, values, rates, names,

@@ -190,7 +190,7 @@ class StarObserver(MountNode):
     def _on_miss(self, message):
         self._instruments.take_frame(
             convert.from_stamp(message.header.stamp) - round(1e9 * self.value('camera_late_s')),
-            message.vector.x, message.vector.y)
+            *convert.read_sky_vector(message))
         self._sequencer.advance()
 
     def _on_lean(self, message):
@@ -302,7 +302,7 @@ class StarObserver(MountNode):
         """On `observation` and `offset`."""
         self._observation_pub.publish(run_to_cloud(run, stamp))
         x, y = run.offsets()
-        self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
+        self._offset_pub.publish(convert.sky_vector(stamp, x[0], y[0]))
 
     def send_table(self, run, stamp):
         """On `observations`."""

@@ -68,7 +68,8 @@ def test_series_lead_to_fields_of_topics_that_there_are(layout, script):
             field, _, factor = path.partition('.@mul(')
             assert field in FIELDS[BY_NAME[name].type], series
             if panel['panelType'] == 'Plot':  # rad to arcsec
-                assert np.isclose(float(factor.rstrip(')')), 1.0 / ARCSEC, rtol=1e-8)
+                up = -1.0 if field == 'vector.y' else 1.0  # messages have y down
+                assert np.isclose(float(factor.rstrip(')')), up / ARCSEC, rtol=1e-8)
     own = {full_name(NAMESPACE, topic) for topic in (
         topics.MISS_DISTANCE, topics.OFFSET, topics.ZERO, topics.GUARD_STATUS,
         topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS)}
