@@ -46,7 +46,7 @@ from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.active_calibration import ActiveCalibration
-from pointing_model.calibration_messages import joints_to_zero
+from pointing_model.calibration_messages import ZeroPairs
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
 from telescope_mount.observing.plan import parse_plan
@@ -345,7 +345,9 @@ class Heard:
             return
         pair = ActiveCalibration()
         pair.update_model(latest[topics.MODEL.name].data)
-        pair.update_zero(*joints_to_zero(latest[topics.ZERO.name]))
+        zeros = ZeroPairs()
+        zeros.take(latest[topics.ZERO_IDENTITY.name])
+        pair.update_zero(*zeros.take(latest[topics.ZERO.name]))
         if not pair.bound:
             out.words.append('zero and model do not go together')
             return

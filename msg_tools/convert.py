@@ -229,11 +229,32 @@ def read_temperature(message):
 
 def figures(ns, groups):
     """A DiagnosticArray of groups of numbers, dict of str to dict of str to float."""
+    return values_message(ns, {name: {key: f'{value:.12g}' for key, value in rows.items()}
+                               for name, rows in groups.items()})
+
+
+def values_message(ns, groups):
+    """A DiagnosticArray of named values, dict of str to dict of str to str or number."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    return DiagnosticArray(header=header(ns, ''), status=[
+    return DiagnosticArray(header=header(ns, MOUNT_FRAME), status=[
         DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=[
-            KeyValue(key=key, value=f'{value:.12g}') for key, value in rows.items()])
+            KeyValue(key=key, value=str(value)) for key, value in rows.items()])
         for name, rows in groups.items()])
+
+
+def values_of(message, name, version):
+    """One group of `values_message`, dict of str to str; empty where there is no such group.
+
+    Raises
+    ------
+    ValueError
+        Its value ``version`` is another.
+    """
+    values = next(({row.key: row.value for row in one.values} for one in message.status
+                   if one.name == name), {})
+    if values and values.get('version') != str(version):
+        raise ValueError(f'{name} of version {values.get("version")!r}: {version} is known')
+    return values
 
 
 def status(level, name, message, **values):

@@ -99,7 +99,7 @@ def test_model_and_zero_are_applied_once(graph):
     model = PointingModel({'IA': 120 * ARCSEC, 'IE': -80 * ARCSEC, 'CA': 50 * ARCSEC})
     zero = np.array([33.0, -21.0]) * ARCSEC
     graph.publisher(topics.MODEL).publish(String(data=model.to_json()))
-    graph.publisher(topics.ZERO).publish(convert.joint_state(START, zero))
+    graph.publisher(topics.ZERO).publish(convert.joint_state(START, zero, frame=''))
     sky = Instruments(graph)
     night = Night(graph, 'polaris 1', autostart=False)
     graph.report('star_observer', '', 'received /mount/zero', 1)
