@@ -263,9 +263,11 @@ class Calibration(MountNode):
         self._send_model(model)
         self._publish_zero(self._state.zero_of_model())
         if self._state.active is not None:
+            table = residual_table(self._state.active, self._state.rows.all(),
+                                   site_of(self.value('site')))
             self._publish(topics.CALIBRATION_RESIDUALS, table_to_cloud(
-                residual_table(self._state.active, self._state.rows.all(),
-                               site_of(self.value('site'))), self._state.last_stamp))
+                table, self._state.last_stamp,
+                self._state.mount.direction(table['azimuth'], table['elevation'])))
 
     def _refuse_beside_another(self):
         if self._long.name:
