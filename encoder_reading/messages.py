@@ -38,8 +38,6 @@ def frame_message(stamp, frames):
         ns.
     frames : sequence of ndarray of uint8, shape (heads, pixels)
         Of each axis; the rows of a shorter CCD are filled with 0.
-    frame_id : str
-        It may tell the power-on (`msg_tools.power_on`).
     """
     rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
     first = 0

@@ -18,6 +18,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from .older_frames import is_y_up
+
 AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
 JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'),
@@ -129,10 +131,10 @@ def sky_vector(ns, right, up):
 def read_sky_vector(message):
     """Right and up of a Vector3Stamped, rad: the way back from `sky_vector`.
 
-    A frame whose name does not end in ``_optical`` has y up: older logs and drivers have that.
+    In older logs, and of older drivers, y is up: `older_frames`.
     """
     right, y = message.vector.x, message.vector.y
-    return right, -y if message.header.frame_id.endswith('_optical') else y
+    return right, y if is_y_up(message.header.frame_id) else -y
 
 
 def trajectory(ns, times, positions, velocities, names=AXES):

@@ -16,17 +16,16 @@
 
 Each encoder says it once a power-on, latched, on ``incremental/power_on`` or ``absolute/power_on``;
 `msg_tools.homing` says the same. A driver that is started anew may count from 1 again: number and
-start together name a power-on, and only equality counts. Older logs and drivers say it in the
-``frame_id`` of each reading, ``power_on_2@1768482000.500``.
+start together name a power-on, and only equality counts. Older logs and drivers say it in each
+reading: `msg_tools.older_frames`.
 """
 
-import re
 from typing import NamedTuple
 
 from .convert import from_stamp, values_message, values_of
+from .older_frames import power_on_in
 
 VERSION = 1
-_FRAME = re.compile(r'power_on_(-?\d+)@(\d+(?:\.\d+)?)')
 
 
 class PowerOn(NamedTuple):
@@ -73,12 +72,6 @@ def read_power_on(message):
         raise ValueError('a power-on needs number and started_s, UTC s') from None
 
 
-def read_frame(frame):
-    """The `PowerOn` that the ``frame_id`` of an older reading says; None where it says none."""
-    found = _FRAME.fullmatch(frame)
-    return None if found is None else PowerOn(int(found[1]), float(found[2]))
-
-
 class PowerOns:
     """Of which power-on the readings of one instrument are."""
 
@@ -93,8 +86,8 @@ class PowerOns:
 
     def of(self, header):
         """The `PowerOn` of a reading with that header; None where none is known."""
-        older = read_frame(header.frame_id)
-        if older is not None or not self._said:
-            return older
+        older = power_on_in(header.frame_id)
+        if older is not None:
+            return PowerOn(*older)
         at = since(from_stamp(header.stamp))
         return next((one for one in reversed(self._said) if one.started <= at), None)

@@ -20,13 +20,10 @@ a zero is refused here; they are no expectation of a good one. A zero of an incr
 be any angle of a turn, and so may the index terms, which are the same thing.
 
 A zero alone is a JointState on ``zero``. What it is worth anything with is on ``zero/identity``:
-`zero_identity`. In older logs the ``frame_id`` of the zero says it: ``power_on_2``, the number of
-the power-on; ``@1768482000.500``, when that began; ``/3f2a90c1d5e7``, the model; ``+stars``, that
-it was got by other stars than Polaris.
+`zero_identity`. In older logs the zero says it: `msg_tools.older_frames`.
 """
 
 import json
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +36,7 @@ from msg_tools.convert import (
     values_message,
     values_of,
 )
+from msg_tools.older_frames import zero_in
 from msg_tools.units import ARCSEC, DEG
 
 from .model import PointingModel
@@ -197,9 +195,6 @@ def _check_covariance(what, covariance, names):
 
 
 IDENTITY_VERSION = 1
-_PREFIX = 'power_on_'
-_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?'
-                    rf'(?:\+(?P<by>{BY_STARS}))?')
 
 
 def expected_to_joints(expected, stamp, names=AXES):
@@ -332,15 +327,7 @@ def joints_to_zero(message, run=None):
         raise ValueError('zero is not a number')
     with np.errstate(over='ignore'):  # who uses it asks whether it can be
         covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
-    frame = message.header.frame_id
-    if not frame.startswith(_PREFIX):
-        return ns, PowerOnZero(*angles, covariance, run)
-    found = _FRAME.fullmatch(frame)
-    if found is None:
-        raise ValueError(f'zero of {frame!r}: no number of a power-on')
-    started = found['started']
-    return ns, PowerOnZero(*angles, covariance, int(found['run']),
-                           None if started is None else float(started), found['model'], found['by'])
+    return ns, PowerOnZero(*angles, covariance, *(zero_in(message.header.frame_id) or (run,)))
 
 
 CAUSES_FORMAT = 'telescope_mount/apart'

@@ -16,14 +16,13 @@
 
 Of another mount than an alt-azimuth one each row has the kind (its place in `KINDS`, to which kinds
 are added at the end alone) and where the first axis points: columns ``mount_kind``, ``pole_az``,
-``pole_el`` and ``pole_roll``, rad. Older logs say it in the ``frame_id``,
-``mount_enu/german@34.3`` with the latitude, deg.
+``pole_el`` and ``pole_roll``, rad. Older logs say it in the frame: `msg_tools.older_frames`.
 """
 
 import numpy as np
 
 from msg_tools.cloud_tables import cloud_to_table, table_to_cloud
-from msg_tools.convert import MOUNT_FRAME
+from msg_tools.older_frames import mount_in
 from msg_tools.units import DEG
 
 from ..mount_kinds import KINDS
@@ -41,12 +40,9 @@ def _old_mount(frame):
     ValueError
         It names no mount.
     """
-    head, _, text = frame.partition('/')
-    if head != MOUNT_FRAME or not text:
-        return ALTAZ
-    kind, _, latitude = text.rpartition('@')
     try:
-        return parse_mount(kind, float(latitude) * DEG)
+        found = mount_in(frame)
+        return parse_mount(found[0], found[1] * DEG) if found else ALTAZ
     except ValueError as err:
         raise ValueError(f'frame_id {frame!r} of an observation: {err}') from None
 

@@ -18,11 +18,11 @@ import pytest
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
 from msg_tools.convert import header, values_message
+from msg_tools.older_frames import power_on_in
 from msg_tools.power_on import (
     PowerOn,
     PowerOns,
     power_on_message,
-    read_frame,
     read_power_on,
     since,
 )
@@ -59,4 +59,4 @@ def test_what_is_no_power_on(values):
 
 @pytest.mark.parametrize('frame', ['', 'mount_enu', 'power_on_2', 'power_on_x@1.0', 'power_on_2@'])
 def test_a_frame_that_tells_no_power_on(frame):
-    assert read_frame(frame) is None
+    assert power_on_in(frame) is None
