@@ -46,7 +46,7 @@ from msg_tools import NAMESPACE, convert, topics
 from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.active_calibration import ActiveCalibration
-from pointing_model.calibration_messages import joints_to_zero
+from pointing_model.calibration_messages import ZeroPairs
 from telescope_mount import domain
 from telescope_mount.graph import NIGHT, night_graph
 from telescope_mount.observing.plan import parse_plan
@@ -129,10 +129,10 @@ def _key(message):
     return convert.from_stamp(message.header.stamp), str(values)
 
 
-def _camera(x, y):
+def _camera(miss):
     def change(message, memory):
-        return convert.vector(convert.from_stamp(message.header.stamp), x(message), y(message),
-                              'camera')
+        return convert.sky_vector(convert.from_stamp(message.header.stamp),
+                                  *miss(convert.read_sky_vector(message)))
     return change
 
 
@@ -140,8 +140,8 @@ def _same(message, memory):
     """The last true values, with new stamps."""
     last = memory.setdefault('frozen', memory.get('last', message))
     if hasattr(message, 'vector'):
-        return convert.vector(convert.from_stamp(message.header.stamp), last.vector.x,
-                              last.vector.y, 'camera')
+        return convert.sky_vector(convert.from_stamp(message.header.stamp),
+                                  *convert.read_sky_vector(last))
     _, angles, rates, effort = convert.read_joints(last)
     return convert.joint_state(convert.from_stamp(message.header.stamp), angles, rates, effort,
                                message.header.frame_id)
@@ -165,12 +165,11 @@ def _moved(az, el):
 
 FAULTS = {
     'second camera': lambda: Liar(topics.MISS_DISTANCE, _camera(
-        lambda m: 2000.0 * ARCSEC, lambda m: -900.0 * ARCSEC), second=True),
-    'camera says zero': lambda: Liar(topics.MISS_DISTANCE, _camera(
-        lambda m: 0.0, lambda m: 0.0)),
+        lambda miss: (2000.0 * ARCSEC, -900.0 * ARCSEC)), second=True),
+    'camera says zero': lambda: Liar(topics.MISS_DISTANCE, _camera(lambda miss: (0.0, 0.0))),
     'camera frozen': lambda: Liar(topics.MISS_DISTANCE, _same),
     'camera mirrored': lambda: Liar(topics.MISS_DISTANCE, _camera(
-        lambda m: -m.vector.x, lambda m: -m.vector.y)),
+        lambda miss: (-miss[0], -miss[1]))),
     'second encoder': lambda: Liar(topics.INCREMENTAL, _moved(20.0 * ARCSEC, -15.0 * ARCSEC),
                                    second=True),
     'encoder frozen': lambda: Liar(topics.INCREMENTAL, _same),
@@ -346,7 +345,9 @@ class Heard:
             return
         pair = ActiveCalibration()
         pair.update_model(latest[topics.MODEL.name].data)
-        pair.update_zero(*joints_to_zero(latest[topics.ZERO.name]))
+        zeros = ZeroPairs()
+        zeros.take(latest[topics.ZERO_IDENTITY.name])
+        pair.update_zero(*zeros.take(latest[topics.ZERO.name]))
         if not pair.bound:
             out.words.append('zero and model do not go together')
             return

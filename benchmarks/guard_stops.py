@@ -119,7 +119,9 @@ def command():
     rates = np.full((len(times), 2), 0.004 * DEG)
     track = convert.trajectory(
         time.time_ns(), times, np.array([place, 45.0 * DEG]) + times[:, None] * rates, rates)
-    track.header.frame_id = '/mount/commander'
+    owners = node.create_publisher(
+        topics.REQUEST_OWNER.message, topics.REQUEST_OWNER.name, topics.REQUEST_OWNER.qos)
+    owners.publish(convert.owner(track, node))
     while True:
         pub.publish(track)
         time.sleep(0.2)  # well within the guard's request_timeout_s of 0.45 s

@@ -72,7 +72,9 @@ def command():
     track = convert.trajectory(
         time.time_ns(), times, np.array([first, second]) * DEG + times[:, None] * rates, rates,
         ('hour_angle', 'declination'))
-    track.header.frame_id = '/mount/commander'
+    owners = node.create_publisher(
+        topics.REQUEST_OWNER.message, topics.REQUEST_OWNER.name, topics.REQUEST_OWNER.qos)
+    owners.publish(convert.owner(track, node))
     while True:
         pub.publish(track)
         time.sleep(every)  # the commander's own rate

@@ -199,7 +199,7 @@ class LiveMount:
                 self.images_at.append(self.last_image)
                 if np.isfinite(out[1]) and self.first_star is None:
                     self.first_star = self.last_image
-                self._sees.publish(convert.vector(*out, 'camera'))
+                self._sees.publish(convert.sky_vector(*out))
 
     def _joints(self, stamp, angles):
         message = convert.joint_state(stamp, angles)

@@ -145,7 +145,7 @@ def publish(kind, seconds, rate):
     data = [serialize_message(m) for m in (
         convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount'),
         convert.joint_state(1, [0.1, 0.2], [0.0, 0.0], frame='mount'),
-        convert.vector(1, 0.0, 0.0, 'mount'), topics.CLOCK.message())]
+        convert.sky_vector(1, 0.0, 0.0), topics.CLOCK.message())]
     begun, sent = time.monotonic(), 0
     total = int(seconds * rate)
     while sent < total:

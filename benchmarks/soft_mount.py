@@ -63,7 +63,7 @@ class Logged(SoftMount):
             return take(stamp, angles, rates, *rest)
 
         def image(stamp, x, y):
-            self.log(topics.MISS_DISTANCE, convert.vector(stamp, x, y, 'camera'))
+            self.log(topics.MISS_DISTANCE, convert.sky_vector(stamp, x, y))
             return frame(stamp, x, y)
         self.instruments.take_incremental, self.instruments.take_frame = reading, image
 

@@ -30,7 +30,12 @@ from msg_tools.node import MountNode
 from msg_tools.node_process import give_back
 from msg_tools.status_rows import Progress, handover_rows
 from msg_tools.whole_files import write_text
-from pointing_model.calibration_messages import expected_to_joints, text_to_pair, zero_to_joints
+from pointing_model.calibration_messages import (
+    expected_to_joints,
+    text_to_pair,
+    zero_identity,
+    zero_to_joints,
+)
 from pointing_model.effects import declared_graduation
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
@@ -65,8 +70,9 @@ class Calibration(MountNode):
         self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
         self._expected_of = None  # the power-on whose expected zero is published
         self._pubs = {topic.name: self.publisher(topic) for topic in (
-            topics.ZERO, topics.ZERO_EXPECTED, topics.MODEL, topics.CALIBRATION_REPORT,
-            topics.DIAGNOSIS, topics.CALIBRATION_STATUS, topics.CALIBRATION_TABLE,
+            topics.ZERO, topics.ZERO_IDENTITY, topics.ZERO_EXPECTED, topics.MODEL,
+            topics.CALIBRATION_REPORT, topics.DIAGNOSIS, topics.CALIBRATION_STATUS,
+            topics.CALIBRATION_TABLE,
             topics.TRACKING, topics.DISCRIMINATION, topics.CALIBRATION_FIGURES,
             topics.CALIBRATION_RESIDUALS)}
         self._long = LongWork(self)
@@ -223,7 +229,7 @@ class Calibration(MountNode):
         self._expected_of = number
         if expected := self._state.expect():
             self._publish(topics.ZERO_EXPECTED, expected_to_joints(
-                expected, number, self._state.last_stamp, self._state.mount.names.keys))
+                expected, self._state.last_stamp, self._state.mount.names.keys))
 
     def _publish_zero(self, zero):
         """With what it holds for: its power-on and the model."""
@@ -233,6 +239,7 @@ class Calibration(MountNode):
     def _send_zero(self, zero, stamp=None):
         self._has_published = True
         stamp = self._state.last_stamp if stamp is None else stamp
+        self._publish(topics.ZERO_IDENTITY, zero_identity(zero, stamp))
         self._publish(topics.ZERO, zero_to_joints(zero, stamp, self._state.mount.names.keys))
         tracked = self._state.tracked
         self._publish(topics.CALIBRATION_FIGURES, convert.figures(
@@ -256,9 +263,11 @@ class Calibration(MountNode):
         self._send_model(model)
         self._publish_zero(self._state.zero_of_model())
         if self._state.active is not None:
+            table = residual_table(self._state.active, self._state.rows.all(),
+                                   site_of(self.value('site')))
             self._publish(topics.CALIBRATION_RESIDUALS, table_to_cloud(
-                residual_table(self._state.active, self._state.rows.all(),
-                               site_of(self.value('site'))), self._state.last_stamp))
+                table, self._state.last_stamp,
+                self._state.mount.direction(table['azimuth'], table['elevation'])))
 
     def _refuse_beside_another(self):
         if self._long.name:

@@ -24,6 +24,7 @@ import numpy as np
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode, Param
+from msg_tools.power_on import PowerOns
 
 from .axis_reader import MOUNTS, AxisReader, lowest_reading
 from .design import UNITS, Design, disc_of
@@ -89,6 +90,8 @@ class FrameReader(MountNode):
         self._axes = axes_of({param.name: self.value(param.name) for param in PARAMS})
         self._output = AngleOutput(self, self._axes)
         self._batch = Batch(self._read, lambda: self.value('max_batch'))
+        self._power_ons = PowerOns()
+        self.subscribe(topics.ABSOLUTE_POWER_ON, self._power_ons.take)
         self.subscribe(topics.ABSOLUTE_FRAME, self._on_frame, self._batch.finish)
 
     def check_together(self, values):
@@ -96,11 +99,11 @@ class FrameReader(MountNode):
         axes_of(values)
 
     def _on_frame(self, message):
-        self._batch.add((*read_frame(message, self._axes), message.header.frame_id))
+        self._batch.add((*read_frame(message, self._axes), self._power_ons.of(message.header)))
 
     def _read(self, images):
-        stamps, frames, frame_ids = zip(*images)
-        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], frame_ids)
+        stamps, frames, power_ons = zip(*images)
+        self._output.read(stamps, [np.stack(axis, axis=1) for axis in zip(*frames)], power_ons)
 
     def required(self):
         """It needs images."""

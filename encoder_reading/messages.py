@@ -29,7 +29,7 @@ _BOTH = np.arange(2)
 _ENCODINGS = ('mono8', '8UC1')
 
 
-def frame_message(stamp, frames, frame_id='absolute_encoder'):
+def frame_message(stamp, frames):
     """A mono8 image with a row for each reading head: those of the first axis, then of the second.
 
     Parameters
@@ -38,8 +38,6 @@ def frame_message(stamp, frames, frame_id='absolute_encoder'):
         ns.
     frames : sequence of ndarray of uint8, shape (heads, pixels)
         Of each axis; the rows of a shorter CCD are filled with 0.
-    frame_id : str
-        It may tell the power-on (`msg_tools.power_on`).
     """
     rows = np.zeros((sum(map(len, frames)), max(part.shape[1] for part in frames)), np.uint8)
     first = 0
@@ -47,8 +45,8 @@ def frame_message(stamp, frames, frame_id='absolute_encoder'):
         rows[first : first + len(part), : part.shape[1]] = part
         first += len(part)
     return topics.ABSOLUTE_FRAME.message(
-        header=convert.header(stamp, frame_id), height=rows.shape[0], width=rows.shape[1],
-        encoding='mono8', is_bigendian=0, step=rows.shape[1],
+        header=convert.header(stamp, convert.MOUNT_FRAME), height=rows.shape[0],
+        width=rows.shape[1], encoding='mono8', is_bigendian=0, step=rows.shape[1],
         data=array.array('B', rows.tobytes()))
 
 
@@ -113,9 +111,9 @@ class AngleOutput:
         self._angles = node.publisher(topics.ABSOLUTE)
         self._sigma = node.publisher(topics.ABSOLUTE_SIGMA)
         self._counts = np.zeros((2, 3), dtype=np.int64)  # of each axis and quality
-        self._rates, self._frame = Differenced(), ''
+        self._rates, self._power_on = Differenced(), None
 
-    def read(self, stamps, frames, frame_ids):
+    def read(self, stamps, frames, power_ons):
         """Read frames and publish the angles, with the rates of `frame_readings.Differenced`.
 
         Parameters
@@ -124,19 +122,18 @@ class AngleOutput:
             n of them, ns.
         frames : sequence of ndarray, shape (heads, n, pixels)
             Of each axis.
-        frame_ids : sequence of str
-            The ``frame_id`` of each reading, which may tell the power-on; rates begin anew with
-            another one.
+        power_ons : sequence of PowerOn or None
+            Of each reading; rates begin anew with another one.
         """
         readings = read_frames(self._axes, frames)
         np.add.at(self._counts, (_BOTH, readings.quality), 1)
-        for stamp, angle, quality, frame in zip(
-                stamps, readings.angle.tolist(), readings.quality.tolist(), frame_ids):
-            if frame != self._frame:
+        for stamp, angle, quality, power_on in zip(
+                stamps, readings.angle.tolist(), readings.quality.tolist(), power_ons):
+            if power_on != self._power_on:
                 self._rates.forget()
-                self._frame = frame
+                self._power_on = power_on
             self._angles.publish(convert.joint_state(
-                stamp, angle, self._rates(stamp, angle), quality, frame, self._names))
+                stamp, angle, self._rates(stamp, angle), quality, names=self._names))
         if self._sigma.get_subscription_count() > 0:
             for stamp, sigma in zip(stamps, readings.sigma.tolist()):
                 self._sigma.publish(convert.joint_state(stamp, sigma, names=self._names))

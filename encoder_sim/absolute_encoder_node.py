@@ -26,7 +26,7 @@ from encoder_reading.axis_reader import lowest_reading
 from encoder_reading.messages import AngleOutput, Batch, frame_message
 from msg_tools import convert, topics
 from msg_tools.node import Param
-from msg_tools.power_on import PowerOn, since
+from msg_tools.power_on import PowerOn, power_on_message, since
 
 from .absolute import AbsoluteEncoder
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
@@ -60,6 +60,7 @@ class AbsoluteEncoders(MountedDevice):
             self._output = AngleOutput(self, [encoder.reader for encoder in self._encoders])
         self._frame_pub = self.publisher(topics.ABSOLUTE_FRAME if self._output else EVERY_FRAME)
         self._batch = Batch(self._work, lambda: self.value('max_batch'))
+        self._power_on_pub = self.publisher(topics.ABSOLUTE_POWER_ON)
         self._power_on = None  # from the first sample of a power-on on
         self.subscribe(topics.TRUTH_JOINTS, self._on_truth, self._batch.finish)
         self.serve('absolute/power_cycle', self._power_cycle, once=True)
@@ -77,27 +78,28 @@ class AbsoluteEncoders(MountedDevice):
         known = np.where(np.isfinite(rates), rates, 0.0)
         when = np.array(stamps, dtype=np.int64)
         warmth = self.warmth(when)
-        frame_ids = self._note_power_ons(when)
+        power_ons = self._note_power_ons(when)
         frames = [encoder.frames(when, angles[:, axis], known[:, axis], warmth)
                   for axis, encoder in enumerate(self._encoders)]
         rate = 0.0
         if self._output:
-            self._output.read(stamps, frames, frame_ids)
+            self._output.read(stamps, frames, power_ons)
             rate = self.value('frame_rate_hz')
         if self._frame_pub.get_subscription_count() > 0:
             for i, stamp in enumerate(stamps):
                 if self._frame_decimator.passes(stamp, rate):
                     self._frame_pub.publish(
-                        frame_message(stamp, [part[:, i] for part in frames], frame_ids[i]))
+                        frame_message(stamp, [part[:, i] for part in frames]))
 
     def _note_power_ons(self, stamps):
-        """The ``frame_id`` of each reading: which power-on it is of."""
+        """The `PowerOn` of each reading; a new one is published."""
         numbers = np.max([encoder.power_ons(stamps) for encoder in self._encoders], axis=0)
         out = []
         for stamp, number in zip(stamps.tolist(), numbers.tolist()):
             if self._power_on is None or self._power_on.number != number:
                 self._power_on = PowerOn(number, since(stamp))
-            out.append(self._power_on.frame)
+                self._power_on_pub.publish(power_on_message(self._power_on, stamp))
+            out.append(self._power_on)
         return out
 
     def _power_cycle(self):

@@ -112,7 +112,7 @@ class StarCamera(MountedDevice):
         if not smear[best] <= self.value('smear_limit_arcsec') * ARCSEC:
             miss = np.full(2, np.nan)
         self._without += int(np.isnan(miss[0]))
-        self._pub.publish(convert.vector(int(middle), *miss, 'camera'))
+        self._pub.publish(convert.sky_vector(int(middle), *miss))
 
     def details(self):
         """Exposures without a star."""

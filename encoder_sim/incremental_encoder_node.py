@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
-from msg_tools.power_on import PowerOn, since
+from msg_tools.power_on import PowerOn, power_on_message, since
 from msg_tools.units import ARCSEC
 
 from .device_params import DEVICE_PARAMS, MAX_RATE, Decimator, MountedDevice
@@ -41,6 +41,7 @@ class IncrementalEncoders(MountedDevice):
         self._decimator = Decimator()
         self._homed = False
         self._pub = self.publisher(topics.INCREMENTAL)
+        self._power_on_pub = self.publisher(topics.INCREMENTAL_POWER_ON)
         self._homing_pub = self.publisher(topics.HOMING)
         self._zero_pub = self.publisher(topics.TRUTH_ZERO)
         self._homing_published = None
@@ -91,12 +92,13 @@ class IncrementalEncoders(MountedDevice):
         for stamp, angle, rate in zip(
                 stamps[chosen].tolist(), reading[chosen].tolist(), rates.tolist()):
             self._pub.publish(convert.joint_state(
-                stamp, angle, rate, frame=self._power_on.frame, names=self.names))
+                stamp, angle, rate, names=self.names))
 
     def _note_power_on(self, stamp):
         counts = [encoder.power_on for encoder in self._encoders]
         if counts != self._counts:
             self._counts, self._power_on = counts, PowerOn(max(counts), since(stamp))
+            self._power_on_pub.publish(power_on_message(self._power_on, stamp))
 
     def _publish_homing(self):
         """Publish what is known of the marks, if a mark or the power changed it."""

@@ -39,9 +39,10 @@ class CameraDriver(Node):
         print('expose', self.exposure, file=self.hardware, flush=True)
         middle, right, up = map(float, self.hardware.readline().split())
         message = Vector3Stamped()
+        message.header.frame_id = 'boresight_optical'  # x right, y down
         message.header.stamp = Time(nanoseconds=round(middle * 1e9)).to_msg()
         # star - boresight; nan where no star was measured: say so, do not fall silent
-        message.vector.x, message.vector.y = radians(right / 3600), radians(up / 3600)
+        message.vector.x, message.vector.y = radians(right / 3600), radians(-up / 3600)
         self.publisher.publish(message)
 
 

@@ -39,6 +39,7 @@ class EncoderDriver(Node):
         print('axes', file=self.hardware, flush=True)
         time, *numbers = map(float, self.hardware.readline().split())
         message = JointState(name=self.axes)
+        message.header.frame_id = 'mount_enu'
         message.header.stamp = Time(nanoseconds=round(time * 1e9)).to_msg()  # when it was read
         message.position = [radians(v) for v in numbers[:2]]  # nan until it is homed
         message.velocity = [radians(v) for v in numbers[2:]]

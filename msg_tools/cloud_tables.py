@@ -26,7 +26,7 @@ _FLOAT32, _FLOAT64 = 7, 8  # PointField.FLOAT32, FLOAT64
 _DRAWN = 2
 
 
-def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
+def table_to_cloud(columns, ns, points=None):
     """A PointCloud2, one point a row.
 
     Parameters
@@ -36,14 +36,12 @@ def table_to_cloud(columns, ns, points=None, frame=MOUNT_FRAME):
     ns : int
         Stamp.
     points : array_like, shape (3, n), optional
-        x, y, z for programs that draw the points, ahead of the columns as float32.
-    frame : str
-        ``frame_id`` of the message.
+        x, y, z for programs that draw the points, ahead of the columns as float32: `MOUNT_FRAME`.
     """
     from sensor_msgs.msg import PointCloud2, PointField
     rows = _rows(columns, points)
     return PointCloud2(
-        header=header(ns, frame), height=1, width=len(rows), fields=[
+        header=header(ns, MOUNT_FRAME), height=1, width=len(rows), fields=[
             PointField(name=name, offset=offset, datatype=datatype, count=1)
             for name, offset, datatype in _fields(tuple(columns), points is not None)],
         is_bigendian=False, point_step=8 * rows.shape[1], row_step=rows.nbytes,

@@ -18,11 +18,14 @@ from functools import lru_cache
 
 import numpy as np
 
+from .older_frames import is_y_up
+
 AXES = ('azimuth', 'elevation')
 #: the two joints of every kind of mount, the first axis first
 JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'),
           ('x_angle', 'y_angle'))
-MOUNT_FRAME = 'mount_enu'
+#: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
+MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
 #: temperatures that air has, degC: those for which the refraction is worked out
 AIR_TEMPERATURES = -90.0, 60.0
 
@@ -44,8 +47,8 @@ def from_stamp(stamp):
     return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
-def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan), frame='',
-                names=AXES):
+def joint_state(ns, position, velocity=(np.nan, np.nan), effort=(np.nan, np.nan),
+                frame=MOUNT_FRAME, names=AXES):
     """A JointState of both axes; all three arrays are filled, NaN is unknown.
 
     Parameters
@@ -110,13 +113,31 @@ def read_joints(message):
             pick(message.effort))
 
 
-def vector(ns, x, y, frame):
-    """A Vector3Stamped with x toward +A and y toward +E on the sky, rad."""
+def vector(ns, x, y):
+    """A Vector3Stamped in `OPTICAL_FRAME`, whose z is 0."""
     from geometry_msgs.msg import Vector3, Vector3Stamped
-    return Vector3Stamped(header=header(ns, frame), vector=Vector3(x=float(x), y=float(y)))
+    return Vector3Stamped(header=header(ns, OPTICAL_FRAME),
+                          vector=Vector3(x=float(x), y=float(y)))
 
 
-def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
+def sky_vector(ns, right, up):
+    """A Vector3Stamped in `OPTICAL_FRAME`: what lies `right` and `up` of the boresight, rad.
+
+    Right is toward a rising first angle, up toward a rising second one: x and −y of the message.
+    """
+    return vector(ns, right, -up)
+
+
+def read_sky_vector(message):
+    """Right and up of a Vector3Stamped, rad: the way back from `sky_vector`.
+
+    In older logs, and of older drivers, y is up: `older_frames`.
+    """
+    right, y = message.vector.x, message.vector.y
+    return right, y if is_y_up(message.header.frame_id) else -y
+
+
+def trajectory(ns, times, positions, velocities, names=AXES):
     """A JointTrajectory of both axes.
 
     Parameters
@@ -129,12 +150,10 @@ def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
         First and second axis, rad and rad/s.
     names : sequence of str
         Of the axes, one of `JOINTS`.
-    frame : str
-        ``frame_id`` of the message.
     """
     from builtin_interfaces.msg import Duration
     from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-    message = JointTrajectory(header=header(ns, frame), joint_names=list(names))
+    message = JointTrajectory(header=header(ns, MOUNT_FRAME), joint_names=list(names))
     for t, position, velocity in zip(times, positions, velocities):
         nanoseconds = round(t * 1e9)
         message.points.append(JointTrajectoryPoint(
@@ -142,6 +161,13 @@ def trajectory(ns, times, positions, velocities, names=AXES, frame=''):
             time_from_start=Duration(sec=nanoseconds // 1_000_000_000,
                                      nanosec=nanoseconds % 1_000_000_000)))
     return message
+
+
+def owner(request, node):
+    """The KeyValue on `request/owner`: the node, and the stamp of its request, ns."""
+    from diagnostic_msgs.msg import KeyValue
+    return KeyValue(key=node.get_fully_qualified_name(),
+                    value=str(from_stamp(request.header.stamp)))
 
 
 def read_trajectory(message):
@@ -181,10 +207,10 @@ def read_trajectory(message):
     return from_stamp(message.header.stamp), times, positions, velocities
 
 
-def temperature(ns, celsius, frame='ambient'):
+def temperature(ns, celsius):
     """A Temperature message; its variance is unknown (0)."""
     from sensor_msgs.msg import Temperature
-    return Temperature(header=header(ns, frame), temperature=float(celsius))
+    return Temperature(header=header(ns, MOUNT_FRAME), temperature=float(celsius))
 
 
 def read_temperature(message):
@@ -205,11 +231,32 @@ def read_temperature(message):
 
 def figures(ns, groups):
     """A DiagnosticArray of groups of numbers, dict of str to dict of str to float."""
+    return values_message(ns, {name: {key: f'{value:.12g}' for key, value in rows.items()}
+                               for name, rows in groups.items()})
+
+
+def values_message(ns, groups):
+    """A DiagnosticArray of named values, dict of str to dict of str to str or number."""
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-    return DiagnosticArray(header=header(ns, ''), status=[
+    return DiagnosticArray(header=header(ns, MOUNT_FRAME), status=[
         DiagnosticStatus(level=DiagnosticStatus.OK, name=name, values=[
-            KeyValue(key=key, value=f'{value:.12g}') for key, value in rows.items()])
+            KeyValue(key=key, value=str(value)) for key, value in rows.items()])
         for name, rows in groups.items()])
+
+
+def values_of(message, name, version):
+    """One group of `values_message`, dict of str to str; empty where there is no such group.
+
+    Raises
+    ------
+    ValueError
+        Its value ``version`` is another.
+    """
+    values = next(({row.key: row.value for row in one.values} for one in message.status
+                   if one.name == name), {})
+    if values and values.get('version') != str(version):
+        raise ValueError(f'{name} of version {values.get("version")!r}: {version} is known')
+    return values
 
 
 def status(level, name, message, **values):

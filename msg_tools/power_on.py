@@ -12,18 +12,20 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which power-on an instrument is in, as its messages tell: what it counts from holds no longer.
+"""Which power-on an instrument is in, as it says: what it counts from holds no longer.
 
-The ``frame_id`` of a reading of the incremental encoder says it (``power_on_2@1768482000.500``),
-and `msg_tools.homing` says the same. A driver that is started anew may count from 1 again: number
-and start together name a power-on, and only equality counts.
+Each encoder says it once a power-on, latched, on ``incremental/power_on`` or ``absolute/power_on``;
+`msg_tools.homing` says the same. A driver that is started anew may count from 1 again: number and
+start together name a power-on, and only equality counts. Older logs and drivers say it in each
+reading: `msg_tools.older_frames`.
 """
 
-import re
-from math import nan
 from typing import NamedTuple
 
-_FRAME = re.compile(r'power_on_(-?\d+)@(\d+(?:\.\d+)?)')
+from .convert import from_stamp, values_message, values_of
+from .older_frames import power_on_in
+
+VERSION = 1
 
 
 class PowerOn(NamedTuple):
@@ -40,10 +42,8 @@ class PowerOn(NamedTuple):
     number: int
     started: float
 
-    @property
-    def frame(self):
-        """The ``frame_id`` that gives it."""
-        return f'power_on_{self.number}@{self.started:.3f}'
+    def __str__(self):
+        return f'power-on {self.number} of {self.started:.3f} s'
 
 
 def since(ns):
@@ -51,13 +51,43 @@ def since(ns):
     return round(ns * 1e-9, 3)
 
 
-def read_frame(frame):
-    """The `PowerOn` that a ``frame_id`` tells; None where it tells none."""
-    found = _FRAME.fullmatch(frame)
-    return None if found is None else PowerOn(int(found[1]), float(found[2]))
+def power_on_message(power_on, ns):
+    """The DiagnosticArray of a `PowerOn`, stamped by its first reading (ns)."""
+    return values_message(ns, {'power_on': {
+        'version': VERSION, 'number': power_on.number, 'started_s': f'{power_on.started:.3f}'}})
 
 
-def start_of(frame):
-    """When the power-on began that a ``frame_id`` tells, UTC s; NaN where it tells none."""
-    power_on = read_frame(frame)
-    return nan if power_on is None else power_on.started
+def read_power_on(message):
+    """The way back from `power_on_message`.
+
+    Raises
+    ------
+    ValueError
+        It is none, or of another version.
+    """
+    values = values_of(message, 'power_on', VERSION)
+    try:
+        return PowerOn(int(values['number']), round(float(values['started_s']), 3))
+    except (KeyError, ValueError, OverflowError):
+        raise ValueError('a power-on needs number and started_s, UTC s') from None
+
+
+class PowerOns:
+    """Of which power-on the readings of one instrument are."""
+
+    def __init__(self):
+        self._said = []
+
+    def take(self, message):
+        """Take a message; ValueError for one that says none."""
+        new = read_power_on(message)
+        # a reading of the one before may still be under way
+        self._said = [old for old in self._said if old.started < new.started][-1:] + [new]
+
+    def of(self, header):
+        """The `PowerOn` of a reading with that header; None where none is known."""
+        older = power_on_in(header.frame_id)
+        if older is not None:
+            return PowerOn(*older)
+        at = since(from_stamp(header.stamp))
+        return next((one for one in reversed(self._said) if one.started <= at), None)

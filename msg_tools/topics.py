@@ -99,6 +99,8 @@ class Topic:
 CLOCK = Topic('/clock', 'rosgraph_msgs/msg/Clock', RELIABLE, computed=True)
 # what commanders ask for; the guard checks it, and it alone publishes `command`
 REQUEST = Topic('request', 'trajectory_msgs/msg/JointTrajectory', RELIABLE, many=True)
+# who asks: its node, and the stamp of the request, ns
+REQUEST_OWNER = Topic('request/owner', 'diagnostic_msgs/msg/KeyValue', HISTORY, many=True)
 GUARD_STATUS = Topic('guard/status', 'diagnostic_msgs/msg/DiagnosticStatus', LATCHED, computed=True)
 COMMAND = Topic('command', 'trajectory_msgs/msg/JointTrajectory', RELIABLE)
 # only the simulated hardware may subscribe to these
@@ -106,9 +108,13 @@ TRUTH_JOINTS = Topic('truth/joint_states', 'sensor_msgs/msg/JointState', DEEP)
 TRUTH_ZERO = Topic('truth/incremental_zero', 'sensor_msgs/msg/JointState', HISTORY)
 TRUTH_SCENARIO = Topic('truth/scenario', 'std_msgs/msg/String', LATCHED)
 INCREMENTAL = Topic('incremental/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+# number and start of its power-on, see msg_tools/power_on.py
+INCREMENTAL_POWER_ON = Topic(
+    'incremental/power_on', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED)
 HOMING = Topic('incremental/homing', 'sensor_msgs/msg/PointCloud2', LATCHED)
 # Velocities are of the encoders' own readings: NaN where one reading alone gives none.
 ABSOLUTE = Topic('absolute/joint_states', 'sensor_msgs/msg/JointState', DEEP)
+ABSOLUTE_POWER_ON = Topic('absolute/power_on', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED)
 # Positions are the 1-sigma of the angles, as the image alone gives it, rad.
 ABSOLUTE_SIGMA = Topic('absolute/sigma', 'sensor_msgs/msg/JointState', DEEP)
 ABSOLUTE_FRAME = Topic('absolute/frame', 'sensor_msgs/msg/Image', SENSOR)
@@ -127,6 +133,9 @@ PLAN_FEEDBACK = Topic(
     'observer/plan/feedback', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 CHECKS = Topic('observer/checks', 'std_msgs/msg/String', LATCHED, computed=True)
 ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
+# of which power-on and model it is: see pointing_model/calibration_messages.py
+ZERO_IDENTITY = Topic(
+    'zero/identity', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
 # by how much the zero will have changed since the power-on before, before Polaris is seen
 ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)
@@ -166,4 +175,4 @@ MARKERS = Topic('markers', 'visualization_msgs/msg/MarkerArray', RELIABLE, compu
 COMPUTED = tuple(value for value in list(globals().values())
                  if isinstance(value, Topic) and value.computed)
 #: what a replay leaves out unless it is named: what is computed, and what would move a mount
-NOT_REPLAYED = (*COMPUTED, REQUEST, COMMAND)
+NOT_REPLAYED = (*COMPUTED, REQUEST, REQUEST_OWNER, COMMAND)

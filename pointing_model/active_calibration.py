@@ -307,7 +307,7 @@ class ActiveCalibration:
         """
         check_zero(zero)
         if zero.run is None and None not in (self.zero.run, self.zero.started, self.zero.model):
-            raise ValueError('a zero without its power-on and model (frame_id of the message), '
+            raise ValueError('a zero without its power-on and model (zero/identity), '
                              'beside an active one that has them')
         if self._mismatch(zero):
             # no error: right after a power cycle the last zero of before may still be on its way

@@ -19,7 +19,7 @@ from msg_tools.homing import cloud_to_homing
 from msg_tools.node import Param
 
 from .active_calibration import ActiveCalibration
-from .calibration_messages import joints_to_zero
+from .calibration_messages import ZeroPairs
 from .model import PointingModel
 
 MODEL_FILE = Param('model_file', '', 'active pointing model at the start (JSON or YAML)',
@@ -58,12 +58,17 @@ def active_calibration_of(node, changed=lambda topic: None, mount=None):
         now.update_power_on(azimuth and azimuth.identity)
         changed(topics.HOMING)
 
+    zeros = ZeroPairs()
+
     def on_zero(message):
-        now.update_zero(*joints_to_zero(message))
-        changed(topics.ZERO)
+        found = zeros.take(message)
+        if found is not None:
+            now.update_zero(*found)
+            changed(topics.ZERO)
 
     # of what waits to be taken, the thermometer comes first, and the model before its zero
     for topic, callback in ((topics.AMBIENT, on_temperature), (topics.HOMING, on_homing),
-                            (topics.MODEL, on_model), (topics.ZERO, on_zero)):
+                            (topics.MODEL, on_model), (topics.ZERO_IDENTITY, on_zero),
+                            (topics.ZERO, on_zero)):
         node.subscribe(topic, callback)
     return now

@@ -19,18 +19,24 @@ The pair of a model and the zero that goes with it is one JSON text on ``in_forc
 a zero is refused here; they are no expectation of a good one. A zero of an incremental encoder may
 be any angle of a turn, and so may the index terms, which are the same thing.
 
-A zero alone is a JointState on ``zero``. Its ``frame_id`` says what the zero is worth anything
-with: ``power_on_2``, the number of the power-on; ``@1768482000.500``, when that began;
-``/3f2a90c1d5e7``, the model; ``+stars``, that it was got by other stars than Polaris.
+A zero alone is a JointState on ``zero``. What it is worth anything with is on ``zero/identity``:
+`zero_identity`. In older logs the zero says it: `msg_tools.older_frames`.
 """
 
 import json
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from msg_tools.convert import AXES, joint_state, read_joints
+from msg_tools.convert import (
+    AXES,
+    MOUNT_FRAME,
+    joint_state,
+    read_joints,
+    values_message,
+    values_of,
+)
+from msg_tools.older_frames import zero_in
 from msg_tools.units import ARCSEC, DEG
 
 from .model import PointingModel
@@ -188,22 +194,18 @@ def _check_covariance(what, covariance, names):
                          'variances allow')
 
 
-_PREFIX = 'power_on_'
-_FRAME = re.compile(_PREFIX + r'(?P<run>-?\d+)(?:@(?P<started>\d+(?:\.\d+)?))?(?:/(?P<model>\w+))?'
-                    rf'(?:\+(?P<by>{BY_STARS}))?')
+IDENTITY_VERSION = 1
 
 
-def expected_to_joints(expected, number, stamp, names=AXES):
+def expected_to_joints(expected, stamp, names=AXES):
     """The change of a zero that is expected of a power-on.
 
     Parameters
     ----------
     expected : dict
         Of each axis ``change_arcsec`` and ``sigma_arcsec``, None where unknown.
-    number : int
-        Of the power-on.
     stamp : int
-        ns.
+        ns; of a reading of that power-on.
     names : sequence of str
         Of the joints.
 
@@ -216,11 +218,11 @@ def expected_to_joints(expected, number, stamp, names=AXES):
     return joint_state(
         stamp, [axis['change_arcsec'] * ARCSEC for axis in axes],
         effort=[np.nan if axis['sigma_arcsec'] is None else axis['sigma_arcsec'] * ARCSEC
-                for axis in axes], frame=f'power_on_{number}', names=names)
+                for axis in axes], names=names)
 
 
 def zero_to_joints(zero, ns, names=AXES):
-    """A JointState: ``position`` the zero, ``effort`` its sigma (rad), ``frame_id`` its identity.
+    """A JointState: ``position`` the zero, ``effort`` its sigma (rad).
 
     Parameters
     ----------
@@ -230,24 +232,82 @@ def zero_to_joints(zero, ns, names=AXES):
     names : sequence of str
         Of the axes (`msg_tools.convert.JOINTS`).
     """
-    frame = ''
+    return joint_state(ns, zero.angles, effort=zero.sigma, names=names)
+
+
+def zero_identity(zero, ns):
+    """A DiagnosticArray: which zero it is, and of which power-on and model.
+
+    Parameters
+    ----------
+    zero : PowerOnZero
+    ns : int
+        Stamp of its JointState.
+    """
+    first, second = (repr(float(angle)) for angle in zero.angles)
+    values = {'version': IDENTITY_VERSION, 'stamp_ns': ns, 'first_rad': first,
+              'second_rad': second}
     if zero.run is not None:
-        frame = f'{_PREFIX}{int(zero.run)}'
-        frame += '' if zero.started is None else f'@{zero.started:.3f}'
-        frame += '' if zero.model is None else f'/{zero.model}'
-        frame += '' if zero.by in (None, BY_POLARIS) else f'+{BY_STARS}'
-    return joint_state(ns, zero.angles, effort=zero.sigma, frame=frame, names=names)
+        values |= {name: value for name, value in (
+            ('power_on', int(zero.run)), ('model', zero.model),
+            ('started_s', None if zero.started is None else f'{zero.started:.3f}'),
+            ('by', None if zero.by in (None, BY_POLARIS) else BY_STARS)) if value is not None}
+    return values_message(ns, {'zero': values})
+
+
+class ZeroPairs:
+    """Puts zeros and their identities together, in whatever order they come."""
+
+    def __init__(self):
+        self._zero = self._identity = self._given = None
+
+    def take(self, message, run=None):
+        """Take a message of ``zero`` or ``zero/identity``.
+
+        Returns
+        -------
+        ns : int
+            Stamp.
+        zero : PowerOnZero
+            Or None instead of both where the other half is not there yet.
+
+        Raises
+        ------
+        ValueError
+            As of `joints_to_zero`, or the identity is none.
+        """
+        if hasattr(message, 'status'):
+            self._identity = values_of(message, 'zero', IDENTITY_VERSION)
+        else:
+            ns, zero = joints_to_zero(message, run)
+            if message.header.frame_id != MOUNT_FRAME:
+                return ns, zero  # an older one
+            self._zero, self._given = (ns, zero), None
+        if self._zero is None or not self._identity or self._given == self._identity:
+            return None
+        (ns, zero), said = self._zero, self._identity
+        try:
+            if (int(said['stamp_ns']), float(said['first_rad']), float(said['second_rad'])) != (
+                    ns, *zero.angles):
+                return None  # of another zero
+            self._given = said
+            run, started = said.get('power_on'), said.get('started_s')
+            return ns, PowerOnZero(
+                *zero.angles, zero.covariance, None if run is None else int(run),
+                None if started is None else float(started), said.get('model'), said.get('by'))
+        except (KeyError, ValueError, OverflowError) as error:
+            raise ValueError(f'no identity of a zero: {error}') from None
 
 
 def joints_to_zero(message, run=None):
-    """The way back from `zero_to_joints`.
+    """The way back from `zero_to_joints`, without its identity unless it is an older one.
 
     Parameters
     ----------
     message : sensor_msgs.msg.JointState
     run : int or float, optional
-        Number of the run where the message does not tell it (older logs do not): that of the
-        last observation before it.
+        Number of the run where the message does not tell it: that of the last observation before
+        it.
 
     Returns
     -------
@@ -267,15 +327,7 @@ def joints_to_zero(message, run=None):
         raise ValueError('zero is not a number')
     with np.errstate(over='ignore'):  # who uses it asks whether it can be
         covariance = np.diag(np.square(sigma)) if np.isfinite(sigma).all() else None
-    frame = message.header.frame_id
-    if not frame.startswith(_PREFIX):
-        return ns, PowerOnZero(*angles, covariance, run)
-    found = _FRAME.fullmatch(frame)
-    if found is None:
-        raise ValueError(f'zero of {frame!r}: no number of a power-on')
-    started = found['started']
-    return ns, PowerOnZero(*angles, covariance, int(found['run']),
-                           None if started is None else float(started), found['model'], found['by'])
+    return ns, PowerOnZero(*angles, covariance, *(zero_in(message.header.frame_id) or (run,)))
 
 
 CAUSES_FORMAT = 'telescope_mount/apart'

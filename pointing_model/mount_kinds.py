@@ -170,6 +170,7 @@ _HADEC = MountKind(
     aliases=('fork', 'horseshoe'))
 #: which is not written down
 USUAL = 'altaz'
+#: in the order in which messages number them: one more stands last
 KINDS = {
     USUAL: MountKind(
         'an alt-azimuth mount', _AXES, ('azimuth axis', 'elevation axis'), ('A', 'E'),

@@ -30,6 +30,8 @@ from scipy.spatial.transform import Rotation
 PIER, TURNS, TUBE = 'pier', 'first_axis', 'tube'
 #: root of the tree, the frame of observations
 ROOT = 'mount_enu'
+#: frame of the camera: z along the tube, x right, y down
+OPTICAL = 'boresight_optical'
 GREY, DARK, WHITE = (0.45, 0.47, 0.5), (0.2, 0.22, 0.25), (0.88, 0.88, 0.9)
 #: rotations about y that lay a cylinder (along z) along x, and about x along y
 _ALONG_X, _ALONG_Y = (0.0, np.pi / 2.0, 0.0), (np.pi / 2.0, 0.0, 0.0)
@@ -122,7 +124,8 @@ def placed(part, frames):
 def urdf(mount, name='mount'):
     """The mount as a URDF, str; joints have the names of `joint_states`.
 
-    Links are `mount_enu`, `pier`, `first_axis`, `tube` and `boresight`, which looks along its x.
+    Links are `mount_enu`, `pier`, `axes`, `first_axis`, `tube`, `boresight`, which looks along its
+    x, and `boresight_optical`, which looks along its z with x to the right and y down.
 
     Parameters
     ----------
@@ -131,7 +134,7 @@ def urdf(mount, name='mount'):
         Of the robot.
     """
     robot = ElementTree.Element('robot', name=name)
-    for link in (ROOT, PIER, 'axes', TURNS, TUBE, 'boresight'):
+    for link in (ROOT, PIER, 'axes', TURNS, TUBE, 'boresight', OPTICAL):
         element = ElementTree.SubElement(robot, 'link', name=link)
         for part in parts_of(mount):
             if part.link == link:
@@ -147,6 +150,7 @@ def urdf(mount, name='mount'):
         limits = {} if whole else {'lower': f'{ends[0]:.6f}', 'upper': f'{ends[1]:.6f}'}
         ElementTree.SubElement(joint, 'limit', effort='0', velocity='0', **limits)
     _joint(robot, 'looks_along', TUBE, 'boresight')
+    _joint(robot, 'optics', 'boresight', OPTICAL, rpy=(-np.pi / 2.0, 0.0, -np.pi / 2.0))
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
 

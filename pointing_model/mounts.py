@@ -426,11 +426,25 @@ def mount_text(mount):
         return f'{mount.kind}:{float(np.arctan2(*mount.frame[2][:2]) / DEG)!r}'
     if pole != 'given':
         return mount.kind
-    x, y, z = np.array(mount.frame)
+    return f'{mount.kind}:' + ','.join(repr(v / DEG) for v in pole_of(mount))
+
+
+def pole_of(mount):
+    """Azimuth and elevation of the pole of the first axis, and its roll: rad, 3 float."""
+    x, _, z = np.array(mount.frame)
     azimuth, elevation = np.arctan2(z[0], z[1]), np.arctan2(z[2], np.hypot(z[0], z[1]))
     plain = Mount.free(azimuth, elevation)
     roll = np.arctan2(*(np.array(plain.frame)[:2] @ x)[::-1])
-    return f'{mount.kind}:' + ','.join(repr(float(v / DEG)) for v in (azimuth, elevation, roll))
+    return float(azimuth), float(elevation), float(roll)
+
+
+def mount_by_pole(kind, azimuth, elevation, roll):
+    """The `Mount` of a kind whose `pole_of` that is, rad; ValueError for a pole that is none."""
+    if not np.all(np.isfinite((azimuth, elevation, roll))):
+        raise ValueError(f'the pole of a mount that is {kind} is no number')
+    if KINDS[kind].pole == 'celestial':
+        return Mount.equatorial(elevation, kind)
+    return Mount._with_pole(kind, azimuth, elevation, roll)
 
 
 def mount_wording(mount):

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
-from msg_tools.power_on import start_of
+from msg_tools.power_on import PowerOns
 from msg_tools.units import ARCSEC, wrap
 
 from .active_calibration import correlated_sigma, time_driver, tracked_sigma
@@ -64,8 +64,11 @@ class PointingCorrector(MountNode):
         self._difference = Difference()
         self.subscribe(topics.INCREMENTAL, lambda message: self._on_reading(
             self._difference.update_incremental, message))
+        power_ons = PowerOns()
+        self.subscribe(topics.ABSOLUTE_POWER_ON, power_ons.take)
         self.subscribe(topics.ABSOLUTE, lambda message: self._on_reading(
-            self._difference.update_absolute, message, start_of(message.header.frame_id)))
+            self._difference.update_absolute, message,
+            getattr(power_ons.of(message.header), 'started', np.nan)))
 
     def _on_reading(self, update, message, *start):
         stamp, angles = convert.read_joints(message)[:2]
@@ -109,7 +112,7 @@ class PointingCorrector(MountNode):
         model = self._active.model
         self._open = model is not None and bool(model.is_open(sky[:, 0], sky[:, 1]).any())
         self._sigma_pub.publish(convert.vector(
-            stamp, *self._sigma(stamp, sky, context), convert.MOUNT_FRAME))
+            stamp, *self._sigma(stamp, sky, context)))
 
     def _names(self, message):
         """Of the joints of a target; ValueError where the model is of another mount."""
@@ -170,7 +173,7 @@ class PointingCorrector(MountNode):
                 ('zero of power-on', 'none' if zero.run is None else str(int(zero.run))),
                 ('model of the zero', zero.model or 'unknown'),
                 ('zeros of another power-on refused', str(self._active.refused)),
-                ('encoder', power_on.frame if power_on else 'power-on unknown'),
+                ('encoder', str(power_on) if power_on else 'power-on unknown'),
                 ('zero azimuth [arcsec]', f'{zero.az / ARCSEC:.3f}'),
                 ('zero elevation [arcsec]', f'{zero.el / ARCSEC:.3f}'),
                 ('zero follows', self._active.following() or 'nothing')]

@@ -31,7 +31,7 @@ from msg_tools import topics
 from msg_tools.bag import BagReader
 from msg_tools.bag.recorder import parameters_of
 from msg_tools.bag.topic_names import prefix_of
-from msg_tools.convert import from_stamp
+from msg_tools.convert import from_stamp, read_sky_vector
 from msg_tools.homing import cloud_to_homing
 from msg_tools.units import DEG
 from pointing_model.calibration_messages import joints_to_zero
@@ -155,7 +155,7 @@ def _read(log, prefix, check):
                 rows.tables[from_stamp(data.header.stamp)] = cloud_to_run(data)
         elif name in ('offset', 'camera/miss_distance'):
             taken = pairing.offsets if name == 'offset' else pairing.frames
-            taken[from_stamp(data.header.stamp)] = data.vector.x, data.vector.y
+            taken[from_stamp(data.header.stamp)] = read_sky_vector(data)
         elif name == 'observer/checks':
             found = _document(data.data).get('clocks')
             if found:

@@ -205,20 +205,24 @@ def run_of_log(path):
     """
     from calibration.distrust import distrusted, notes_of
     from msg_tools.units import wrap
-    from pointing_model.calibration_messages import joints_to_zero
+    from pointing_model.calibration_messages import ZeroPairs, joints_to_zero
     from pointing_model.zero import NO_ZERO, Zeros, is_for_zero, way_of
 
     bag = _log(path)
     if bag.has_truth:
         raise ValueError(f'{path} holds the truth of the simulator; fit the log beside it')
     parts, zeros, prefix = [], Zeros(), prefix_of(bag)
-    names = [f'{prefix}{topics.OBSERVATION.name}', f'{prefix}{topics.ZERO.name}']
+    names = [f'{prefix}{topic.name}' for topic in (
+        topics.OBSERVATION, topics.ZERO, topics.ZERO_IDENTITY)]
+    identified = any(topic.name == names[2] and topic.count for topic in bag.topics)
+    take = ZeroPairs().take if identified else joints_to_zero
     for message in bag.messages(names, decode=True):
         if message.topic == names[0]:
             parts.append(cloud_to_run(message.data))
         elif parts:
-            _, zero = joints_to_zero(message.data, run=parts[-1]['run'][-1])
-            zeros[zero.run] = zero
+            found = take(message.data, run=parts[-1]['run'][-1])
+            if found is not None:
+                zeros[found[1].run] = found[1]
     if not parts:
         raise NoObservations(f'{path} has no observation in it')
     run, notes = PointingRun.concatenate(parts), []

@@ -50,7 +50,7 @@ class Watcher(GraphClient):
     KEPT = (topics.OBSERVER_STATUS, topics.CALIBRATION_STATUS, topics.GUARD_STATUS)
     #: grow with the night, and are wanted at its end: see `keep_results`
     RESULTS = (topics.OBSERVATIONS, topics.MODEL, topics.CALIBRATION_REPORT, topics.ZERO,
-               topics.DIAGNOSIS, topics.CHECKS, topics.TRACKING)
+               topics.ZERO_IDENTITY, topics.DIAGNOSIS, topics.CHECKS, topics.TRACKING)
 
     def __init__(self, name, domain, environment, check):
         super().__init__(domain, NAMESPACE, name, environment=environment)

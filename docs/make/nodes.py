@@ -35,6 +35,7 @@ HEAD = '<!-- made by docs/make/nodes.py from what the nodes declare; do not edit
 #: what a topic carries; its unit
 TOPICS = {
     '/clock': 'the time of a simulated or replayed night',
+    'request/owner': 'node that asks, and the stamp of its request, ns',
     'request': 'where a commander wants the axes to be, encoder angles, rad',
     'guard/status': 'what the guard does and why; the sky that it allows',
     'command': 'where the axes must be in the next seconds, encoder angles, rad',
@@ -42,11 +43,13 @@ TOPICS = {
     'truth/incremental_zero': 'true zero of the incremental encoder, rad',
     'truth/scenario': 'what is wrong with the simulated mount, JSON',
     'incremental/joint_states': "readings of the axes' encoders, rad and rad/s; NaN: not homed",
+    'incremental/power_on': 'number and start of its power-on, once in each',
     'incremental/homing': 'how each reference mark was met, one row an axis',
     'absolute/joint_states': 'readings of the absolute encoders, rad; NaN: no reading',
+    'absolute/power_on': 'number and start of its power-on, once in each',
     'absolute/sigma': 'standard error of these readings as the image gives it, rad',
     'absolute/frame': "image of the discs' bars, one row an axis",
-    'camera/miss_distance': 'star − boresight in the frame of the tube, rad; NaN: no star',
+    'camera/miss_distance': 'star − boresight: x right, y down, rad; NaN: no star',
     'ambient/temperature': 'air temperature, °C; the simulator gives it in scenarios with '
                            '`weather` alone, else a driver of yours may',
     'inclinometer': 'what the base leans to the north (x) and west (y), rad',
@@ -57,7 +60,8 @@ TOPICS = {
     'observer/plan/status': "state of the plan, as of an action's goal",
     'observer/plan/feedback': 'how far it is, numbers; the last are its result',
     'observer/checks': 'results of the steps `check` and `clocks`, JSON',
-    'zero': "the encoders' zero with its standard error, rad, and what it goes with",
+    'zero': "the encoders' zero with its standard error (`effort`), rad",
+    'zero/identity': 'the power-on and the model that the zero is of',
     'zero/expected_change': 'by how much the zero will have changed, rad, before a star tells',
     'model': 'the pointing model, JSON',
     'diagnosis': 'what the model lacks, JSON',

@@ -14,41 +14,45 @@
 
 """The messages of a pointing run: a PointCloud2, one point an observation, and back.
 
-Its ``frame_id`` says of which mount the angles are: ``mount_enu`` of an alt-azimuth one,
-``mount_enu/german@34.3`` with the latitude (deg) of another.
+Of another mount than an alt-azimuth one each row has the kind (its place in `KINDS`, to which kinds
+are added at the end alone) and where the first axis points: columns ``mount_kind``, ``pole_az``,
+``pole_el`` and ``pole_roll``, rad. Older logs say it in the frame: `msg_tools.older_frames`.
 """
 
+import numpy as np
+
 from msg_tools.cloud_tables import cloud_to_table, table_to_cloud
-from msg_tools.convert import MOUNT_FRAME
+from msg_tools.older_frames import mount_in
 from msg_tools.units import DEG
 
-from ..mounts import ALTAZ, mount_text, parse_mount
+from ..mount_kinds import KINDS
+from ..mounts import ALTAZ, mount_by_pole, parse_mount, pole_of
 from .run import REQUIRED, PointingRun
 
-
-def frame_of(mount):
-    """The ``frame_id`` of angles of a `Mount`."""
-    if mount.vertical:
-        return MOUNT_FRAME
-    return f'{MOUNT_FRAME}/{mount_text(mount)}@{mount.latitude / DEG!r}'
+_OF_MOUNT = ('mount_kind', 'pole_az', 'pole_el', 'pole_roll')
 
 
-def mount_of(frame):
-    """The `Mount` of a ``frame_id``, the way back from `frame_of`.
+def _old_mount(frame):
+    """The `Mount` of a ``frame_id`` of an older log.
 
     Raises
     ------
     ValueError
         It names no mount.
     """
-    head, _, text = frame.partition('/')
-    if head != MOUNT_FRAME or not text:
-        return ALTAZ
-    kind, _, latitude = text.rpartition('@')
     try:
-        return parse_mount(kind, float(latitude) * DEG)
+        found = mount_in(frame)
+        return parse_mount(found[0], found[1] * DEG) if found else ALTAZ
     except ValueError as err:
         raise ValueError(f'frame_id {frame!r} of an observation: {err}') from None
+
+
+def _mount_of(numbers):
+    """The `Mount` of the first row's `_OF_MOUNT`; ValueError where there is none."""
+    number, *pole = (float(column[0]) for column in numbers)
+    if number not in range(len(KINDS)):
+        raise ValueError(f'mount_kind {number:g} of an observation: 0 to {len(KINDS) - 1}')
+    return mount_by_pole(list(KINDS)[int(number)], *pole)
 
 
 def run_to_cloud(run, ns):
@@ -61,8 +65,12 @@ def run_to_cloud(run, ns):
     ns : int
         Stamp.
     """
-    return table_to_cloud(run.columns, ns, run.mount.direction(run['az'], run['el']),
-                          frame_of(run.mount))
+    columns = run.columns
+    if not run.mount.vertical:
+        numbers = list(KINDS).index(run.mount.kind), *pole_of(run.mount)
+        columns = columns | {name: np.full(len(run), number)
+                             for name, number in zip(_OF_MOUNT, numbers)}
+    return table_to_cloud(columns, ns, run.mount.direction(run['az'], run['el']))
 
 
 def cloud_to_run(message):
@@ -75,9 +83,13 @@ def cloud_to_run(message):
     Raises
     ------
     ValueError
-        A required column is missing, the data do not fill the rows that are declared, or the
-        frame names no mount.
+        A required column is missing, the data do not fill the rows that are declared, or they
+        name no mount.
     """
-    mount = mount_of(message.header.frame_id)
-    return PointingRun(cloud_to_table(message, REQUIRED, 'observation'),
-                       {} if mount.vertical else {'mount': mount})
+    table = cloud_to_table(message, REQUIRED, 'observation')
+    numbers = [table.pop(name) for name in _OF_MOUNT if name in table]
+    if len(numbers) == len(_OF_MOUNT) and len(numbers[0]):
+        mount = _mount_of(numbers)
+    else:
+        mount = _old_mount(message.header.frame_id)
+    return PointingRun(table, {} if mount.vertical else {'mount': mount})

@@ -18,6 +18,8 @@ import sys
 import time
 from contextlib import closing, suppress
 
+from msg_tools import NAMESPACE
+
 from . import options
 
 #: s in which a graph is found, and in which its nodes have told all once they were
@@ -57,10 +59,13 @@ def run(args):
 
 def _log(args):
     from msg_tools.bag.sqlite import open_bag
+    from msg_tools.bag.topic_names import prefixes_of
 
     from ..dashboard.log_state import log_messages
     from .export import time_of
     bag = open_bag(args.log)
+    if args.namespace == NAMESPACE and len(found := prefixes_of(bag)) == 1:
+        args.namespace = found[0].rstrip('/')  # a log is mostly of one graph
     if args.at is None or bag.start_time is None:
         return log_messages(bag, args.namespace)
     end = time_of(args.at, bag.start_time)

@@ -23,10 +23,10 @@ import numpy as np
 
 from msg_tools import NAMESPACE, convert, topics
 from msg_tools.bag.losses import utc
-from msg_tools.power_on import read_frame
+from msg_tools.power_on import PowerOns
 from msg_tools.status_rows import Progress
 from msg_tools.units import ARCSEC, DEG, wrap
-from pointing_model.calibration_messages import joints_to_zero, text_to_pair
+from pointing_model.calibration_messages import ZeroPairs, text_to_pair
 from pointing_model.model import PointingModel
 from pointing_model.mounts import ALTAZ
 from pointing_model.runs.run import PointingRun
@@ -37,7 +37,8 @@ from .reported_problems import alarms, rows_of
 #: of which the last message is kept
 LAST = (topics.REQUEST, topics.GUARD_STATUS, topics.INCREMENTAL, topics.ABSOLUTE,
         topics.MISS_DISTANCE, topics.AMBIENT, topics.OBSERVATIONS, topics.OBSERVER_STATUS,
-        topics.ZERO, topics.ACTIVE, topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
+        topics.ZERO, topics.ZERO_IDENTITY, topics.INCREMENTAL_POWER_ON, topics.ACTIVE,
+        topics.CALIBRATION_STATUS, topics.CALIBRATION_REPORT)
 #: all that is listened to
 SUBSCRIBED = (*LAST, topics.CLOCK, topics.OBSERVATION, topics.DIAGNOSTICS)
 #: s by which readings of the two encoders may differ, and be compared by their rates
@@ -243,7 +244,10 @@ class LastMessages:
         stamp, angles, rates, _ = convert.read_joints(message)
         state.reading_deg = _scaled(angles, DEG)
         state.rate_deg_s = _scaled(rates, DEG)
-        power_on = read_frame(message.header.frame_id)
+        power_ons, said = PowerOns(), self._get(topics.INCREMENTAL_POWER_ON)
+        if said is not None:
+            power_ons.take(said)
+        power_on = power_ons.of(message.header)
         state.power_on = power_on and power_on.number
         request = self._get(topics.REQUEST)
         if request is not None and request.points:
@@ -267,7 +271,10 @@ class LastMessages:
         if pair is not None:
             text, _, zero = text_to_pair(pair.data)
             return zero, PointingModel.from_json(text) if text else None
-        return (None, None) if zero is None else (joints_to_zero(zero)[1], None)
+        pairs = ZeroPairs()
+        for message in filter(None, (self._get(topics.ZERO_IDENTITY), zero)):
+            found = pairs.take(message)
+        return (None, None) if zero is None or found is None else (found[1], None)
 
     def _encoders(self, state):
         """Their difference, where both were read at about one time."""
@@ -295,7 +302,7 @@ class LastMessages:
     def _small(self, state):
         miss, air = self._get(topics.MISS_DISTANCE), self._get(topics.AMBIENT)
         if miss is not None:
-            state.miss_arcsec = _scaled((miss.vector.x, miss.vector.y), ARCSEC)
+            state.miss_arcsec = _scaled(convert.read_sky_vector(miss), ARCSEC)
         if air is not None:
             state.temperature_c = convert.read_temperature(air)[1]
 

@@ -17,7 +17,6 @@
 import numpy as np
 
 from msg_tools import convert, topics
-from msg_tools.power_on import read_frame
 from msg_tools.units import ARCSEC, DEG, wrap
 from telescope_mount.observing.instrument_health import SAME_FRAMES
 from telescope_mount.observing.instruments import STILL
@@ -195,9 +194,9 @@ def _encoder(out, samples, stream):
     pointed = stream is samples.incremental
     _motion(out, stamps[known], values[known], rates[known], pointed)
     if pointed:
-        powered = all(read_frame(frame) is not None for frame in stream.frames)
-        power = 'power-on in frame_id' if powered else (
-            'no power-on in frame_id: each homing counts as one')
+        powered = None not in stream.power_ons
+        power = 'the power-on is known' if powered else (
+            'no incremental/power_on: each homing counts as one')
         homing = 'incremental/homing is published' if samples.homing else (
             'no incremental/homing: its marks cannot be judged')
         out.add(OK if powered and samples.homing else NOTE, f'{power}; {homing}')

@@ -56,6 +56,8 @@ class GuardClient:
         self._request, self.status, self._message, self._guard = None, {}, '', None
         self._pub = node.create_publisher(topics.REQUEST.message, topics.REQUEST.name,
                                           topics.REQUEST.qos)
+        self._owner_pub = node.create_publisher(
+            topics.REQUEST_OWNER.message, topics.REQUEST_OWNER.name, topics.REQUEST_OWNER.qos)
         node.create_subscription(topics.GUARD_STATUS.message, topics.GUARD_STATUS.name,
                                  self._on_status, topics.GUARD_STATUS.qos)
         if not node.count_publishers(node.resolve_topic_name(topics.COMMAND.name)):
@@ -79,7 +81,7 @@ class GuardClient:
     def ask(self, stamp, times, angles, rates):
         """Ask for a track, again and again: ns, s, rad, rad/s."""
         self._request = convert.trajectory(stamp, times, angles, rates, self._mount.names.keys)
-        self._request.header.frame_id = self._node.get_fully_qualified_name()
+        self._owner_pub.publish(convert.owner(self._request, self._node))
         self._renew()
 
     def obeyed(self, seconds, until=lambda: False):

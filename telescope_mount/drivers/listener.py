@@ -21,6 +21,7 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
+from msg_tools.power_on import PowerOns
 from msg_tools.readiness import drives
 from msg_tools.units import DEG
 from pointing_model.sky.places import Site
@@ -70,6 +71,10 @@ class Listener:
                 topic.message, topic.name,
                 lambda message, take=take, name=topic.name: take(self._streams[name], message),
                 topic.qos)
+        self._power_ons = PowerOns()
+        power_on = topics.INCREMENTAL_POWER_ON
+        self._node.create_subscription(power_on.message, power_on.name, self._power_ons.take,
+                                       power_on.qos)
         self._node.create_subscription(topics.CLOCK.message, topics.CLOCK.name, self._on_clock,
                                        topics.CLOCK.qos)
         self._forget()
@@ -107,11 +112,11 @@ class Listener:
         self._keep(stream, message.header, values, rates, message.name)
 
     def _on_miss(self, stream, message):
-        self._keep(stream, message.header, (message.vector.x, message.vector.y))
+        self._keep(stream, message.header, convert.read_sky_vector(message))
 
     def _keep(self, stream, header, values, rates=(np.nan, np.nan), names=()):
         stream.take(time.time(), convert.from_stamp(header.stamp) * 1e-9, values, rates, names,
-                    header.frame_id, self._now())
+                    self._power_ons.of(header), self._now())
 
     # --- the graph ----------------------------------------------------------------------------
 

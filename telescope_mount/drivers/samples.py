@@ -80,8 +80,8 @@ class Stream:
         Joints of each message; empty where it has none.
     values, rates : list of (float, float)
         First and second axis, or x and y, as they were sent.
-    frames : list of str
-        ``frame_id`` of each.
+    power_ons : list of PowerOn or None
+        Of each.
     refused : list of str
         Why messages could not be read at all.
     """
@@ -95,10 +95,11 @@ class Stream:
     names: list = field(default_factory=list)
     values: list = field(default_factory=list)
     rates: list = field(default_factory=list)
-    frames: list = field(default_factory=list)
+    power_ons: list = field(default_factory=list)
     refused: list = field(default_factory=list)
 
-    def take(self, arrived, stamp, values, rates=(np.nan, np.nan), names=(), frame='', now=None):
+    def take(self, arrived, stamp, values, rates=(np.nan, np.nan), names=(), power_on=None,
+             now=None):
         """Keep a message; `now` is the time of the graph, that of this machine if left out."""
         self.arrived.append(arrived)
         self.ages.append((arrived if now is None else now) - stamp)
@@ -106,7 +107,7 @@ class Stream:
         self.values.append(tuple(values))
         self.rates.append(tuple(rates))
         self.names.append(tuple(names))
-        self.frames.append(frame)
+        self.power_ons.append(power_on)
 
     def arrays(self):
         """Stamps (n,), values (n, 2), rates (n, 2); those with increasing stamps."""

@@ -94,9 +94,11 @@ class MountGuard(ManagedNode):
         self._ticked, self._late = 0.0, False
         self._late_logged, self._quiet = -LATE_ONCE, False  # s; not logged, nor what follows
         self._request = None  # the message as it came
+        self._owners = {}  # who asks, by the stamp of the request
         self._command_pub = self.publisher(topics.COMMAND)
         self._status_pub = self.publisher(topics.GUARD_STATUS)
         self.subscribe(topics.INCREMENTAL, self._on_reading)
+        self.subscribe(topics.REQUEST_OWNER, self._on_owner)
         self.subscribe(topics.REQUEST, self._on_request)
         self.serve('abort', self._on_abort)
         self.serve('pause', lambda: self._do('paused', self._supervisor.pause))
@@ -140,6 +142,10 @@ class MountGuard(ManagedNode):
         if self._supervisor.state in ('waiting', 'around', 'stopping', 'parking'):
             self._look()
 
+    def _on_owner(self, message):
+        self._owners = {stamp: owner for stamp, owner in self._owners.items()
+                        if owner != message.key} | {message.value: message.key}
+
     def _on_request(self, message):
         if not len(message.points):
             self._supervisor.withdraw(self._now())
@@ -153,7 +159,7 @@ class MountGuard(ManagedNode):
         if named != self._names:
             raise ValueError(f'request for {" and ".join(named)}: the parameter mount says '
                              f'{" and ".join(self._names)}')
-        owner = message.header.frame_id
+        owner = self._owners.get(str(stamp), '')
         if self._crowd and not owner:
             raise ValueError(self._crowd)
         try:
@@ -193,7 +199,6 @@ class MountGuard(ManagedNode):
         message = self._request
         if not self._supervisor.is_request(track) or message is None:
             message = convert.trajectory(*track, self._names)
-        message.header.frame_id = ''
         self._command_pub.publish(message)
 
     def _publish_status(self):

@@ -48,6 +48,7 @@ class GuardLink:
     def __init__(self, node, mount):
         self._node, self._mount = node, mount
         self._publisher, self._request = node.publisher(topics.REQUEST), None
+        self._owner_pub = node.publisher(topics.REQUEST_OWNER)
         self.known, self.ends, self.allowed, self.own_way = False, '', None, False
         self._there, self._holds, self._refused, self._command = False, '', (0, ''), None
 
@@ -69,8 +70,8 @@ class GuardLink:
 
     def send_command(self, track):
         """Request a `Track`."""
-        self._request = convert.trajectory(*track, self._mount.names.keys,
-                                           self._node.get_fully_qualified_name())
+        self._request = convert.trajectory(*track, self._mount.names.keys)
+        self._owner_pub.publish(convert.owner(self._request, self._node))
         self._publisher.publish(self._request)
 
     def renew(self, wanted):

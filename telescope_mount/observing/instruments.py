@@ -20,7 +20,6 @@ from collections import deque
 
 import numpy as np
 
-from msg_tools.power_on import read_frame
 from msg_tools.units import DEG, wrap
 
 from .instrument_health import ABSOLUTE, CAMERA, MOUNT, InstrumentHealth
@@ -96,9 +95,9 @@ class Instruments:
         self.stamp, self.here, self.rate = 0, None, None
         self.homed, self.began = False, 0
         self.run = self._newest = first_run - 1
-        self.power_on, self._frame = None, ''
+        self.power_on, self._numbered = None, 0  # since which stamp the run has its number
         self._axes, self._zero_jumps = axes, {}
-        self._frames = {}  # of the last reading of each encoder
+        self._said = {}  # power-on of the last reading of each encoder
         self.absolute_power_on = None
         self._runs = {}  # when a power-on began -> its number
         self._wall = wall
@@ -108,31 +107,32 @@ class Instruments:
         self._watched, self.excused = None, False
         self._awaited = None  # since when all are to speak, wall s
 
-    def take_incremental(self, stamp, angle, rate, frame=''):
+    def take_incremental(self, stamp, angle, rate, power_on=None):
         """Take a reading; True where the clock went back. ValueError for one out of order.
 
-        `frame` is the ``frame_id`` of its message, see `msg_tools.power_on`.
+        `power_on` is the `PowerOn` of it, None where none is known.
         """
         self.count_message(MOUNT, stamp)
         self._check_stamp(MOUNT, stamp)
         back = self.exposures.add_reading('enc', stamp, angle)
         self.rate = self._rate(stamp, angle, rate)
         self.stamp, self.here = stamp, np.array(angle)
-        self._look_for_jump(MOUNT, stamp, angle, frame, self.exposures.demand)
+        self._look_for_jump(MOUNT, stamp, angle, power_on, self.exposures.demand)
         homed = bool(np.isfinite(angle).all())
         known = self.power_on is not None and self.homed
-        if homed or (known and read_frame(frame) in (None, self.power_on)):
+        if homed or (known and power_on in (None, self.power_on)):
             self.health.number(MOUNT, homed)
         if homed:
-            self._number_run(frame)
+            self._number_run(stamp, power_on)
         self.homed = homed
         self.restart_silence(MOUNT)
         return back
 
-    def _look_for_jump(self, name, stamp, angle, frame, there):
+    def _look_for_jump(self, name, stamp, angle, power_on, there):
         """Say of a zero that jumps within a power-on; another power-on has its own zero."""
-        if frame != self._frames.get(name) or not any(map(math.isfinite, angle)):
-            self._frames[name], self._zero_jumps[name] = frame, ZeroJumps(name != MOUNT)
+        other = name not in self._zero_jumps or power_on != self._said.get(name)
+        if other or not any(map(math.isfinite, angle)):
+            self._said[name], self._zero_jumps[name] = power_on, ZeroJumps(name != MOUNT)
             self.health.zero(name)
         jumped = self._zero_jumps[name].take(stamp, angle, there)
         if jumped is not None:
@@ -154,16 +154,21 @@ class Instruments:
             rate[unknown] = own[unknown]
         return rate
 
-    def _number_run(self, frame):
-        if self.homed and frame == self._frame:
+    def _number_run(self, stamp, power_on):
+        if self.homed and power_on == self.power_on:
             return
-        power_on = read_frame(frame)
+        if (self.homed and self.power_on is None and power_on.started not in self._runs
+                and power_on.started <= self._numbered * 1e-9):
+            self._runs[power_on.started] = self.run  # said after the first readings of it
+            self.power_on = power_on
+            return
+        self._numbered = stamp
         if power_on is None and (not self.homed or self.power_on is not None):
             self.run = self._newest = self._newest + 1
         elif power_on is not None and power_on != self.power_on:
             self.run = self._runs.setdefault(power_on.started, self._newest + 1)
             self._newest = max(self._newest, self.run)
-        self.power_on, self._frame = power_on, frame
+        self.power_on = power_on
 
     def remember_runs(self, runs, starts):
         """Number power-ons as the rows of the night so far do, and forget numbers of one's own.
@@ -186,13 +191,13 @@ class Instruments:
             if self.power_on is not None:
                 self._runs[self.power_on.started] = self.run
 
-    def take_absolute(self, stamp, angle, frame=''):
+    def take_absolute(self, stamp, angle, power_on=None):
         """As `take_incremental`, of the absolute encoder."""
         self.count_message(ABSOLUTE, stamp)
         self._check_stamp(ABSOLUTE, stamp)
         back = self.exposures.add_reading('abs', stamp, angle)
-        self._look_for_jump(ABSOLUTE, stamp, angle, frame, self._by_incremental)
-        self.absolute_power_on = read_frame(frame)
+        self._look_for_jump(ABSOLUTE, stamp, angle, power_on, self._by_incremental)
+        self.absolute_power_on = power_on
         self.restart_silence(ABSOLUTE)
         return back
 

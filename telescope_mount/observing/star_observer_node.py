@@ -28,6 +28,7 @@ from std_srvs.srv import Trigger
 
 from msg_tools import convert, topics
 from msg_tools.node import MountNode
+from msg_tools.power_on import PowerOns
 from msg_tools.readiness import PUBLISHES, unmatched
 from msg_tools.status_rows import Taken, handover
 from msg_tools.units import DEG
@@ -99,8 +100,11 @@ class StarObserver(MountNode):
         self._sequencer = Sequencer(self, self._instruments, self._active, self._table,
                                     self._memory)
         over = self._sequencer.take_up_file(self.value('plan'))
+        self._power_ons = {MOUNT: PowerOns(), ABSOLUTE: PowerOns()}
+        self.subscribe(topics.INCREMENTAL_POWER_ON, self._power_ons[MOUNT].take)
         self.subscribe(topics.INCREMENTAL, self._on_incremental)
         if ABSOLUTE in self._instruments.names:
+            self.subscribe(topics.ABSOLUTE_POWER_ON, self._power_ons[ABSOLUTE].take)
             self.subscribe(topics.ABSOLUTE, self._on_absolute)
         self.subscribe(topics.MISS_DISTANCE, self._on_miss)
         if self.value('inclinometer'):
@@ -153,11 +157,11 @@ class StarObserver(MountNode):
     def _on_incremental(self, message):
         stamp, angles, rates, _ = self._joints(message, MOUNT)
         self._note_clock(self._instruments.take_incremental(
-            stamp, angles, rates, message.header.frame_id))
+            stamp, angles, rates, self._power_ons[MOUNT].of(message.header)))
 
     def _on_absolute(self, message):
         self._note_clock(self._instruments.take_absolute(
-            *self._joints(message, ABSOLUTE)[:2], message.header.frame_id))
+            *self._joints(message, ABSOLUTE)[:2], self._power_ons[ABSOLUTE].of(message.header)))
 
     def _joints(self, message, instrument):
         """As `convert.read_joints`, of this mount alone, on the turn of its axes."""
@@ -192,7 +196,7 @@ class StarObserver(MountNode):
     def _on_miss(self, message):
         self._instruments.take_frame(
             convert.from_stamp(message.header.stamp) - round(1e9 * self.value('camera_late_s')),
-            message.vector.x, message.vector.y)
+            *convert.read_sky_vector(message))
         self._sequencer.advance()
 
     def _on_lean(self, message):
@@ -307,7 +311,7 @@ class StarObserver(MountNode):
         """On `observation` and `offset`."""
         self._observation_pub.publish(run_to_cloud(run, stamp))
         x, y = run.offsets()
-        self._offset_pub.publish(convert.vector(stamp, x[0], y[0], convert.MOUNT_FRAME))
+        self._offset_pub.publish(convert.sky_vector(stamp, x[0], y[0]))
 
     def send_table(self, run, stamp):
         """On `observations`."""

@@ -34,10 +34,10 @@ def said(name, count=3):
     for i in range(count):
         values, stamp = np.array([1.0 + 0.1 * i, 0.5]), NOW + i * 10**9
         camera = liar.topic is topics.MISS_DISTANCE
-        message = liar.change(convert.vector(stamp, *values, 'camera') if camera else
+        message = liar.change(convert.sky_vector(stamp, *values) if camera else
                               convert.joint_state(stamp, values, frame='power_on_1@1.0'),
                               liar.memory)
-        got = ((message.vector.x, message.vector.y) if camera else
+        got = (convert.read_sky_vector(message) if camera else
                convert.read_joints(message)[1])
         out.append((round((convert.from_stamp(message.header.stamp) - NOW) * 1e-9, 3),
                     round(got[0], 4), got[1]))

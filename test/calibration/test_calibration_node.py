@@ -32,7 +32,7 @@ from msg_tools.cloud_tables import cloud_to_table
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.status_rows import Progress, handover
 from msg_tools.units import ARCSEC
-from pointing_model.calibration_messages import joints_to_zero, pair_to_text
+from pointing_model.calibration_messages import ZeroPairs, pair_to_text
 from pointing_model.model import PointingModel
 from pointing_model.model_document import identity
 from pointing_model.runs.run import PointingRun
@@ -41,6 +41,14 @@ from pointing_model.sky.star_catalogue import POLARIS_HIP
 from pointing_model.zero import PowerOnZero
 
 pytestmark = pytest.mark.usefixtures('nothing_expected', 'short_diagnosis')
+
+
+def listen_zeros(graph):
+    """The (stamp, zero) that come, each with its identity."""
+    pairs, out = ZeroPairs(), []
+    for topic in (topics.ZERO_IDENTITY, topics.ZERO):
+        graph.listen(topic, call=lambda message: out.extend(filter(None, [pairs.take(message)])))
+    return out
 
 
 def test_a_zero_is_refused_with_a_reason_until_polaris_was_seen(graph):
@@ -80,7 +88,7 @@ def test_an_encoder_that_reads_20_too_much_gives_a_zero_of_plus_20(graph, tmp_pa
 
 def test_a_zero_says_its_power_on_and_its_model(graph):
     desk = Desk(graph)
-    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+    zeros, models = listen_zeros(graph), graph.listen(topics.MODEL)
 
     def observe(run, start):
         desk.observe(PointingRun({**run.columns, 'encoder_start': np.full(len(run), start)}))
@@ -92,7 +100,7 @@ def test_a_zero_says_its_power_on_and_its_model(graph):
     assert graph.call('calibrate_zero').success
     graph.wait_for(lambda: len(zeros) == 2 and models)
     name = identity(models[0].data)
-    told = [joints_to_zero(message)[1] for message in zeros]
+    told = [zero for _, zero in zeros]
     assert [(zero.run, zero.started, zero.model) for zero in told] == [
         (1, 1e9, name), (2, 2e9, name)]
     # IA is in the model: by Polaris alone the second would be 300" off beside it
@@ -103,9 +111,9 @@ def test_a_zero_by_polaris_alone_goes_with_no_model(graph):
     desk = Desk(graph)
     desk.observe(rows(8, star=POLARIS_HIP))
     assert graph.call('calibrate_zero').success
-    zeros = graph.listen(topics.ZERO)
+    zeros = listen_zeros(graph)
     graph.wait_for(lambda: zeros)
-    zero = joints_to_zero(zeros[0])[1]
+    zero = zeros[0][1]
     assert (zero.started, zero.model) == (None, 'none')
 
 
@@ -131,9 +139,9 @@ def test_terms_zero_and_errors_are_numbers_to_plot(graph):
     for (name, value), sigma in zip(model.terms.items(), model.sigmas):
         assert series[f'term/{name}/value_arcsec'] == pytest.approx(value / ARCSEC, rel=1e-9)
         assert series[f'term/{name}/sigma_arcsec'] == pytest.approx(sigma / ARCSEC, rel=1e-9)
-    zero = joints_to_zero(zero)[1]
-    assert series['zero/first_axis_arcsec'] == pytest.approx(zero.az / ARCSEC, rel=1e-9)
-    assert series['zero/second_axis_sigma_arcsec'] == pytest.approx(zero.sigma_el / ARCSEC)
+    _, zero, _, zero_sigma = convert.read_joints(zero)
+    assert series['zero/first_axis_arcsec'] == pytest.approx(zero[0] / ARCSEC, rel=1e-9)
+    assert series['zero/second_axis_sigma_arcsec'] == pytest.approx(zero_sigma[1] / ARCSEC)
     assert series['fit/stars'] == 30.0
     assert series['rms/raw/used/radial_arcsec'] == pytest.approx(
         report['steps'][0]['used']['radial'])
@@ -270,10 +278,10 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     zero = PowerOnZero(3e-6, -4e-6, np.diag([1e-12, 4e-12]), 1, 1e9, name)
     pair.publish(String(data=pair_to_text(MOUNT.to_json(), START, zero)))
     graph.add(Calibration)
-    zeros, models = graph.listen(topics.ZERO), graph.listen(topics.MODEL)
+    zeros, models = listen_zeros(graph), graph.listen(topics.MODEL)
     # what its predecessor has published died with it, and is latched again
     graph.wait_for(lambda: zeros and models)
-    stamp, told = joints_to_zero(zeros[0])
+    stamp, told = zeros[0]
     assert stamp == START and told == zero and (told.started, told.model) == (1e9, name)
     assert identity(models[0].data) == name
     table.publish(run_to_cloud(night, START))
@@ -282,7 +290,7 @@ def test_a_calibration_started_anew_says_what_it_took_up(graph):
     assert graph.call('calibrate_zero').success
     graph.wait_for(lambda: len(zeros) == 2)
     # beside the model that is in force
-    told = joints_to_zero(zeros[1])[1]
+    told = zeros[1][1]
     assert told.model == name and abs(told.az) < 3 * ARCSEC
 
 
@@ -300,7 +308,8 @@ def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(grap
 
     table, pair = graph.publisher(topics.OBSERVATIONS), graph.publisher(topics.ACTIVE)
     row = graph.publisher(topics.OBSERVATION)
-    models, zeros, told = map(graph.listen, (topics.MODEL, topics.ZERO, topics.TRACKING))
+    zeros = listen_zeros(graph)
+    models, told = map(graph.listen, (topics.MODEL, topics.TRACKING))
     text, zero = offline(0, 7)
     pair.publish(String(data=pair_to_text(text, stamps[6], zero)))
     table.publish(run_to_cloud(night.select(np.arange(7)), stamps[6]))
@@ -311,7 +320,7 @@ def test_a_tracked_night_is_taken_up_to_the_bit_and_each_star_gives_a_model(grap
         row.publish(run_to_cloud(night.select([i]), stamps[i]))
         text, _ = offline(i, i + 1)
         graph.wait_for(lambda text=text: text in [message.data for message in models])
-    graph.wait_for(lambda: joints_to_zero(zeros[-1])[1].model == identity(text) and told
+    graph.wait_for(lambda: zeros[-1][1].model == identity(text) and told
                    and json.loads(told[-1].data)['stars'] == 9)
     found = json.loads(told[-1].data)
     assert found['heard'][0]['taken'] and found['expected_arcsec']['1 h'] > 1.0
@@ -391,7 +400,7 @@ def test_the_zero_of_tonight_is_told_before_polaris(graph):
     # the mean of two zeros 6" apart lies 3" below the last one
     _, change, _, sigma = convert.read_joints(told[0])
     assert change[0] / ARCSEC == pytest.approx(-3.0, abs=1.5)
-    assert sigma[0] / ARCSEC > 4.0 and told[0].header.frame_id == 'power_on_3'
+    assert sigma[0] / ARCSEC > 4.0 and told[0].header.frame_id == 'mount_enu'
     found = json.loads(reports[-1].data)
     assert [row['run'] for row in found['power_ons']] == [1, 2]
     assert 'too few' in found['zero_causes']['text']

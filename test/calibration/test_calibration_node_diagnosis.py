@@ -28,7 +28,7 @@ from calibration.calibration_node import Calibration
 from calibration.calibration_state import CalibrationState
 from msg_tools import topics
 from msg_tools.units import ARCSEC
-from pointing_model.calibration_messages import joints_to_zero
+from pointing_model.calibration_messages import ZeroPairs
 from pointing_model.model import PointingModel
 from pointing_model.runs.run import PointingRun
 from pointing_model.runs.run_messages import run_to_cloud
@@ -69,14 +69,16 @@ def test_a_diagnosis_adds_the_effect_and_publishes_what_belongs_together(graph, 
     answer = graph.call('diagnose')
     assert answer.success, answer.message
     assert answer.message.startswith('identified: azimuth_encoder_1; ')
-    documents, models, zeros = (graph.listen(topic) for topic in (
-        topics.DIAGNOSIS, topics.MODEL, topics.ZERO))  # late: they are latched
-    graph.wait_for(lambda: documents and models and zeros)
+    documents, models, zeros, said = (graph.listen(topic) for topic in (
+        topics.DIAGNOSIS, topics.MODEL, topics.ZERO, topics.ZERO_IDENTITY))  # late: latched
+    graph.wait_for(lambda: documents and models and zeros and said)
     document, model = json.loads(documents[0].data), PointingModel.from_json(models[0].data)
     assert document['verdict'] == 'identified' and document['kept_out'] == 0
     assert [e.effect.name for e in model.effects] == document['applied'] == ['azimuth_encoder_1']
     assert model.provenance['last_stamp_ns'] == desk.stamp
-    _, zero = joints_to_zero(zeros[0])
+    pairs = ZeroPairs()
+    pairs.take(said[0])
+    _, zero = pairs.take(zeros[0])
     told, = model.provenance['zeros_in_force']
     assert zero.run == told['run'] == 1
     assert zero.angles == pytest.approx([told['az_arcsec'] * ARCSEC, told['el_arcsec'] * ARCSEC])

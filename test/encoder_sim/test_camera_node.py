@@ -66,7 +66,7 @@ class Shutter:
             lambda: self.got and convert.from_stamp(self.got[-1].header.stamp) == middle,
             'the exposure')
         message = self.got[-1]
-        return np.array([message.vector.x, message.vector.y])
+        return np.array(convert.read_sky_vector(message))
 
 
 @pytest.mark.parametrize('hip', [SIRIUS, CAPELLA])

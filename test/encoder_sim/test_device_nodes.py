@@ -23,7 +23,7 @@ from encoder_sim.device_params import Decimator, parse_utc
 from encoder_sim.incremental_encoder_node import IncrementalEncoders
 from msg_tools import convert, topics
 from msg_tools.homing import cloud_to_homing
-from msg_tools.power_on import read_frame
+from msg_tools.power_on import read_power_on
 from msg_tools.units import ARCSEC, DEG
 from telescope_mount.graph import every_frame
 
@@ -49,8 +49,16 @@ class Axes:
         self.graph = graph
         self.pub = graph.publisher(topics.TRUTH_JOINTS)
         self.got = graph.listen(topic)
+        self.said = graph.listen(topics.INCREMENTAL_POWER_ON if topic is topics.INCREMENTAL
+                                 else topics.ABSOLUTE_POWER_ON)
         self.stamp = START
         graph.connect()
+
+    def power_on_of(self, message):
+        """The last that had begun."""
+        assert message.header.frame_id == 'mount_enu'
+        return [one for one in map(read_power_on, self.said)
+                if one.started <= convert.from_stamp(message.header.stamp) * 1e-9][-1]
 
     def __call__(self, angles):
         """Readings (n, 2) of true angles (n, 2), rad."""
@@ -83,10 +91,10 @@ def test_unknown_until_homed_and_again_after_power_off(graph, drifting):
 
     answer = graph.call('power_cycle')
     assert answer.success and 'power-on 2' in answer.message
-    frame = axes.got[-1].header.frame_id
+    before = axes.power_on_of(axes.got[-1])
     assert np.isnan(axes([place])).all()
-    assert frame == f'power_on_1@{START // 10**9 + 1}.000'
-    assert axes.got[-1].header.frame_id == f'power_on_2@{axes.stamp // 10**9}.000'
+    assert before == (1, START // 10**9 + 1)
+    assert axes.power_on_of(axes.got[-1]) == (2, axes.stamp // 10**9)
     graph.report('incremental_encoder', 'call home', 'power-on', 2)
     assert np.isfinite(axes(HOMING)[-1]).all()
 
@@ -236,7 +244,7 @@ def test_the_power_fails_as_the_scenario_says(graph, tmp_path):
     assert np.isfinite(axes(HOMING)[-1]).all()
     reading = axes(np.repeat(MARKS[None] + 1 * DEG, 4, axis=0))
     assert np.isfinite(reading[0]).all() and np.isnan(reading[1:]).all()
-    told = [read_frame(message.header.frame_id) for message in axes.got[-4:]]
+    told = [axes.power_on_of(message) for message in axes.got[-4:]]
     assert [power_on.number for power_on in told] == [1, 2, 2, 2]
     assert [power_on.started - START * 1e-9 for power_on in told] == [1.0, 6.0, 6.0, 6.0]
     graph.wait_for(lambda: marks and cloud_to_homing(marks[-1])['azimuth'].identity == told[1])
@@ -315,7 +323,7 @@ def test_the_absolute_encoder_has_another_zero_after_its_power_cycle(graph, tmp_
     np.testing.assert_allclose(moved, [[30.0, -20.0]] * 3, atol=1.0)
     moved = (axes(place) - before) / ARCSEC  # the scenario cuts the power of one axis
     np.testing.assert_allclose(moved, [[30.0, 10.0]] * 3, atol=1.0)
-    told = [read_frame(message.header.frame_id) for message in axes.got]
+    told = [axes.power_on_of(message) for message in axes.got]
     assert [power_on.number for power_on in told] == [1] * 3 + [2] * 3 + [3] * 3
     assert [power_on.started - START * 1e-9 for power_on in told] == [
         1.0] * 3 + [4.0] * 3 + [7.0] * 3

@@ -166,7 +166,7 @@ def test_as_fast_as_possible_loses_nothing_in_a_short_queue(graph, tmp_path):
     with BagWriter(tmp_path / 'log') as bag:
         bag.add_topic('/mount/offset', topics.OFFSET.type, [topics.OFFSET.qos])
         for i in range(700):
-            bag.write('/mount/offset', serialize_message(convert.vector(i, i, 0, 'x')), i, i)
+            bag.write('/mount/offset', serialize_message(convert.vector(i, i, 0)), i, i)
     slow = graph.add(Slow)
     graph.add(McapReplay, bag=str(tmp_path / 'log'), rate=0.0, exit_at_end=False,
               wait_for_topics=['/mount/offset'])

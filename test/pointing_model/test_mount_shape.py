@@ -18,6 +18,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
+
+from msg_tools import convert
 from pointing_model.mount_shape import (
     TUBE,
     TURNS,
@@ -32,11 +35,11 @@ MOUNTS = [parse_mount(text, latitude) for text in ('altaz', 'equatorial', 'germa
           for latitude in (-0.6, 0.0, 1.5)]
 
 
-def chain(text, angles):
-    """Rotation of the boresight by the joints of a URDF, as a publisher of tf has it."""
+def chain(text, angles, link='boresight'):
+    """Rotation of a link by the joints of a URDF, as a publisher of tf has it."""
     joints = {joint.find('child').get('link'): joint
               for joint in ElementTree.fromstring(text).iter('joint')}
-    link, out = 'boresight', np.eye(3)
+    out = np.eye(3)
     while link in joints:
         joint = joints[link]
         turn = np.eye(3)
@@ -60,6 +63,20 @@ def test_the_boresight_looks_where_the_mount_does(mount):
         np.testing.assert_allclose(frames[TUBE][:, 0], mount.direction(*angles), atol=1e-12)
         joints = dict(zip(mount.names.keys, angles))
         np.testing.assert_allclose(chain(text, joints), frames[TUBE], atol=1e-7)
+
+
+@pytest.mark.parametrize('mount', MOUNTS)
+@pytest.mark.parametrize('right, up', [(0.0, 1e-4), (0.0, -1e-4), (-1e-4, 0.0), (1e-4, 0.0)],
+                         ids=['up', 'down', 'left', 'right'])
+def test_a_star_beside_the_boresight_is_there_in_the_optical_frame(mount, right, up):
+    message = convert.sky_vector(1, right, up)
+    assert np.sign([message.vector.x, message.vector.y]).tolist() == np.sign([right, -up]).tolist()
+    assert convert.read_sky_vector(message) == (right, up)
+    angles = np.array([0.4, 0.9])
+    star = mount.direction(*(angles + [right / np.cos(angles[1]), up]))
+    optical = chain(urdf(mount), dict(zip(mount.names.keys, angles)), message.header.frame_id)
+    seen = optical @ [message.vector.x, message.vector.y, 1.0]
+    np.testing.assert_allclose(seen / np.linalg.norm(seen), star, atol=2e-8)
 
 
 def test_a_tube_at_rest_has_its_left_and_its_up_as_rep_103_says():

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from msg_tools import convert, topics
 from msg_tools.homing import AxisHoming, homing_to_cloud
 from msg_tools.units import ARCSEC, DEG
-from pointing_model.calibration_messages import zero_to_joints
+from pointing_model.calibration_messages import zero_identity, zero_to_joints
 from pointing_model.effects import effect
 from pointing_model.fitted_effects import FittedEffect
 from pointing_model.harmonics import Harmonics
@@ -51,7 +51,8 @@ class Desk:
         if model is not None:
             self.model_pub.publish(String(data=model.to_json()))
         if zero is not None:
-            self.zero_pub.publish(convert.joint_state(START, zero, effort=ZERO_SIGMA))
+            self.zero_pub.publish(convert.joint_state(
+                START, zero, effort=ZERO_SIGMA, frame=''))
         self.node = graph.add(PointingCorrector, **overrides)
         graph.connect()
         if model is not None:
@@ -128,7 +129,7 @@ def test_harmonics_are_in_the_demand_and_in_its_sigma(graph, terms):
 
 def test_a_new_zero_takes_the_place_of_the_old(graph):
     desk = Desk(graph, zero=ZERO)
-    desk.zero_pub.publish(convert.joint_state(START, 2 * ZERO))
+    desk.zero_pub.publish(convert.joint_state(START, 2 * ZERO, frame=''))
     graph.report('pointing_corrector', '', 'received /mount/zero', 2)
     np.testing.assert_allclose(desk(TIMES, SKY, RATES)[0], SKY + 2 * ZERO, atol=1e-12)
 
@@ -178,7 +179,7 @@ def test_bad_messages_are_refused_and_the_node_lives_on(graph):
 def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stays(graph):
     name = identity(MODEL.to_json())
     desk = Desk(graph, MODEL)
-    encoder = graph.publisher(topics.HOMING)
+    encoder, identities = map(graph.publisher, (topics.HOMING, topics.ZERO_IDENTITY))
     graph.connect()
 
     def tell(started):
@@ -186,10 +187,12 @@ def test_a_zero_of_another_model_or_power_on_is_refused_and_the_pair_before_stay
         encoder.publish(homing_to_cloud([axis, axis], START))
 
     def set_zero(angles, **told):
-        desk.zero_pub.publish(zero_to_joints(PowerOnZero(*angles, run=1, **told), START))
+        zero = PowerOnZero(*angles, run=1, **told)
+        desk.zero_pub.publish(zero_to_joints(zero, START))
+        identities.publish(zero_identity(zero, START))
 
     tell(1e9)
-    graph.report('pointing_corrector', '', 'encoder', 'power_on_1@1000000000.000')
+    graph.report('pointing_corrector', '', 'encoder', 'power-on 1 of 1000000000.000 s')
     set_zero(ZERO, started=1e9, model=name)
     graph.report('pointing_corrector', 'ok', 'model of the zero', name)
     wanted = desk(TIMES, SKY, RATES)[0]
@@ -254,8 +257,6 @@ def test_effects_act_where_their_driver_is_known_and_are_named_where_not(graph):
 
 
 def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
-    from pointing_model.calibration_messages import zero_to_joints
-    from pointing_model.zero import PowerOnZero
     from pointing_model.zero_drift import KEY, AxisFollowing, Following
     follows = Following({'el': AxisFollowing(
         np.zeros(4), {1: 8.0 * ARCSEC}, 0.3 * ARCSEC, 0.4 * ARCSEC)})
@@ -264,6 +265,7 @@ def test_the_zero_follows_the_absolute_encoder_between_stars(graph):
         KEY: follows.document(), 'zeros_in_force': [zero.to_dict()]})
     desk = Desk(graph, model)
     desk.zero_pub.publish(zero_to_joints(zero, START))
+    graph.publisher(topics.ZERO_IDENTITY).publish(zero_identity(zero, START))
     graph.report('pointing_corrector', '', 'zero follows',
                  'no reading of both encoders yet: the zero stands still')
     still, _, sigma = desk(TIMES, SKY, RATES)

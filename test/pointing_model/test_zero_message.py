@@ -12,59 +12,69 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportError)
 
-from msg_tools.convert import joint_state
-from pointing_model.calibration_messages import joints_to_zero, zero_to_joints
+from msg_tools.convert import joint_state, values_message
+from pointing_model.calibration_messages import (
+    ZeroPairs,
+    joints_to_zero,
+    zero_identity,
+    zero_to_joints,
+)
 from pointing_model.zero import PowerOnZero
 
+FULL = PowerOnZero(0.1, 0.2, run=2, started=1_768_482_000.5, model='3f2a90c1d5e7', by='stars')
 
-def test_there_and_back_to_the_bit():
-    rng = np.random.default_rng(1)
+
+def messages(zero, ns=5):
+    return [zero_to_joints(zero, ns), zero_identity(zero, ns)]
+
+
+@pytest.mark.parametrize('order', [slice(None), slice(None, None, -1)])
+def test_there_and_back_to_the_bit_in_whatever_order(order):
+    rng, pairs = np.random.default_rng(1), ZeroPairs()
     for run in (-1, 1, 12_345_678):
         sigma = rng.uniform(1e-7, 1e-5, 2)
         zero = PowerOnZero(*rng.normal(size=2), np.diag(sigma**2), float(run))
-        message = zero_to_joints(zero, 5)
-        assert message.header.frame_id == f'power_on_{run}'
-        stamp, back = joints_to_zero(message)
+        first, second = messages(zero)[order]
+        assert pairs.take(first) is None
+        stamp, back = pairs.take(second)
         assert stamp == 5 and back == zero and isinstance(back.run, int)
         np.testing.assert_array_equal(back.sigma, zero.sigma)
+        assert pairs.take(messages(zero)[1]) is None  # it is known
 
 
-def test_a_zero_says_what_it_goes_with():
-    zero = PowerOnZero(0.1, 0.2, run=2, started=1_768_482_000.5, model='3f2a90c1d5e7')
-    message = zero_to_joints(zero, 5)
-    assert message.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7'
-    _, back = joints_to_zero(message)
-    assert (back.run, back.started, back.model) == (2, zero.started, zero.model)
-    half = joints_to_zero(zero_to_joints(PowerOnZero(0.1, 0.2, run=2, model='none'), 5))[1]
-    assert half.started is None and half.model == 'none'
+@pytest.mark.parametrize('zero, by', [
+    (FULL, 'stars'), (PowerOnZero(0.1, 0.2, run=2, model='none'), None),
+    (PowerOnZero(0.1, 0.2, run=2, started=1.5, model='none', by='Polaris'), None),
+    (PowerOnZero(0.1, 0.2, run=2, by='stars (5)'), 'stars'), (PowerOnZero(0.1, 0.2), None)])
+def test_a_zero_says_what_it_goes_with(zero, by):
+    pairs = ZeroPairs()
+    pairs.take(zero_identity(zero, 5))
+    _, back = pairs.take(zero_to_joints(zero, 5))
+    assert (back.run, back.started, back.model, back.by) == (zero.run, zero.started, zero.model, by)
 
 
-def test_a_zero_says_that_it_was_got_by_other_stars_than_polaris():
-    zero = PowerOnZero(0.1, 0.2, run=2, started=1_768_482_000.5, model='3f2a90c1d5e7',
-                       by='stars (5)')
-    message = zero_to_joints(zero, 5)
-    assert message.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7+stars'
-    assert joints_to_zero(message)[1].by == 'stars'
-    # by Polaris the message is as it always was
-    by_polaris = zero_to_joints(replace(zero, by='Polaris'), 5)
-    assert by_polaris.header.frame_id == 'power_on_2@1768482000.500/3f2a90c1d5e7'
-    assert joints_to_zero(by_polaris)[1].by is None
+def test_halves_of_two_zeros_are_never_put_together():
+    pairs = ZeroPairs()
+    assert pairs.take(zero_identity(FULL, 5)) is None
+    assert pairs.take(zero_to_joints(FULL, 6)) is None
+    assert pairs.take(zero_to_joints(PowerOnZero(0.1, 0.3), 5)) is None
+    assert pairs.take(zero_to_joints(FULL, 5)) == (5, FULL)
 
 
-def test_an_older_message_is_of_the_run_that_was_on():
-    message = joint_state(7, (0.1, 0.2))
-    _, zero = joints_to_zero(message, run=4.0)
-    assert zero == PowerOnZero(0.1, 0.2, run=4.0) and zero.covariance is None
-    assert joints_to_zero(message)[1].run is None
-    # a message that tells its run is believed
-    assert joints_to_zero(zero_to_joints(PowerOnZero(0.1, 0.2, run=2), 1), run=4)[1].run == 2
+@pytest.mark.parametrize('frame, told', [
+    ('', (4.0, None, None, None)), ('power_on_2', (2, None, None, None)),
+    ('power_on_2@1768482000.500', (2, FULL.started, None, None)),
+    ('power_on_2@1768482000.500/3f2a90c1d5e7', (2, FULL.started, FULL.model, None)),
+    ('power_on_2@1768482000.500/3f2a90c1d5e7+stars', (2, FULL.started, FULL.model, 'stars'))])
+def test_an_older_zero_says_it_in_its_frame(frame, told):
+    stamp, zero = ZeroPairs().take(joint_state(7, (0.1, 0.2), frame=frame), run=4.0)
+    assert stamp == 7 and (zero.run, zero.started, zero.model, zero.by) == told
+    assert zero.angles.tolist() == [0.1, 0.2] and zero.covariance is None
 
 
 @pytest.mark.parametrize('message, words', [
@@ -74,3 +84,13 @@ def test_an_older_message_is_of_the_run_that_was_on():
 def test_what_is_no_zero(message, words):
     with pytest.raises(ValueError, match=words):
         joints_to_zero(message)
+
+
+@pytest.mark.parametrize('values, words', [
+    ({'version': 2}, "version '2': 1 is known"), ({'version': 1}, 'stamp_ns'),
+    ({'version': 1, 'stamp_ns': 5, 'first_rad': 'x', 'second_rad': 0.2}, 'no identity')])
+def test_what_is_no_identity(values, words):
+    pairs = ZeroPairs()
+    pairs.take(zero_to_joints(FULL, 5))
+    with pytest.raises(ValueError, match=words):
+        pairs.take(values_message(5, {'zero': values}))

@@ -92,7 +92,7 @@ class Instruments:
         miss = self.miss(len(self.commands), at, self.position + self.error)
         self.read(at - SECOND // 2, demand(at - SECOND // 2))
         if miss is not None:
-            self.pubs[topics.MISS_DISTANCE.name].publish(convert.vector(at, *miss, 'camera'))
+            self.pubs[topics.MISS_DISTANCE.name].publish(convert.sky_vector(at, *miss))
         self.read(at + SECOND // 2, demand(at + SECOND // 2))
         self.now = at + SECOND
 

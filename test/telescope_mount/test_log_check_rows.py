@@ -62,7 +62,7 @@ def night(tmp_path_factory):
             out.add_reading('enc', stamp, angles)
             messages.append((topics.INCREMENTAL, convert.joint_state(stamp, angles)))
         stamp = START + at * SECOND
-        messages.append((topics.MISS_DISTANCE, convert.vector(stamp + LATE, *MISS, 'camera')))
+        messages.append((topics.MISS_DISTANCE, convert.sky_vector(stamp + LATE, *MISS)))
         out.add_frame(stamp, *MISS)
         assert out.take(30.0 * ARCSEC, None, length, 9.0 * ARCSEC) is not None
         angles, rate = out.over('enc', stamp, length)

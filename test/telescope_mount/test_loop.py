@@ -102,9 +102,9 @@ def test_both_sides_of_the_pier_are_one_model(german):
     assert run.mount.agrees(german.model.mount)
     assert list(german.model.terms) == ['IH', 'ID', 'CH', 'NP', 'MA', 'ME', 'TF']
     # Polaris is below the horizon: the zero is by stars
-    zeros = [message.data for message in BagReader(german.folder / 'bag').messages(decode=True)
-             if message.topic.endswith('/zero')]
-    assert zeros[0].header.frame_id.endswith('+stars')
+    zeros, said = ([message.data for message in BagReader(german.folder / 'bag').messages(
+        f'/mount/{name}', decode=True)] for name in ('zero', 'zero/identity'))
+    assert {row.key: row.value for row in said[0].status[0].values}['by'] == 'stars'
     assert list(zeros[0].name) == ['hour_angle', 'declination']
 
 

@@ -25,6 +25,7 @@ import termios
 from functools import partial
 from importlib import resources
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -32,6 +33,8 @@ import pytest
 from msg_tools.bag import BagReader
 from msg_tools.units import ARCSEC
 from pointing_model.model import PointingModel
+from pointing_model.mount_shape import urdf
+from pointing_model.mounts import ALTAZ
 from pointing_model.runs.formats import read_run
 from pointing_model.runs.run_messages import cloud_to_run
 from pointing_model.sky.star_catalogue import POLARIS_HIP
@@ -368,3 +371,16 @@ def test_a_night_read_from_frames_is_the_same_night(night, other_night):
     np.testing.assert_array_equal(ours.covariance, theirs.covariance)
     assert (other_night / 'nodes' / 'frame_reader.params.yaml').is_file()
     assert not (night / 'nodes' / 'frame_reader.params.yaml').exists()
+
+
+def test_every_stamped_message_is_in_a_frame_of_the_urdf(night):
+    links = {link.get('name') for link in ElementTree.fromstring(urdf(ALTAZ)).iter('link')}
+    frames = {}
+    for message in BagReader(night / 'bag').messages(decode=True):
+        if hasattr(message.data, 'header'):
+            frames.setdefault(message.topic, set()).add(message.data.header.frame_id)
+    assert frames.pop('/diagnostics') == {''}  # as diagnostic_updater has it
+    assert set().union(*frames.values()) <= links
+    assert len(frames) >= 15
+    assert {name for name, found in frames.items() if found == {'boresight_optical'}} == {
+        '/mount/camera/miss_distance', '/mount/offset'}

@@ -110,7 +110,7 @@ class IndiSky(WorkerNode):
         while source.exposures:
             stamp, miss = source.exposures.popleft()
             self._without += int(miss[0] != miss[0])
-            self._pub.publish(convert.vector(stamp, *miss, 'camera'))
+            self._pub.publish(convert.sky_vector(stamp, *miss))
         self.log_change(source.why or source.note, 'exposures come')
 
     def problems(self):

@@ -22,7 +22,7 @@ pytest.importorskip('rclpy', reason='rclpy is not installed', exc_type=ImportErr
 from msg_tools.units import DEG
 from pointing_model.mounts import ALTAZ, Mount
 from pointing_model.runs.run import PointingRun
-from pointing_model.runs.run_messages import cloud_to_run, frame_of, mount_of, run_to_cloud
+from pointing_model.runs.run_messages import cloud_to_run, run_to_cloud
 
 NS = 1_768_482_000_123_456_789
 
@@ -55,6 +55,8 @@ def test_rows_know_their_mount(mount):
     back = cloud_to_run(message).mount
     assert back.kind == mount.kind
     np.testing.assert_allclose(back.frame, mount.frame, atol=1e-14)
+    assert list(cloud_to_run(message).columns) == list(rows.columns)
+    assert message.header.frame_id == 'mount_enu'
     # what is drawn is where it is on the sky
     steps = np.frombuffer(bytes(message.data), np.uint8).reshape(3, message.point_step)
     z = np.ascontiguousarray(steps[:, 8:12]).view('<f4')[:, 0]
@@ -62,10 +64,25 @@ def test_rows_know_their_mount(mount):
 
 
 @pytest.mark.parametrize('frame', ['mount_enu/german@', 'mount_enu/german', 'mount_enu/crane@3'])
-def test_a_frame_of_no_mount_is_told(frame):
+def test_the_frame_of_an_older_log_names_the_mount(frame):
+    message = run_to_cloud(run(), NS)
+    message.header.frame_id = frame
     with pytest.raises(ValueError, match='frame_id .* of an observation'):
-        mount_of(frame)
-    assert frame_of(mount_of('map')) == 'mount_enu'
+        cloud_to_run(message)
+    message.header.frame_id = 'mount_enu/german@34.3'
+    mount = cloud_to_run(message).mount
+    assert mount.kind == 'german' and mount.latitude == pytest.approx(34.3 * DEG, abs=1e-14)
+    message.header.frame_id = 'map'
+    assert cloud_to_run(message).mount is ALTAZ
+
+
+@pytest.mark.parametrize('number, pole', [(99.0, 0.5), (1.5, 0.5), (np.nan, 0.5), (1.0, np.nan)])
+def test_rows_of_no_mount_are_refused(number, pole):
+    rows = run()
+    rows.columns |= {'mount_kind': np.full(3, number), 'pole_az': np.zeros(3),
+                     'pole_el': np.full(3, pole), 'pole_roll': np.zeros(3)}
+    with pytest.raises(ValueError, match='mount'):
+        cloud_to_run(run_to_cloud(rows, NS))
 
 
 def test_points_lie_on_the_sky_east_north_up():

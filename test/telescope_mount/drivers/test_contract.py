@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from msg_tools.power_on import PowerOn
 from msg_tools.units import ARCSEC, DEG, wrap
 from pointing_model.mounts import ALTAZ, parse_mount
 from telescope_mount.drivers.contract import check_contract
@@ -30,7 +31,7 @@ JOINTS = 'sensor_msgs/msg/JointState'
 VECTOR = 'geometry_msgs/msg/Vector3Stamped'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 KEYS = ('azimuth', 'elevation')
-FRAME = 'power_on_1@1794990000.000'
+POWER_ON = PowerOn(2, 1_768_482_000.5)
 
 
 def swings(t):
@@ -44,7 +45,7 @@ def velocity(t):
 
 def recorded(seconds=20.0, rate=20.0, *, seed=1, inc=lambda t, v, r: (v, r), absolute=None,
           stamp=lambda name, t: NOW + t, keep=lambda name, t: True,
-          miss=lambda number, m: m, names=KEYS, frame=FRAME, where=swings, mount=ALTAZ,
+          miss=lambda number, m: m, names=KEYS, power_on=POWER_ON, where=swings, mount=ALTAZ,
           exposure=1.0):
     """A graph in which all is well, but for what is asked for."""
     rng = np.random.default_rng(seed)
@@ -58,11 +59,11 @@ def recorded(seconds=20.0, rate=20.0, *, seed=1, inc=lambda t, v, r: (v, r), abs
         noisy = where(t) + rng.normal(0.0, 0.3 * ARCSEC, 2)
         if keep('inc', t):
             values, rates = inc(t, noisy, velocity(t) if where is swings else np.zeros(2))
-            streams[0].take(NOW + t + late, stamp('inc', t), values, rates, names, frame)
+            streams[0].take(NOW + t + late, stamp('inc', t), values, rates, names, power_on)
         if absolute:
             streams[1].take(NOW + t + late, stamp('abs', t),
                             absolute(where(t) + rng.normal(0.0, 0.3 * ARCSEC, 2)),
-                            (np.nan, np.nan), names, frame)
+                            (np.nan, np.nan), names, power_on)
     for number in range(int(seconds / exposure)):
         t = (number + 0.5) * exposure
         if keep('cam', t):
@@ -89,7 +90,7 @@ def test_where_all_is_well_nothing_is_wrong(seed, rate):
 
 
 def test_what_is_optional_is_no_fault():
-    bare = recorded(frame='', where=lambda t: np.array([3.0, 0.7]),
+    bare = recorded(power_on=None, where=lambda t: np.array([3.0, 0.7]),
                  miss=lambda number, m: (np.nan, np.nan))
     assert wrong(check_contract(replace(bare, homing=False, services=set()))) == []
 

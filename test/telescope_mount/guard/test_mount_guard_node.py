@@ -43,6 +43,7 @@ class Played:
         self.status = graph.listen(topics.GUARD_STATUS)
         self.readings = graph.publisher(topics.INCREMENTAL)
         self.requests = graph.publisher(topics.REQUEST)
+        self.owners = graph.publisher(topics.REQUEST_OWNER)
         graph.tester.create_timer(0.05, self._tick)
 
     def now(self):
@@ -63,6 +64,10 @@ class Played:
         self.request = convert.trajectory(
             self.now(), TIMES, np.array([az, el]) * DEG + TIMES[:, None] * rates, rates)
 
+    def owned(self, node, request):
+        stamp = str(convert.from_stamp(request.header.stamp))
+        self.owners.publish(topics.REQUEST_OWNER.message(key=node, value=stamp))
+
     def until(self, state, text=''):
         def there():
             last = self.status[-1] if self.status else None
@@ -77,12 +82,12 @@ def test_the_guard_leads_the_mount_and_stops_it_when_the_encoder_is_silent(graph
     mount = Played(graph)
     graph.connect()
     mount.ask(24.0, 52.0)
-    mount.request.header.frame_id = '/mount/star_observer'
+    mount.owned('/mount/star_observer', mount.request)
     mount.until('following')
     other = convert.trajectory(mount.now(), TIMES, np.full((3, 2), 0.5), np.zeros((3, 2)))
-    other.header.frame_id = '/mount/player'
-    mount.requests.publish(other)
-    graph.wait_for(lambda: guard.rejected, 'the second commander refused')
+    mount.owned('/mount/player', other)
+    graph.wait_for(lambda: mount.requests.publish(other) or guard.rejected,
+                   'the second commander refused')
     assert 'player asks while /mount/star_observer commands' in guard.rejected[
         topics.REQUEST.name][1]
     graph.wait_for(lambda: np.allclose(mount.here / DEG, (24.0, 52.0), atol=0.2), 'the star')

@@ -19,6 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from msg_tools import topics
 from pointing_model.mounts import ALTAZ
 from telescope_mount.observing.axis_demand import Track
 from telescope_mount.observing.guard_link import GuardLink
@@ -27,8 +28,11 @@ from telescope_mount.observing.guard_link import GuardLink
 def test_a_track_that_is_not_wanted_any_more_is_withdrawn_once():
     pytest.importorskip('trajectory_msgs', reason='the messages are not installed')
     sent = []
-    publisher = SimpleNamespace(publish=lambda message: sent.append(len(message.points)))
-    node = SimpleNamespace(publisher=lambda topic: publisher,
+    owners = []
+    publishers = {
+        topics.REQUEST: SimpleNamespace(publish=lambda message: sent.append(len(message.points))),
+        topics.REQUEST_OWNER: SimpleNamespace(publish=owners.append)}
+    node = SimpleNamespace(publisher=publishers.get,
                            get_fully_qualified_name=lambda: '/mount/star_observer')
     link = GuardLink(node, ALTAZ)
     link.send_command(Track(0, np.array([0.0, 20.0]), np.zeros((2, 2)), np.zeros((2, 2))))
@@ -36,3 +40,4 @@ def test_a_track_that_is_not_wanted_any_more_is_withdrawn_once():
     link.renew(False)
     link.renew(False)
     assert sent == [2, 2, 0]
+    assert [(one.key, one.value) for one in owners] == [('/mount/star_observer', '0')]

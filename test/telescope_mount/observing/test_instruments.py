@@ -32,8 +32,8 @@ class Encoder:
     def __call__(self, angle=HERE, number=None, started=None):
         """Number of the run after a reading."""
         self.stamp += 10**9
-        frame = '' if number is None else PowerOn(number, started).frame
-        self.instruments.take_incremental(self.stamp, angle, (0.0, 0.0), frame)
+        power_on = None if number is None else PowerOn(number, started)
+        self.instruments.take_incremental(self.stamp, angle, (0.0, 0.0), power_on)
         return self.instruments.run
 
 
@@ -64,11 +64,19 @@ def test_an_encoder_that_tells_no_rate_is_at_rest_when_its_readings_are():
     assert not read.homed_since(0)
 
 
+def test_a_power_on_that_is_said_late_is_that_of_the_readings_before():
+    read = Encoder()
+    assert [read(LOST), read(), read(HERE, 1, 1.5), read(HERE, 1, 1.5)] == [0, 1, 1, 1]
+    assert read.instruments.power_on == (1, 1.5)
+    other = Encoder()
+    assert [other(LOST), other(), other(HERE, 2, 2.5)] == [0, 1, 2]  # it began since
+
+
 def test_the_power_on_of_the_absolute_encoder_is_no_run():
     read = Encoder()
     assert read(HERE, 1, 10.0) == 1 and read.instruments.absolute_power_on is None
     for number, started in ((1, 10.0), (2, 60.0)):
-        read.instruments.take_absolute(int(started) * 10**9, HERE, PowerOn(number, started).frame)
+        read.instruments.take_absolute(int(started) * 10**9, HERE, PowerOn(number, started))
         assert read.instruments.absolute_power_on == (number, started)
     assert read(HERE, 1, 10.0) == 1
     read.instruments.take_absolute(70 * 10**9, HERE)  # a driver that tells none

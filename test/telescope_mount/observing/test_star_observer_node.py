@@ -51,10 +51,10 @@ def test_offset_is_encoder_minus_catalogue_plus_miss(graph):
             np.testing.assert_allclose([x[0] / ARCSEC, y[0] / ARCSEC], wanted / ARCSEC,
                                        rtol=0, atol=0.03)
         x, y = run.offsets()
-        np.testing.assert_allclose([offset.vector.x, offset.vector.y], [x[0], y[0]], rtol=1e-12)
+        np.testing.assert_allclose(convert.read_sky_vector(offset), [x[0], y[0]], rtol=1e-12)
         np.testing.assert_allclose([run['miss_x'][0], run['miss_y'][0]], miss, rtol=1e-12)
         assert run['time'][0] == pytest.approx(stamp * 1e-9, abs=1e-6)
-        assert offset.header.frame_id == 'mount_enu'
+        assert offset.header.frame_id == 'boresight_optical'
 
 
 def test_rows_say_how_they_were_taken(graph):
@@ -99,7 +99,7 @@ def test_model_and_zero_are_applied_once(graph):
     model = PointingModel({'IA': 120 * ARCSEC, 'IE': -80 * ARCSEC, 'CA': 50 * ARCSEC})
     zero = np.array([33.0, -21.0]) * ARCSEC
     graph.publisher(topics.MODEL).publish(String(data=model.to_json()))
-    graph.publisher(topics.ZERO).publish(convert.joint_state(START, zero))
+    graph.publisher(topics.ZERO).publish(convert.joint_state(START, zero, frame=''))
     sky = Instruments(graph)
     night = Night(graph, 'polaris 1', autostart=False)
     graph.report('star_observer', '', 'received /mount/zero', 1)

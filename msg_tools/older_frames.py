@@ -1,0 +1,80 @@
+# Copyright 2026 telescope_mount developers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the ``frame_id`` of messages in older logs, and of older drivers, says beside a frame.
+
+Today a ``frame_id`` is a link of the URDF. Then it said of which power-on a reading was
+(``power_on_2@1768482000.500``); of a zero also the model and that it was not by Polaris
+(``power_on_2@1768482000.500/3f2a90c1d5e7+stars``); of which mount an observation was
+(``mount_enu/german@34.3``, the latitude in deg); and y of a vector on the sky was up.
+"""
+
+import re
+from typing import NamedTuple
+
+_PREFIX, _MOUNT = 'power_on_', 'mount_enu/'
+_NUMBER, _START = _PREFIX + r'(-?\d+)', r'@(\d+(?:\.\d+)?)'
+_POWER_ON = re.compile(_NUMBER + _START)
+_ZERO = re.compile(rf'{_NUMBER}(?:{_START})?(?:/(\w+))?(?:\+(stars))?')
+
+
+class ZeroFrame(NamedTuple):
+    """What the frame of a zero said; None where it did not."""
+
+    run: int
+    started: float | None
+    model: str | None
+    by: str | None
+
+
+def power_on_in(frame):
+    """Number and start (UTC s) of the power-on of a reading; None where there is none."""
+    found = _POWER_ON.fullmatch(frame)
+    return None if found is None else (int(found[1]), float(found[2]))
+
+
+def zero_in(frame):
+    """The `ZeroFrame` of a zero; None where the frame said nothing.
+
+    Raises
+    ------
+    ValueError
+        It names no power-on.
+    """
+    if not frame.startswith(_PREFIX):
+        return None
+    found = _ZERO.fullmatch(frame)
+    if found is None:
+        raise ValueError(f'zero of {frame!r}: no number of a power-on')
+    run, started, model, by = found.groups()
+    return ZeroFrame(int(run), None if started is None else float(started), model, by)
+
+
+def mount_in(frame):
+    """Kind and latitude (deg) of the mount of an observation; None of an alt-azimuth one.
+
+    Raises
+    ------
+    ValueError
+        It has no latitude.
+    """
+    if not frame.startswith(_MOUNT) or frame == _MOUNT:
+        return None
+    kind, _, latitude = frame.removeprefix(_MOUNT).rpartition('@')
+    return kind, float(latitude)
+
+
+def is_y_up(frame):
+    """Whether y of a vector on the sky is up, and not down as in an optical frame."""
+    return not frame.endswith('_optical')
