@@ -70,7 +70,7 @@ class Calibration(MountNode):
         self._marks, self._marks_stamp = None, 0  # of the incremental encoder, and of when, ns
         self._expected_of = None  # the power-on whose expected zero is published
         self._pubs = {topic.name: self.publisher(topic) for topic in (
-            topics.ZERO, topics.ZERO_IDENTITY, topics.ZERO_EXPECTED, topics.MODEL,
+            topics.ZERO, topics.ZERO_IDENTITY, topics.ZERO_POSE, topics.ZERO_EXPECTED, topics.MODEL,
             topics.CALIBRATION_REPORT, topics.DIAGNOSIS, topics.CALIBRATION_STATUS,
             topics.CALIBRATION_TABLE,
             topics.TRACKING, topics.DISCRIMINATION, topics.CALIBRATION_FIGURES,
@@ -241,6 +241,7 @@ class Calibration(MountNode):
         stamp = self._state.last_stamp if stamp is None else stamp
         self._publish(topics.ZERO_IDENTITY, zero_identity(zero, stamp))
         self._publish(topics.ZERO, zero_to_joints(zero, stamp, self._state.mount.names.keys))
+        self._publish(topics.ZERO_POSE, convert.pose(stamp, zero.angles, zero.covariance))
         tracked = self._state.tracked
         self._publish(topics.CALIBRATION_FIGURES, convert.figures(
             stamp, calibration_figures(self._state.model, zero, self._state.report,

@@ -26,6 +26,8 @@ JOINTS = (AXES, ('hour_angle', 'declination'), ('first_axis', 'second_axis'),
           ('x_angle', 'y_angle'))
 #: links of the URDF: x east, y north, z up; along the tube z forward, x right, y down (REP 103)
 MOUNT_FRAME, OPTICAL_FRAME = 'mount_enu', 'boresight_optical'
+#: that of the first axis at rest: both axes at zero look along its x
+AXES_FRAME = 'axes'
 #: temperatures that air has, degC: those for which the refraction is worked out
 AIR_TEMPERATURES = -90.0, 60.0
 
@@ -111,6 +113,32 @@ def read_joints(message):
 
     return (from_stamp(message.header.stamp), pick(message.position), pick(message.velocity),
             pick(message.effort))
+
+
+def pose(ns, angles, covariance):
+    """A PoseWithCovarianceStamped in `AXES_FRAME`: how the tube is turned by two angles.
+
+    The first axis turns about −z, the second about −y: their variances are the covariances of yaw
+    and pitch, elements 35 and 28.
+
+    Parameters
+    ----------
+    ns : int
+        Stamp.
+    angles : sequence of 2 float
+        First and second axis, rad.
+    covariance : array_like, shape (2, 2), or None
+        Of them, rad²; NaN in the message where it is not known.
+    """
+    from geometry_msgs.msg import Point, Pose, PoseWithCovariance, PoseWithCovarianceStamped
+    from geometry_msgs.msg import Quaternion as Turn
+    (s1, s2), (c1, c2) = np.sin(np.divide(angles, 2.0)), np.cos(np.divide(angles, 2.0))
+    full = np.zeros((6, 6))
+    full[4:, 4:] = np.nan if covariance is None else np.asarray(covariance)[::-1, ::-1]
+    return PoseWithCovarianceStamped(header=header(ns, AXES_FRAME), pose=PoseWithCovariance(
+        pose=Pose(position=Point(), orientation=Turn(
+            x=float(-s1 * s2), y=float(-c1 * s2), z=float(-s1 * c2), w=float(c1 * c2))),
+        covariance=full.ravel()))
 
 
 def vector(ns, x, y):

@@ -136,6 +136,9 @@ ZERO = Topic('zero', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
 # of which power-on and model it is: see pointing_model/calibration_messages.py
 ZERO_IDENTITY = Topic(
     'zero/identity', 'diagnostic_msgs/msg/DiagnosticArray', LATCHED, computed=True)
+# the zero's angles with their covariance: where the encoders say that axes at rest are
+ZERO_POSE = Topic(
+    'zero/pose', 'geometry_msgs/msg/PoseWithCovarianceStamped', LATCHED, computed=True)
 # by how much the zero will have changed since the power-on before, before Polaris is seen
 ZERO_EXPECTED = Topic('zero/expected_change', 'sensor_msgs/msg/JointState', LATCHED, computed=True)
 MODEL = Topic('model', 'std_msgs/msg/String', LATCHED, computed=True)

@@ -61,6 +61,7 @@ TOPICS = {
     'observer/plan/feedback': 'how far it is, numbers; the last are its result',
     'observer/checks': 'results of the steps `check` and `clocks`, JSON',
     'zero': "the encoders' zero with its standard error (`effort`), rad",
+    'zero/pose': 'the same angles with their covariance, in `axes`',
     'zero/identity': 'the power-on and the model that the zero is of',
     'zero/expected_change': 'by how much the zero will have changed, rad, before a star tells',
     'model': 'the pointing model, JSON',

@@ -129,10 +129,10 @@ def test_terms_zero_and_errors_are_numbers_to_plot(graph):
     desk.observe(rows(8, star=POLARIS_HIP, seed=3))
     assert graph.call('calibrate_zero').success and graph.call('fit').success
     topic = (topics.CALIBRATION_FIGURES, topics.CALIBRATION_RESIDUALS, topics.MODEL, topics.ZERO,
-             topics.CALIBRATION_REPORT)
+             topics.CALIBRATION_REPORT, topics.ZERO_POSE)
     came = [graph.listen(one) for one in topic]
     graph.wait_for(lambda: all(came))
-    figures, residuals, model, zero, report = (some[-1] for some in came)
+    figures, residuals, model, zero, report, pose = (some[-1] for some in came)
     series, model, report = series_of(figures), PointingModel.from_json(model.data), json.loads(
         report.data)
     assert all(len(status.values) <= 15 for status in figures.status)
@@ -142,6 +142,8 @@ def test_terms_zero_and_errors_are_numbers_to_plot(graph):
     _, zero, _, zero_sigma = convert.read_joints(zero)
     assert series['zero/first_axis_arcsec'] == pytest.approx(zero[0] / ARCSEC, rel=1e-9)
     assert series['zero/second_axis_sigma_arcsec'] == pytest.approx(zero_sigma[1] / ARCSEC)
+    assert [pose.pose.covariance[i] for i in (35, 28)] == pytest.approx(np.square(zero_sigma))
+    assert pose.header.stamp == residuals.header.stamp
     assert series['fit/stars'] == 30.0
     assert series['rms/raw/used/radial_arcsec'] == pytest.approx(
         report['steps'][0]['used']['radial'])

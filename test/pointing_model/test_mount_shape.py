@@ -79,6 +79,22 @@ def test_a_star_beside_the_boresight_is_there_in_the_optical_frame(mount, right,
     np.testing.assert_allclose(seen / np.linalg.norm(seen), star, atol=2e-8)
 
 
+@pytest.mark.parametrize('mount', MOUNTS)
+def test_a_pose_turns_the_axes_as_the_joints_do(mount):
+    rng = np.random.default_rng(7)
+    angles, root = rng.uniform(-3.0, 3.0, 2), rng.normal(size=(2, 2))
+    covariance = root @ root.T
+    message = convert.pose(1, angles, covariance)
+    turn = message.pose.pose.orientation
+    frame = chain(urdf(mount), {}, message.header.frame_id) @ Rotation.from_quat(
+        [turn.x, turn.y, turn.z, turn.w]).as_matrix()
+    np.testing.assert_allclose(frame, frames_of(mount, angles)[TUBE], atol=1e-7)
+    # yaw and pitch are the angles with the other sign: the same variances
+    full = np.reshape(message.pose.covariance, (6, 6))
+    np.testing.assert_array_equal(full[4:, 4:], covariance[::-1, ::-1])
+    assert not full[:4].any() and np.isnan(convert.pose(1, angles, None).pose.covariance[35])
+
+
 def test_a_tube_at_rest_has_its_left_and_its_up_as_rep_103_says():
     frame = frames_of(parse_mount('altaz', 0.6), (0.0, 0.0))[TUBE]
     np.testing.assert_allclose(frame, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)

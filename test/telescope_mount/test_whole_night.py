@@ -382,5 +382,6 @@ def test_every_stamped_message_is_in_a_frame_of_the_urdf(night):
     assert frames.pop('/diagnostics') == {''}  # as diagnostic_updater has it
     assert set().union(*frames.values()) <= links
     assert len(frames) >= 15
+    assert frames['/mount/zero/pose'] == {'axes'}
     assert {name for name, found in frames.items() if found == {'boresight_optical'}} == {
         '/mount/camera/miss_distance', '/mount/offset'}
